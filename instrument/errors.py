@@ -1,0 +1,97 @@
+"""Every error that palpate raises on purpose.
+
+    PalpateError
+    ├── UsageError                   what was asked for cannot be (exit status 2)
+    │   ├── ConfigError              a bench, scene or calibration file is wrong
+    │   ├── QuantityError            a text is not a quantity of the unit asked for   (ValueError)
+    │   ├── RangeError               a value lies outside its limits                  (ValueError)
+    │   └── UnknownName              no such sample, design, model, effect, scene     (LookupError)
+    ├── BenchError                   the bench could not do it (exit status 1)
+    │   ├── LinkError                a bus or connection failed                       (ConnectionError)
+    │   │   └── LinkTimeout          no answer in time                                (TimeoutError)
+    │   ├── DeviceError              a device answered with an error
+    │   ├── IdentityError            another device, version or word order than the contract's
+    │   ├── SafetyError              a limit of the bench was passed: outputs are off
+    │   └── UnreachableError         the rig cannot reach what was asked for
+    ├── EstimateError                a record does not determine the estimate         (ValueError)
+    └── RecordError                  a run cannot be written or read                  (OSError)
+
+Every message says what was wrong, the value, the limit and what to do.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class PalpateError(Exception):
+    """Root of the tree. `exit_code` is the exit status of the command line."""
+
+    exit_code = 1
+
+
+class UsageError(PalpateError):
+    exit_code = 2
+
+
+class ConfigError(UsageError):
+    pass
+
+
+class QuantityError(UsageError, ValueError):
+    pass
+
+
+class RangeError(UsageError, ValueError):
+    pass
+
+
+class UnknownName(UsageError, LookupError):
+    """No such thing; the message lists the valid names and the nearest one."""
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+        names = sorted(valid)
+        super().__init__(f"unknown {kind} {str(name)!r}{nearest(str(name), names)}; valid: {', '.join(names)}")
+
+
+class BenchError(PalpateError):
+    pass
+
+
+class LinkError(BenchError, ConnectionError):
+    pass
+
+
+class LinkTimeout(LinkError, TimeoutError):
+    pass
+
+
+class DeviceError(BenchError):
+    pass
+
+
+class IdentityError(BenchError):
+    pass
+
+
+class SafetyError(BenchError):
+    pass
+
+
+class UnreachableError(BenchError):
+    pass
+
+
+class EstimateError(PalpateError, ValueError):
+    pass
+
+
+class RecordError(PalpateError, OSError):
+    pass
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """`" (did you mean 'x'?)"` for the valid name nearest to `name`, or `""` where none is near."""
+    close = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.6)
+    return f" (did you mean {close[0]!r}?)" if close else ""

@@ -1,0 +1,101 @@
+"""Text with units at the edge, SI floats inside.
+
+`parse("24 kPa", "Pa")` is 24000.0. A text without a unit is refused where a unit belongs: the
+mistake that this module exists to catch is a number in somebody else's unit.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, PlainSerializer
+
+from instrument.errors import QuantityError
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint  # 0.2 s to import: only where a text is parsed
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+@functools.lru_cache(maxsize=1024)
+def parse(text: str, unit: str) -> float:
+    """The value of `text` in `unit`.
+
+    Args:
+        text: a number and its unit, such as "1.5 N", "24 kPa" or "140 gf".
+        unit: the unit of the result, such as "N"; "" for a plain number.
+
+    Raises:
+        QuantityError: not a number, no unit, a unit of another dimension, or not finite.
+    """
+    import pint
+
+    registry = _registry()
+    example = f"write for example {_example(unit)!r}"
+    try:
+        quantity = registry.Quantity(text.strip())
+        value = float(quantity.magnitude)
+    except (pint.PintError, ValueError, TypeError, ArithmeticError, AttributeError, AssertionError):
+        raise QuantityError(f"{text!r} is not a quantity; {example}") from None
+    except Exception as error:  # pint lets errors of its tokenizer through
+        if type(error).__module__.split(".")[0] in ("pint", "tokenize", "builtins"):
+            raise QuantityError(f"{text!r} is not a quantity; {example}") from None
+        raise
+    if not math.isfinite(value):
+        raise QuantityError(f"{text!r} is not finite; {example}")
+    if unit and quantity.unitless:
+        raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
+    try:
+        return float(quantity.to(unit or "dimensionless").magnitude)
+    except pint.DimensionalityError:
+        raise QuantityError(
+            f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {example}"
+        ) from None
+
+
+def _example(unit: str) -> str:
+    return {"N": "3 N", "Pa": "24 kPa", "Hz": "10 Hz", "s": "1 s", "m": "3 mm"}.get(unit, f"1 {unit}".strip())
+
+
+def show(value: float, unit: str, digits: int = 4) -> str:
+    """`value` (SI) for people, with a prefix: `show(24000.0, "Pa")` is "24 kPa"."""
+    if value == 0 or not math.isfinite(value) or unit in ("", "%", "mV"):
+        return f"{value:.{digits}g} {unit}".rstrip()
+    exponent = min(max(3 * math.floor(math.log10(abs(value)) / 3), -12), 9)
+    if unit in ("N", "V", "Hz", "s") and exponent >= 0:
+        exponent = min(exponent, 3 if unit == "Hz" else 0)
+    prefix = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}[exponent]
+    return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
+
+
+def _reader(unit: str) -> Callable[[object], object]:
+    def read(value: object) -> float:
+        if isinstance(value, str):
+            return parse(value, unit)
+        raise ValueError(f"{value!r} needs a unit; write it as text, for example {_example(unit)!r}")
+
+    return read
+
+
+def _field(unit: str) -> Any:
+    return Annotated[
+        float,
+        BeforeValidator(_reader(unit)),
+        PlainSerializer(lambda value: f"{value!r} {unit}"),
+    ]
+
+
+# Fields of configuration files: text with a unit in the file, an SI float inside.
+Newtons = _field("N")
+Pascals = _field("Pa")
+Metres = _field("m")
+Seconds = _field("s")
+Hertz = _field("Hz")
+Volts = _field("V")
+Amperes = _field("A")
