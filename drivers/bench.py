@@ -1,0 +1,173 @@
+"""The whole bench: opens what the bench file lists, checks each identity, and ends with outputs off."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, contextmanager
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+from drivers.can import CanLink
+from drivers.clock import Clock
+from drivers.modbus import ModbusLink
+from drivers.positioner import Positioner
+from drivers.sensor_node import SensorNode
+from drivers.shaker_amplifier import ShakerAmplifier
+from drivers.signal_generator import SignalGenerator
+from drivers.strain_indicator import StrainIndicator
+from instrument.bench import BenchDescription
+from instrument.errors import BenchError, PalpateError
+from instrument.operator import Operator
+
+
+class WatchedClock:
+    """The bench's clock as drivers and procedures see it: long waits feed the amplifier's watchdog."""
+
+    def __init__(self, clock: Clock, longest: float, feed: Callable[[], object]) -> None:
+        self._clock = clock
+        self._longest = longest
+        self._feed = feed
+        self.watching = False
+
+    def now_ns(self) -> int:
+        return self._clock.now_ns()
+
+    def wait(self, duration: float) -> None:
+        """Wait `duration` s. Raises SafetyError where the amplifier trips meanwhile."""
+        while self.watching and duration > self._longest:
+            self._clock.wait(self._longest)
+            duration -= self._longest
+            self._feed()
+        self._clock.wait(duration)
+        if self.watching:
+            self._feed()
+
+
+class Bench:
+    """All devices of a bench, as a context manager.
+
+    On entry every device is opened and identified, the generator is set to zero and the amplifier
+    disabled. On every way out, SIGINT and SIGTERM included, the generator is zeroed and the amplifier
+    disabled again; where that fails, or the program is killed, the amplifier's watchdog drops the output.
+    """
+
+    def __init__(self, description: BenchDescription, clock: Clock, operator: Operator) -> None:
+        self.description = description
+        self.operator = operator
+        self.force_limit = description.force_limit
+        generator, amplifier = description.signal_generator, description.shaker_amplifier
+        self.generator = SignalGenerator(ModbusLink.tcp(generator), generator.unit)
+        self.amplifier = ShakerAmplifier(ModbusLink.tcp(amplifier), amplifier.unit)
+        self.clock = WatchedClock(clock, description.watchdog / 2, self.amplifier.check)
+        line = ModbusLink.rtu(description.line)
+        self.indicator = StrainIndicator(line, description.strain_indicator.unit, self.clock)
+        self.positioner = Positioner(line, description.positioner.unit, self.clock)
+        can = CanLink(description.can)
+        self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
+        self._links: list[ModbusLink | CanLink] = [self.generator.link, self.amplifier.link, line, can]
+        self._stack = ExitStack()
+
+    @property
+    def devices(self) -> list[SignalGenerator | ShakerAmplifier | StrainIndicator | Positioner | SensorNode]:
+        return [self.generator, self.amplifier, self.indicator, self.positioner, *self.nodes]
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any device says that it is simulated."""
+        return any(device.simulated for device in self.devices)
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(_terminate_as_exit())
+            for link in self._links:
+                link.open()
+                stack.callback(link.close)
+            for device in self.devices:
+                device.connect()
+            stack.push(self._make_safe)
+            self.amplifier.disable()
+            self.generator.output(False)
+            self.generator.sine(10.0, 0.0)
+            self.amplifier.set(watchdog=self.description.watchdog)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def drive(self) -> None:
+        """Enable the amplifier and close the generator's output, at zero amplitude; watching starts."""
+        self.generator.sine(10.0, 0.0)
+        self.amplifier.clear_faults()
+        self.amplifier.enable()
+        self.generator.output(True)
+        self.clock.watching = True
+
+    def rest(self) -> None:
+        """Outputs to zero: amplitude, output relay, amplifier."""
+        self.clock.watching = False
+        self.generator.sine(10.0, 0.0)
+        self.generator.output(False)
+        self.amplifier.disable()
+
+    def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Switch off by every means there is, whatever fails; further signals wait until it is done."""
+        self.clock.watching = False
+        failures: list[str] = []
+        with _signals_held():
+            for step in (self.amplifier.disable, lambda: self.generator.output(False), self._zero):
+                try:
+                    step()
+                except PalpateError as failure:
+                    failures.append(str(failure))
+        if failures:
+            message = (
+                "outputs could not all be switched off: "
+                + "; ".join(failures)
+                + f". The amplifier's watchdog drops its output within {self.description.watchdog:g} s; check by eye"
+            )
+            if error is None:
+                raise BenchError(message)
+            error.add_note(message)
+
+    def _zero(self) -> None:
+        self.generator.sine(10.0, 0.0)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+@contextmanager
+def _terminate_as_exit() -> Any:
+    """SIGTERM raises SystemExit, so that it takes the same way out as everything else."""
+
+    def terminate(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    if not _in_main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _signals_held() -> Any:
+    """SIGINT and SIGTERM are ignored while outputs are being switched off."""
+    if not _in_main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,27 @@
+"""The bench's clock. Every wait of palpate goes through one; this is the only file that may sleep."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    def now_ns(self) -> int:
+        """Time since the bench was opened, in integer nanoseconds."""
+
+    def wait(self, duration: float) -> None:
+        """Return when `duration` seconds of bench time have passed."""
+
+
+class WallClock:
+    """The clock of a real bench."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() - self._start
+
+    def wait(self, duration: float) -> None:
+        time.sleep(max(0.0, duration))

@@ -1,0 +1,215 @@
+"""Modbus links and devices; the only import of pymodbus in the drivers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
+from pymodbus.pdu import ModbusPDU
+
+from instrument.bench import SerialLine, TcpAddress
+from instrument.contract import PROBE, Contract, Value
+from instrument.errors import DeviceError, IdentityError, LinkError, LinkTimeout, UsageError
+
+EXCEPTIONS = {
+    1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 5: "acknowledge",
+    6: "device busy", 7: "negative acknowledge", 8: "memory parity error", 10: "gateway path unavailable",
+    11: "gateway target did not respond",
+}  # fmt: skip
+EXTENDED_IDENTITY = 3
+VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
+
+
+class ModbusLink:
+    """One TCP connection or one serial line, shared by the devices on it under one lock.
+
+    pymodbus is asked for no retries: a write that timed out may have been carried out, so whether to
+    repeat it is the caller's decision. After a time-out a reply may still be on its way; on a serial line
+    it would answer the next request. The link is therefore closed, and a serial line is listened to until
+    it has been silent for a whole time-out before it is used again.
+    """
+
+    def __init__(self, name: str, client: ModbusTcpClient | ModbusSerialClient) -> None:
+        self.name = name
+        self._client = client
+        self._lock = threading.Lock()
+        self._late_reply_possible = False
+
+    @classmethod
+    def tcp(cls, address: TcpAddress) -> ModbusLink:
+        client = ModbusTcpClient(address.host, port=address.port, timeout=address.timeout, retries=0)
+        return cls(f"{address.host}:{address.port}", client)
+
+    @classmethod
+    def rtu(cls, line: SerialLine) -> ModbusLink:
+        client = ModbusSerialClient(
+            line.port,
+            baudrate=line.baudrate,
+            parity=line.parity,
+            stopbits=line.stopbits,
+            timeout=line.timeout,
+            retries=0,
+        )
+        return cls(line.port, client)
+
+    def open(self) -> None:
+        """Connect. Raises LinkError."""
+        with self._lock:
+            self._connect()
+
+    def close(self) -> None:
+        with self._lock:
+            self._drop()
+
+    def _drop(self) -> None:
+        self._client.close()  # type: ignore[no-untyped-call]
+
+    def _connect(self) -> None:
+        if not self._client.connect():
+            raise LinkError(f"nothing answers at {self.name}; check power, cable and the address in the bench file")
+        if self._late_reply_possible and isinstance(self._client, ModbusSerialClient):
+            for _ in range(10):
+                if not self._client.recv(1):
+                    break
+            else:
+                raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
+        self._late_reply_possible = False
+
+    def transact(self, who: str, request: Callable[..., ModbusPDU], *args: object, **kwargs: Any) -> ModbusPDU:
+        """Send one request and return its reply, which is no exception response.
+
+        Raises:
+            LinkTimeout, LinkError: no reply, or no connection.
+            DeviceError: the device answered with an exception response.
+        """
+        with self._lock:
+            if self._late_reply_possible:
+                self._connect()
+            try:
+                reply = request(self._client, *args, **kwargs)
+            except ConnectionException as error:
+                raise LinkError(f"{who}: the connection to {self.name} is lost; check cable and power") from error
+            except ModbusIOException as error:
+                self._drop()
+                self._late_reply_possible = True
+                raise LinkTimeout(
+                    f"{who}: no valid answer on {self.name} within {self._client.comm_params.timeout_connect:g} s; "
+                    "check power, cable and unit id"
+                ) from error
+            except (ModbusException, OSError) as error:
+                self._drop()
+                raise LinkError(f"{who}: {self.name} failed: {error}; check cable and power") from error
+        if reply.isError():
+            code = getattr(reply, "exception_code", 0)
+            raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}")
+        return reply
+
+
+def _read(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+    reply: ModbusPDU = client.read_holding_registers(address, count=count, device_id=unit)
+    return reply
+
+
+def _write(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
+    reply: ModbusPDU = client.write_registers(address, registers, device_id=unit)
+    return reply
+
+
+def _identify(client: Any, unit: int) -> ModbusPDU:
+    reply: ModbusPDU = client.read_device_information(read_code=EXTENDED_IDENTITY, object_id=0, device_id=unit)
+    return reply
+
+
+class ModbusDevice:
+    """Base of the Modbus drivers: fields of the contract in, checked registers out."""
+
+    contract: ClassVar[Contract]
+
+    def __init__(self, link: ModbusLink, unit: int) -> None:
+        self.link = link
+        self.unit = unit
+        self.name = f"{self.contract.title} at {link.name} unit {unit}"
+        self.serial = ""
+        self.simulated = False
+
+    def connect(self) -> None:
+        """Check that this is the contract's device and that it agrees on the word order.
+
+        Raises:
+            IdentityError: another vendor, product or major version, or another word order.
+            LinkError, LinkTimeout, DeviceError: it cannot be asked.
+        """
+        reply = self.link.transact(self.name, _identify, self.unit)
+        objects = {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
+        expected = self.contract.identity
+        found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
+        wanted = (expected.vendor, expected.product, expected.revision)
+        if found[:2] != wanted[:2] or found[2].split(".")[0] != wanted[2].split(".")[0]:
+            raise IdentityError(
+                f"{self.name}: identifies itself as {' '.join(found).strip() or 'nothing'}, the contract is for "
+                f"{' '.join(wanted)}; check the address and unit id in the bench file"
+            )
+        probe = int(self.get("probe"))
+        if probe != PROBE:
+            raise IdentityError(
+                f"{self.name}: word-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
+                "set the device to big-endian words (most significant first)"
+            )
+        self.serial = objects.get(SERIAL, "")
+        self.simulated = objects.get(APPLICATION, "") == "simulated"
+
+    def get(self, name: str) -> float:
+        """Physical value of one field, in the contract's unit."""
+        return self.get_many(name)[0]
+
+    def get_many(self, *names: str) -> list[float]:
+        """Physical values of fields that stand together, read in one request.
+
+        Raises:
+            LinkError, LinkTimeout, DeviceError: no answer, or an exception response.
+        """
+        start, count = self.contract.block(names)
+        reply = self.link.transact(self.name, _read, start, count, self.unit)
+        if reply.function_code != 3 or len(reply.registers) != count:
+            raise DeviceError(
+                f"{self.name}: answered function {reply.function_code} with {len(reply.registers)} registers "
+                f"where function 3 with {count} was asked; the reply is not used"
+            )
+        data = b"".join([r.to_bytes(2, "big") for r in reply.registers])
+        values = []
+        for name in names:
+            field = self.contract[name]
+            at = 2 * (field.address - start)
+            values.append(self.contract.decode(name, data[at : at + field.size]))
+        return values
+
+    def set(self, **values: Value) -> None:
+        """Write fields that stand together in one FC16 request; never repeated.
+
+        Raises:
+            RangeError: a value outside its limits; nothing is sent.
+            DeviceError: the device refused, naming the fields and values.
+        """
+        names = sorted(values, key=lambda name: self.contract[name].address)
+        data = b"".join([self.contract.encode(name, values[name]) for name in names])
+        start, count = self.contract.block(values)
+        if len(data) != 2 * count:
+            raise UsageError(f"{self.contract.title}: {', '.join(values)} do not stand together in the contract")
+        registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
+        try:
+            reply = self.link.transact(self.name, _write, start, registers, self.unit)
+        except DeviceError as error:
+            raise DeviceError(f"{error}, to {self._described(values)}") from None
+        if reply.function_code != 16 or reply.address != start or reply.count != count:
+            raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
+
+    def _described(self, values: dict[str, Value]) -> str:
+        parts = []
+        for name, value in values.items():
+            field = self.contract[name]
+            limits = "" if field.maximum is None else f" ({field.minimum:g} to {field.maximum:g})"
+            parts.append(f"{name} = {value} {field.unit}".rstrip() + limits)
+        return ", ".join(parts)

@@ -1,0 +1,71 @@
+"""Driver of the micro-positioner."""
+
+from __future__ import annotations
+
+from drivers.clock import Clock
+from drivers.modbus import ModbusDevice, ModbusLink
+from instrument.contracts import positioner
+from instrument.errors import DeviceError, RangeError
+
+POLL = 0.1  # s
+
+
+class Positioner(ModbusDevice):
+    contract = positioner.CONTRACT
+
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+        super().__init__(link, unit)
+        self._clock = clock
+        self._limits = (0.0, 0.0)
+
+    def connect(self) -> None:
+        super().connect()
+        low, high = self.get_many("limit_low", "limit_high")
+        self._limits = (low, high)
+
+    def position(self) -> float:
+        """Present position in m, counted downwards from home."""
+        return self.get("position")
+
+    def home(self, timeout: float = 60.0) -> None:
+        """Go to the home position and wait for it."""
+        self.set(command="home")
+        self._wait(0.0, timeout)
+
+    def move(self, target: float, speed: float = 1e-3, timeout: float = 60.0) -> None:
+        """Go to `target` m at `speed` m/s and wait for it.
+
+        Raises:
+            RangeError: outside the soft limits; nothing is sent.
+            DeviceError: not there within `timeout` s.
+        """
+        low, high = self._limits
+        if not low <= target <= high:
+            raise RangeError(
+                f"micro-positioner: target {1e3 * target:g} mm is outside its limits {1e3 * low:g} to {1e3 * high:g} mm"
+            )
+        self.set(target=target, speed=speed, command="move")
+        self._wait(target, timeout)
+
+    def stop(self) -> None:
+        """Stop where it is."""
+        self.set(command="stop")
+
+    def set_limits(self, low: float, high: float) -> None:
+        """Set the soft limits in m."""
+        self.set(limit_low=low, limit_high=high)
+        self._limits = (low, high)
+
+    def _wait(self, target: float, timeout: float) -> None:
+        waited = 0.0
+        while True:
+            position, status = self.get_many("position", "status")
+            if "moving" not in self.contract.set_bits("status", status):
+                break
+            if waited >= timeout:
+                self.stop()
+                raise DeviceError(f"{self.name}: not at {1e3 * target:g} mm after {timeout:g} s; stopped")
+            self._clock.wait(POLL)
+            waited += POLL
+        if abs(position - target) > 2e-6:
+            raise DeviceError(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * target:g} mm")

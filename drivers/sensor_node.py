@@ -1,0 +1,201 @@
+"""Driver of the sensor array nodes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.can import CanLink
+from drivers.clock import Clock
+from instrument.contract import PROBE, Value, sdo
+from instrument.contracts import sensor_node
+from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, SYNC_COB_ID, SYNC_PRODUCER
+from instrument.errors import DeviceError, IdentityError, LinkError
+
+CONTRACT = sensor_node.CONTRACT
+_SAMPLES, _STAMP = CONTRACT.pdos
+_SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
+_FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
+LATEST_WAITS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What one node sampled.
+
+    time: (n,) s from the start of the acquisition. voltage: (4, n) V. saturated: (4, n).
+    """
+
+    node: int
+    rate: float
+    time: npt.NDArray[np.float64]
+    voltage: npt.NDArray[np.float64]
+    saturated: npt.NDArray[np.bool_]
+
+
+class SensorNode:
+    """One node on the CAN bus."""
+
+    contract = CONTRACT
+
+    def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
+        self.link = link
+        self.id = node_id
+        self.clock = clock
+        self.name = f"sensor node {node_id} at {link.name}"
+        self.serial = ""
+        self.simulated = False
+        self.rate = 1000.0
+        self.emergencies: list[bytes] = []
+        self._volts_per_count = np.ones(CHANNELS)
+        self._frames: list[bytearray] = []
+        self._frames_lock = threading.Lock()
+
+    def connect(self) -> None:
+        """Join the bus, check identity (1018h) and byte order, and read back the settings.
+
+        Raises:
+            IdentityError: another vendor, product or major revision, or another byte order.
+            LinkError, LinkTimeout, DeviceError: the node cannot be asked.
+        """
+        self._node = self.link.add_node(self.id)
+        expected = CONTRACT.identity
+        found = [int(self.get(field)) for field in ("vendor", "product", "revision")]
+        wanted = [int(text, 16) for text in (expected.vendor, expected.product, expected.revision)]
+        if found[:2] != wanted[:2] or found[2] >> 16 != wanted[2] >> 16:
+            raise IdentityError(
+                f"{self.name}: identifies itself as {' '.join(f'0x{v:08X}' for v in found)}, the contract is for "
+                f"{' '.join(f'0x{v:08X}' for v in wanted)}; check the node id in the bench file"
+            )
+        if (probe := int(self.get("probe"))) != PROBE:
+            raise IdentityError(
+                f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
+                "this node is not little-endian as CANopen asks"
+            )
+        self.serial = f"{int(self.get('serial')):08X}"
+        self.simulated = self._text(sdo(0x1009)) == "simulated"
+        self.rate = 1.0 / self.get("sync_period")
+        for channel in range(1, CHANNELS + 1):
+            self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
+        for pdo in CONTRACT.pdos:
+            self.link.subscribe(pdo.base + self.id, self._on_frame)
+        self.link.subscribe(0x80 + self.id, self._on_emergency)
+
+    def get(self, name: str) -> float:
+        """Physical value of one object."""
+        field = CONTRACT[name]
+        data = self.link.upload(self.name, self._node, field.index, field.subindex)
+        if len(data) != field.size:
+            raise DeviceError(f"{self.name}: {name} came with {len(data)} bytes where {field.size} belong; not used")
+        return CONTRACT.decode(name, data)
+
+    def set(self, name: str, value: Value) -> None:
+        """Write one object. Raises RangeError before anything is sent, DeviceError where the node aborts."""
+        field = CONTRACT[name]
+        data = CONTRACT.encode(name, value)
+        try:
+            self.link.download(self.name, self._node, field.index, field.subindex, data)
+        except DeviceError as error:
+            raise DeviceError(f"{error}, writing {name} = {value} {field.unit}".rstrip()) from None
+
+    def _text(self, address: int) -> str:
+        return self.link.upload(self.name, self._node, address >> 8, address & 0xFF).decode("ascii", "replace")
+
+    def set_range(self, channel: int, range_: str) -> None:
+        """Set the charge amplifier range of a channel (1 to 4): "5 V" or "500 mV"."""
+        self.set(f"range_{channel}", range_)
+        self._volts_per_count[channel - 1] = RANGE_VOLTS[sensor_node.RANGES[range_]] / FULL_SCALE_COUNTS
+
+    def set_sample_rate(self, rate: float) -> None:
+        """Set the cycle of SYNC to 1/`rate`; it counts for all nodes while this one produces SYNC."""
+        self.set("sync_period", 1.0 / rate)
+        self.rate = 1.0 / self.get("sync_period")
+
+    def reset_integrators(self) -> None:
+        """Short the integrators of all charge amplifiers: their outputs start again from zero."""
+        for channel in range(1, CHANNELS + 1):
+            self.set(f"reset_{channel}", 1)
+
+    def acquire(self, duration: float) -> Recording:
+        """Sample for `duration` s; this node produces SYNC. See `acquire`."""
+        return acquire([self], duration)[0]
+
+    def arm(self) -> None:
+        """Forget what came before and take samples from the next SYNC on."""
+        with self._frames_lock:
+            self._frames = []
+        self.link.command(self._node, "OPERATIONAL")
+
+    def disarm(self) -> None:
+        """Take no more samples."""
+        self.link.command(self._node, "PRE-OPERATIONAL")
+
+    def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        self._frames.append(data)
+
+    def _on_emergency(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        self.emergencies.append(bytes(data))
+
+    def collect(self, count: int) -> Recording:
+        """The first `count` samples since `arm`.
+
+        Raises:
+            LinkError: frames are missing, doubled or out of order; says from which sample on.
+        """
+        with self._frames_lock:
+            frames, self._frames = self._frames, []
+        lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
+        sizes = list(map(len, frames))
+        good = next(
+            (i for i, size in enumerate(sizes) if size != (_STAMP_SIZE if i % 2 else _SAMPLES_SIZE)), len(sizes)
+        )
+        if good // 2 < count:
+            raise LinkError(lost.format(good // 2 + 1))
+        pairs = np.frombuffer(b"".join(frames[: 2 * count]), _FRAME_PAIR)
+        counter = pairs["counter"].astype(np.int64)
+        wrong = np.flatnonzero(counter != np.arange(1, count + 1))
+        if wrong.size:
+            raise LinkError(lost.format(int(wrong[0]) + 1))
+        saturation = pairs["saturation"]
+        return Recording(
+            node=self.id,
+            rate=self.rate,
+            time=np.arange(1, count + 1) / self.rate,
+            voltage=pairs["samples"].T * self._volts_per_count[:, np.newaxis],
+            saturated=(saturation >> np.arange(CHANNELS, dtype=np.uint8)[:, np.newaxis] & 1).astype(bool),
+        )
+
+
+def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
+    """Sample with all `nodes` at once for `duration` s; the first one produces SYNC.
+
+    A node's answer to a request follows its samples on the bus, so when it has told its count, every
+    sample up to there has arrived; each count is then checked against what came.
+
+    Raises:
+        LinkError: samples were lost. DeviceError: the nodes sampled too few.
+    """
+    producer = nodes[0]
+    count = round(duration * producer.rate)
+    for node in nodes:
+        node.rate = producer.rate
+        node.arm()
+    producer.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    try:
+        producer.clock.wait(duration)
+        for _ in range(LATEST_WAITS):
+            missing = count - int(min(node.get("sample_counter") for node in nodes))
+            if missing <= 0:
+                break
+            producer.clock.wait(missing / producer.rate)
+        else:
+            raise DeviceError(f"{producer.name}: {missing} of {count} samples were not taken; check SYNC and NMT state")
+    finally:
+        producer.set("sync_cob_id", SYNC_COB_ID)
+        for node in nodes:
+            node.disarm()
+    return [node.collect(count) for node in nodes]

@@ -1,0 +1,94 @@
+"""Driver of the strain indicator."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.modbus import ModbusDevice, ModbusLink
+from instrument.contracts import strain_indicator
+from instrument.errors import DeviceError
+
+COMMAND_POLL = 0.01  # s
+COMMAND_POLLS = 100
+
+
+@dataclass(frozen=True, slots=True)
+class IndicatorReading:
+    """Reading in mV (NaN while the bridge is open) and what the status word says of it."""
+
+    reading_mV: float
+    resolution_mV: float
+    stable: bool
+    overload: bool
+    bridge_open: bool
+
+    @property
+    def valid(self) -> bool:
+        return self.stable and not self.overload and not self.bridge_open and math.isfinite(self.reading_mV)
+
+
+class StrainIndicator(ModbusDevice):
+    contract = strain_indicator.CONTRACT
+
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+        super().__init__(link, unit)
+        self._clock = clock
+
+    def configure(self, gage_factor: float, full_scale_mV: float) -> None:
+        """Set the gage factor and the reading in mV above which overload is flagged."""
+        self.set(gage_factor=gage_factor, full_scale=full_scale_mV)
+
+    def track(self, time_constant: float) -> None:
+        """Follow the load through a one-pole filter of `time_constant` s."""
+        self.set(filter=time_constant, mode="track")
+
+    def peak_to_peak(self, window: float) -> None:
+        """Read the peak-to-peak load over the last `window` s."""
+        self.set(filter=window, mode="peak_to_peak")
+
+    def read(self) -> IndicatorReading:
+        """The reading, which stands in the device twice: both must agree.
+
+        Raises:
+            DeviceError: the integer and the floating-point reading differ.
+        """
+        status, decimals, integer, floating = self.get_many("status", "decimals", "reading", "reading_float")
+        bits = self.contract.set_bits("status", status)
+        step = 10.0**-decimals
+        reading = integer * step
+        if "bridge_open" in bits:
+            reading = math.nan
+        elif not abs(reading - floating) <= step + 1e-6 * abs(reading):
+            raise DeviceError(
+                f"{self.name}: reading is {reading:g} mV as an integer and {floating:g} mV as a float; not used"
+            )
+        return IndicatorReading(reading, step, "stable" in bits, "overload" in bits, "bridge_open" in bits)
+
+    def zero(self) -> None:
+        """Take the present reading as zero balance. Raises DeviceError where it is not stable."""
+        self._command("zero")
+
+    def clear_zero(self) -> None:
+        self._command("clear_zero")
+
+    def tare(self) -> None:
+        """Show readings net of the present one. Raises DeviceError where it is not stable."""
+        self._command("tare")
+
+    def clear_tare(self) -> None:
+        self._command("clear_tare")
+
+    def _command(self, command: str) -> None:
+        self.set(command=command)
+        for _ in range(COMMAND_POLLS):
+            pending, last, result = self.get_many("command", "last_command", "command_result")
+            if self.contract.choice("command", pending) == "idle":
+                break
+            self._clock.wait(COMMAND_POLL)
+        else:
+            raise DeviceError(f"{self.name}: {command} was not carried out within {COMMAND_POLL * COMMAND_POLLS:g} s")
+        outcome = self.contract.choice("command_result", result)
+        if self.contract.choice("last_command", last) != command or outcome != "done":
+            raise DeviceError(f"{self.name}: {command} ended in {outcome}; wait for a stable reading and repeat it")

@@ -1,0 +1,198 @@
+"""What a device's registers or objects are, declared once and used at both ends of the wire.
+
+A driver encodes and decodes with the contract, a simulator validates with the same one, and the
+tables for people, the EDS and the DBC are generated from it. A wrong scale would pass every
+round-trip test, so each field also has a golden frame written by hand in `tests/golden`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+from instrument.errors import RangeError, UnknownName
+
+Type = Literal["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "text"]
+Access = Literal["ro", "rw", "wo"]
+Value = float | str
+
+_STRUCT: dict[str, str] = {
+    "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
+}  # fmt: skip
+
+
+def sdo(index: int, subindex: int = 0) -> int:
+    """The address of a CANopen object, `index << 8 | subindex`."""
+    return index << 8 | subindex
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One register (or run of registers) or one CANopen object.
+
+    `physical value = scale * raw value`, in `unit`; `minimum` and `maximum` are physical.
+    `choices` names the raw values of a setting, `bits` the bit numbers of a status word.
+    """
+
+    name: str
+    address: int
+    type: Type
+    meaning: str
+    unit: str = ""
+    scale: float = 1.0
+    access: Access = "ro"
+    minimum: float | None = None
+    maximum: float | None = None
+    default: Value = 0.0
+    choices: Mapping[str, int] = field(default_factory=dict)
+    bits: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return struct.calcsize(_STRUCT[self.type])
+
+    @property
+    def index(self) -> int:
+        return self.address >> 8
+
+    @property
+    def subindex(self) -> int:
+        return self.address & 0xFF
+
+
+@dataclass(frozen=True, slots=True)
+class Pdo:
+    """A process data object that a node sends: COB-ID `base + node id`, fields packed in order."""
+
+    name: str
+    base: int
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a device says it is (Modbus function 43/14, CANopen object 0x1018)."""
+
+    vendor: str
+    product: str
+    revision: str
+
+
+@dataclass(frozen=True)
+class Contract:
+    """All fields of one kind of device.
+
+    Modbus contracts address 16-bit holding registers, big-endian, most significant word first;
+    CANopen contracts address objects, little-endian.
+    """
+
+    name: str
+    title: str
+    bus: Literal["modbus", "canopen"]
+    identity: Identity
+    fields: tuple[Field, ...]
+    pdos: tuple[Pdo, ...] = ()
+    _by_name: dict[str, Field] = field(init=False, repr=False, compare=False)
+    _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        order = ">" if self.bus == "modbus" else "<"
+        object.__setattr__(self, "_by_name", {f.name: f for f in self.fields})
+        object.__setattr__(
+            self,
+            "_codec",
+            {f.name: struct.Struct(order + _STRUCT[f.type]) for f in self.fields if f.type != "text"},
+        )
+
+    def __getitem__(self, name: str) -> Field:
+        try:
+            return self._by_name[name]
+        except KeyError:
+            raise UnknownName(f"field of the {self.title}", name, self._by_name) from None
+
+    def raw(self, name: str, value: Value) -> float:
+        """The raw value of `value`, checked against the field's limits.
+
+        Args:
+            value: physical value in the field's unit, or the name of a choice.
+
+        Raises:
+            RangeError: outside the limits, not finite, or no such choice; names device, field,
+                value and limit.
+        """
+        f = self[name]
+        if isinstance(value, str):
+            if value not in f.choices:
+                raise RangeError(f"{self.title}: {f.name} = {value!r} is no choice; valid: {', '.join(f.choices)}")
+            return f.choices[value]
+        low = -math.inf if f.minimum is None else f.minimum
+        high = math.inf if f.maximum is None else f.maximum
+        if not (math.isfinite(value) and low <= value <= high):  # refuses NaN, which fails every comparison
+            raise RangeError(
+                f"{self.title}: {f.name} = {value:g} {f.unit}".rstrip()
+                + f" is outside {low:g} to {high:g} {f.unit}".rstrip()
+            )
+        if f.choices and value not in f.choices.values():
+            raise RangeError(f"{self.title}: {f.name} = {value:g} is no choice; valid: {_listed(f.choices)}")
+        return value if f.type == "float32" else round(value / f.scale)
+
+    def encode(self, name: str, value: Value) -> bytes:
+        """Wire bytes of `value`. Raises RangeError as `raw` does."""
+        raw = self.raw(name, value)
+        return self._codec[name].pack(raw)
+
+    def decode(self, name: str, data: bytes) -> float:
+        """Physical value of wire bytes; NaN stays NaN. Raises struct.error on a wrong length."""
+        raw: float = self._codec[name].unpack(data)[0]
+        f = self._by_name[name]
+        return raw if f.scale == 1.0 else raw * f.scale
+
+    def set_bits(self, name: str, value: float) -> frozenset[str]:
+        """Names of the bits that are set in a status word."""
+        return frozenset(bit for bit, number in self[name].bits.items() if int(value) >> number & 1)
+
+    def choice(self, name: str, value: float) -> str:
+        """Name of the choice with raw value `value`; the number itself where it has none."""
+        return next((k for k, v in self[name].choices.items() if v == value), f"{value:g}")
+
+    def block(self, names: Iterable[str]) -> tuple[int, int]:
+        """First register and number of registers that hold the named fields (Modbus)."""
+        fields = [self[n] for n in names]
+        start = min(f.address for f in fields)
+        end = max(f.address + f.size // 2 for f in fields)
+        return start, end - start
+
+    def digest(self) -> str:
+        """SHA-256 of the whole declaration, kept with each run."""
+        declared = {
+            "name": self.name,
+            "bus": self.bus,
+            "identity": asdict(self.identity),
+            "fields": [
+                {k: dict(v) if isinstance(v, Mapping) else v for k, v in _slots(f).items()} for f in self.fields
+            ],
+            "pdos": [asdict(p) for p in self.pdos],
+        }
+        return hashlib.sha256(json.dumps(declared, sort_keys=True).encode()).hexdigest()
+
+
+def _slots(f: Field) -> dict[str, object]:
+    return {name: getattr(f, name) for name in Field.__slots__}
+
+
+def _listed(choices: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({raw})" for name, raw in choices.items())
+
+
+PROBE = 0x12345678
+
+
+def probe(address: int) -> Field:
+    """The word-order probe that every device carries: reads 0x12345678 in the contract's order."""
+    return Field("probe", address, "uint32", "word-order probe, always 0x12345678 = 305419896", default=float(PROBE))

@@ -1,0 +1,18 @@
+"""The five contracts. They are ours, and labelled so; each module names the real maps it imitates."""
+
+from __future__ import annotations
+
+import hashlib
+
+from instrument.contract import Contract
+from instrument.contracts import positioner, sensor_node, shaker_amplifier, signal_generator, strain_indicator
+
+CONTRACTS: dict[str, Contract] = {
+    module.CONTRACT.name: module.CONTRACT
+    for module in (signal_generator, shaker_amplifier, strain_indicator, positioner, sensor_node)
+}
+
+
+def contracts_digest() -> str:
+    """SHA-256 over all contracts, kept with each run."""
+    return hashlib.sha256("".join(c.digest() for c in CONTRACTS.values()).encode()).hexdigest()

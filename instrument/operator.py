@@ -1,0 +1,17 @@
+"""The person at the bench, as procedures see him."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from instrument.sample import Sample
+
+
+class Operator(Protocol):
+    """Does by hand what no device does. Each method returns when it is done."""
+
+    def mount(self, sample: Sample) -> None:
+        """Lay the sample under the probe, the positioner being at its home position."""
+
+    def place_weight(self, mass: float) -> None:
+        """Put dead weights of `mass` kg in all on the load cell; 0 takes them off."""
