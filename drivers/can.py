@@ -8,7 +8,7 @@ from typing import Any
 
 import can
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from instrument.bench import CanBus
 from instrument.errors import DeviceError, LinkError, LinkTimeout
@@ -51,7 +51,7 @@ class CanLink:
         return self._network
 
     def add_node(self, node_id: int) -> canopen.RemoteNode:
-        node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())
+        node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout
         self.network.add_node(node)
         return node

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -53,7 +52,6 @@ class SensorNode:
         self.emergencies: list[bytes] = []
         self._volts_per_count = np.ones(CHANNELS)
         self._frames: list[bytearray] = []
-        self._frames_lock = threading.Lock()
 
     def connect(self) -> None:
         """Join the bus, check identity (1018h) and byte order, and read back the settings.
@@ -126,8 +124,7 @@ class SensorNode:
 
     def arm(self) -> None:
         """Forget what came before and take samples from the next SYNC on."""
-        with self._frames_lock:
-            self._frames = []
+        self._frames = []
         self.link.command(self._node, "OPERATIONAL")
 
     def disarm(self) -> None:
@@ -146,8 +143,7 @@ class SensorNode:
         Raises:
             LinkError: frames are missing, doubled or out of order; says from which sample on.
         """
-        with self._frames_lock:
-            frames, self._frames = self._frames, []
+        frames, self._frames = self._frames, []
         lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
         sizes = list(map(len, frames))
         good = next(

@@ -131,21 +131,29 @@ class Contract:
             if value not in f.choices:
                 raise RangeError(f"{self.title}: {f.name} = {value!r} is no choice; valid: {', '.join(f.choices)}")
             return f.choices[value]
-        low = -math.inf if f.minimum is None else f.minimum
-        high = math.inf if f.maximum is None else f.maximum
-        if not (math.isfinite(value) and low <= value <= high):  # refuses NaN, which fails every comparison
-            raise RangeError(
-                f"{self.title}: {f.name} = {value:g} {f.unit}".rstrip()
-                + f" is outside {low:g} to {high:g} {f.unit}".rstrip()
-            )
-        if f.choices and value not in f.choices.values():
-            raise RangeError(f"{self.title}: {f.name} = {value:g} is no choice; valid: {_listed(f.choices)}")
-        return value if f.type == "float32" else round(value / f.scale)
+        if not self.allows(name, value):
+            given = f"{self.title}: {f.name} = {value:g} {f.unit}".rstrip()
+            if f.choices:
+                raise RangeError(f"{given} is no choice; valid: {_listed(f.choices)}")
+            low, high = _limits(f)
+            raise RangeError(f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip())
+        return _to_raw(f, value)
+
+    def allows(self, name: str, value: float) -> bool:
+        """Whether a physical value is, to the field's resolution, within its limits and choices; NaN never is."""
+        f = self[name]
+        if not math.isfinite(value):
+            return False
+        low, high = (_to_raw(f, limit) if math.isfinite(limit) else limit for limit in _limits(f))
+        return low <= _to_raw(f, value) <= high and (not f.choices or value in f.choices.values())
+
+    def pack(self, name: str, value: float) -> bytes:
+        """Wire bytes of a reading, without limits. Raises struct.error where it does not fit the type."""
+        return self._codec[name].pack(_to_raw(self._by_name[name], value))
 
     def encode(self, name: str, value: Value) -> bytes:
         """Wire bytes of `value`. Raises RangeError as `raw` does."""
-        raw = self.raw(name, value)
-        return self._codec[name].pack(raw)
+        return self._codec[name].pack(self.raw(name, value))
 
     def decode(self, name: str, data: bytes) -> float:
         """Physical value of wire bytes; NaN stays NaN. Raises struct.error on a wrong length."""
@@ -180,6 +188,14 @@ class Contract:
             "pdos": [asdict(p) for p in self.pdos],
         }
         return hashlib.sha256(json.dumps(declared, sort_keys=True).encode()).hexdigest()
+
+
+def _limits(f: Field) -> tuple[float, float]:
+    return (-math.inf if f.minimum is None else f.minimum, math.inf if f.maximum is None else f.maximum)
+
+
+def _to_raw(f: Field, value: float) -> float:
+    return value if f.type == "float32" else round(value / f.scale)
 
 
 def _slots(f: Field) -> dict[str, object]:

@@ -1,0 +1,21 @@
+"""The sensor designs, by name."""
+
+from __future__ import annotations
+
+from instrument.design import Design
+from instrument.designs.single import SINGLE
+from instrument.errors import UnknownName
+
+DESIGNS: dict[str, Design] = {design.name: design for design in (SINGLE,)}
+
+
+def get_design(name: str) -> Design:
+    """The design of that name.
+
+    Raises:
+        UnknownName: no such design.
+    """
+    try:
+        return DESIGNS[name]
+    except KeyError:
+        raise UnknownName("design", name, DESIGNS) from None

@@ -1,0 +1,294 @@
+"""Writing a run to disk: a point is durable before it is reported.
+
+A run is one folder with two files:
+
+- `run.sqlite`: header, points, waveform rows and events (`SCHEMA`). Write-ahead log, synchronous
+  FULL, one writer. After a normal end it is a single file without a log.
+- `waveforms.f32`: the samples of all waveforms, little-endian float32, only ever appended to. A row
+  of the table `waveform` says where a waveform lies and carries its CRC-32; bytes that no row
+  names belong to a point that was never stored, and readers ignore them.
+
+Copy a live run with both files and `run.sqlite-wal`: without its log the database loses points.
+`procedures/run.py` reads all this.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import itertools
+import json
+import math
+import os
+import re
+import sqlite3
+import zlib
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import numpy as np
+
+from instrument.errors import RangeError, RecordError, UsageError
+from procedures.run import DATABASE, SCHEMA, WAVEFORMS, storing
+
+REQUIRED = frozenset({"procedure", "simulated", "started"})
+_OWN_KEYS = frozenset({"status", "summary"})
+_OWN_COLUMNS = frozenset({"id", "bench_ns", "simulated"})
+
+
+class Recorder:
+    """The one writer of a run.
+
+    A context manager: an exception leaves the status "failed" ("stopped" for Ctrl-C and SystemExit)
+    with its message as an event, and goes on; a block left without `finish` is "stopped".
+
+    Every write raises RecordError, which names the file and the remedy, if it cannot be stored.
+    What was stored before stays readable.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Opens the files that `create` made."""
+        self.folder = folder
+        self._points = 0
+        self._bench_ns = 0
+        with storing(folder / WAVEFORMS):
+            self._waveforms = (folder / WAVEFORMS).open("ab", buffering=0)
+        try:
+            with storing(folder / DATABASE):
+                self._database = sqlite3.connect(folder / DATABASE)
+                self._database.execute("PRAGMA journal_mode = WAL")
+                self._database.execute("PRAGMA synchronous = FULL")
+        except BaseException:
+            self._waveforms.close()
+            raise
+
+    @classmethod
+    def create(cls, folder: Path, header: Mapping[str, object]) -> Self:
+        """A new run in `folder`, which is made with its parents where it does not exist.
+
+        Args:
+            folder: where the run goes; other files in it are left alone.
+            header: what the run is, stored as JSON: at least `procedure` (text), `simulated` (bool) and
+                `started` (UTC, ISO 8601); then scene, seed, bench, contracts, calibration, versions, commit.
+
+        Raises:
+            UsageError: the folder holds a run already, also one that another process is just starting.
+            RecordError: the folder cannot be made or written to, or the header is no header.
+            ValueError: `started` is no ISO 8601 time.
+        """
+        if lacking := REQUIRED - header.keys():
+            raise RecordError(f"the header of a run lacks {', '.join(sorted(lacking))}")
+        if taken := _OWN_KEYS & header.keys():
+            raise RecordError(f"the header of a run may not set {', '.join(sorted(taken))}")
+        if not isinstance(header["simulated"], bool):
+            raise RecordError(f"the header of a run says simulated = {header['simulated']!r}; write true or false")
+        datetime.fromisoformat(str(header["started"]))
+        folder = folder.absolute()
+        with storing(folder):
+            made = [path for path in (folder, *folder.parents) if not path.exists()]
+            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                # Whoever makes this file owns the folder, so that two processes cannot share it.
+                (folder / WAVEFORMS).open("xb").close()
+            except FileExistsError:
+                raise _already_held(folder) from None
+            _write_database(folder, {**header, "status": "running", "summary": {}})
+            for path in (folder, *(path.parent for path in made)):
+                _sync_folder(path)
+        return cls(folder)
+
+    def point(
+        self,
+        data: Mapping[str, object],
+        waveforms: Mapping[str, tuple[float, np.ndarray]],
+        bench_ns: int,
+    ) -> int:
+        """Stores a point and returns its id (1, 2, 3, …) once it is durable.
+
+        Args:
+            data: what was measured, SI values under names that carry a unit (`load_N`). Numpy scalars
+                are taken as numbers; NaN and infinities are stored as null.
+            waveforms: for each name the sample rate, Hz, and the samples, shape (n,), stored as float32;
+                NaN and infinities are kept.
+            bench_ns: bench time, ns.
+
+        Raises:
+            RangeError: a rate that is not positive, samples of another shape or beyond float32, or a name
+                of the record's own columns (`id`, `bench_ns`, `simulated`) in `data`.
+        """
+        if taken := _OWN_COLUMNS & data.keys():
+            raise RangeError(f"a point may not have a value {', '.join(sorted(taken))}: the record sets it")
+        text = _json(data)
+        stored = [(name, rate, _float32(name, rate, samples)) for name, (rate, samples) in waveforms.items()]
+        point_id = self._points + 1
+        with storing(self.folder / WAVEFORMS):
+            offsets = self._append([samples for _, _, samples in stored])
+        rows = [
+            (point_id, name, samples.dtype.str, float(rate), offset, samples.size, zlib.crc32(samples.data))
+            for (name, rate, samples), offset in zip(stored, offsets, strict=True)
+        ]
+        with storing(self.folder / DATABASE), self._database:
+            self._database.execute("INSERT INTO point VALUES (?, ?, ?)", (point_id, bench_ns, text))
+            self._database.executemany(
+                "INSERT INTO waveform (point_id, name, dtype, rate, offset, length, crc32)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                rows,
+            )
+        self._points = point_id
+        self._bench_ns = bench_ns
+        return point_id
+
+    def event(self, kind: str, message: str, bench_ns: int) -> None:
+        """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
+        with storing(self.folder / DATABASE), self._database:
+            self._insert_event(kind, message, bench_ns)
+        self._bench_ns = bench_ns
+
+    def finish(
+        self,
+        status: Literal["complete", "stopped", "failed"],
+        summary: Mapping[str, object],
+        message: str = "",
+    ) -> None:
+        """Ends the run with its result (`summary`, stored as JSON) and closes the files.
+
+        A `message`, why it ended so, is stored as an event of the kind `status`.
+        """
+        try:
+            with storing(self.folder / DATABASE), self._database:
+                self._database.executemany(
+                    "UPDATE run SET value = ? WHERE key = ?",
+                    [(_json(status), "status"), (_json(summary), "summary")],
+                )
+                if message:
+                    self._insert_event(status, message, self._bench_ns)
+            # All is durable by now. Where a reader holds the database its log stays, and that is as good.
+            with contextlib.suppress(sqlite3.OperationalError):
+                self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+                self._database.execute("PRAGMA journal_mode = DELETE")
+        finally:
+            self._database.close()
+            self._waveforms.close()
+
+    def _insert_event(self, kind: str, message: str, bench_ns: int) -> None:
+        # File names in a message can hold bytes that are no UTF-8; SQLite would refuse the text.
+        text = message.encode(errors="backslashreplace").decode()
+        self._database.execute("INSERT INTO event (bench_ns, kind, message) VALUES (?, ?, ?)", (bench_ns, kind, text))
+
+    def _append(self, arrays: Sequence[np.ndarray]) -> list[int]:
+        """Appends the samples, makes them durable and returns where each array starts, in bytes."""
+        state = os.fstat(self._waveforms.fileno())
+        if state.st_nlink == 0:
+            raise FileNotFoundError(errno.ENOENT, "it was removed while the run was being written")
+        offsets: list[int] = []
+        end = state.st_size
+        for samples in arrays:
+            offsets.append(end)
+            end += samples.nbytes
+            rest = samples.view(np.uint8).data
+            while rest:
+                rest = rest[self._waveforms.write(rest) :]
+        if arrays:
+            os.fsync(self._waveforms.fileno())
+        return offsets
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._waveforms.closed:
+            return
+        if error is None:
+            self.finish("stopped", {}, "the procedure ended without a result")
+            return
+        wanted = isinstance(error, (KeyboardInterrupt, SystemExit))
+        with contextlib.suppress(RecordError):  # the exception under way says more
+            self.finish("stopped" if wanted else "failed", {}, f"{type(error).__name__}: {error}")
+
+
+def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
+    """Makes an empty folder for a run in `store`, such as `20250314T150926Z-sweep-loads`, and returns it.
+
+    A name that is taken gets -2, -3, … appended. `started` needs a time zone.
+
+    Raises:
+        RecordError: the store cannot be written to.
+    """
+    stem = f"{started.astimezone(UTC):%Y%m%dT%H%M%SZ}-{re.sub(r'[^A-Za-z0-9]+', '-', procedure)}"
+    with storing(store):
+        store.mkdir(parents=True, exist_ok=True)
+        for suffix in itertools.chain([""], (f"-{count}" for count in itertools.count(2))):
+            with contextlib.suppress(FileExistsError):
+                (store / (stem + suffix)).mkdir()
+                break
+    return store / (stem + suffix)
+
+
+def _already_held(folder: Path) -> UsageError:
+    return UsageError(f"{folder} already holds a run; choose another --out")
+
+
+def _write_database(folder: Path, header: Mapping[str, object]) -> None:
+    """Makes the database aside and renames it, so that a killed start leaves a whole one or none."""
+    aside = folder / f"{DATABASE}.new"
+    try:
+        if (folder / DATABASE).exists():
+            raise _already_held(folder)
+        aside.unlink(missing_ok=True)
+        with contextlib.closing(sqlite3.connect(aside)) as database:
+            database.execute("PRAGMA journal_mode = MEMORY")
+            database.execute("PRAGMA synchronous = FULL")
+            database.executescript(f"BEGIN; {SCHEMA}")
+            database.executemany(
+                "INSERT INTO run VALUES (?, ?)", [(key, _json(value)) for key, value in header.items()]
+            )
+            database.commit()
+        aside.replace(folder / DATABASE)
+    except BaseException:
+        aside.unlink(missing_ok=True)
+        (folder / WAVEFORMS).unlink()
+        raise
+
+
+def _sync_folder(folder: Path) -> None:
+    """Makes the names in `folder` durable; syncing a file does not."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _json(value: object) -> str:
+    """One text for one value: keys sorted, no spaces, ASCII, null for NaN and infinities."""
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _float32(name: str, rate: float, samples: np.ndarray) -> np.ndarray:
+    if not (math.isfinite(rate) and rate > 0):
+        raise RangeError(f"waveform {name!r}: the sample rate is {rate} Hz; it must be positive and finite")
+    if samples.ndim != 1:
+        raise RangeError(f"waveform {name!r}: the samples have shape {samples.shape}; they must be (n,)")
+    try:
+        with np.errstate(over="raise"):
+            return np.ascontiguousarray(samples, dtype="<f4")
+    except FloatingPointError:
+        limit = float(np.finfo(np.float32).max)
+        raise RangeError(f"waveform {name!r}: a sample is beyond float32 (±{limit:.3g})") from None

@@ -1,0 +1,299 @@
+"""A run on disk: its format, where runs are kept, and reading them.
+
+Reading never changes a run, and works at any time: while the run is being written, after a kill
+(the log `run.sqlite-wal` is read too), and where the folder is read-only.
+`procedures/record.py` writes what this reads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import sqlite3
+import tempfile
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
+
+import numpy as np
+
+from instrument.errors import RecordError, UnknownName
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DATABASE = "run.sqlite"
+WAVEFORMS = "waveforms.f32"
+APPLICATION_ID = 0x50414C50  # "PALP"
+SCHEMA_VERSION = 1
+SCHEMA = f"""
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {SCHEMA_VERSION};
+CREATE TABLE run (          -- the header, and at the end status and summary
+    key TEXT PRIMARY KEY,
+    value TEXT NOT NULL     -- JSON
+) STRICT;
+CREATE TABLE point (
+    id INTEGER PRIMARY KEY, -- 1, 2, 3, … without a gap
+    bench_ns INTEGER NOT NULL,
+    data TEXT NOT NULL      -- JSON object, keys sorted, no wall time: equal runs have equal bytes
+) STRICT;
+CREATE TABLE waveform (
+    id INTEGER PRIMARY KEY,
+    point_id INTEGER NOT NULL REFERENCES point (id),
+    name TEXT NOT NULL,
+    dtype TEXT NOT NULL,    -- numpy's name of the sample type: '<f4'
+    rate REAL NOT NULL,     -- Hz
+    offset INTEGER NOT NULL CHECK (offset >= 0), -- bytes from the start of {WAVEFORMS}
+    length INTEGER NOT NULL CHECK (length >= 0), -- samples
+    crc32 INTEGER NOT NULL,
+    UNIQUE (point_id, name)
+) STRICT;
+CREATE TABLE event (
+    id INTEGER PRIMARY KEY,
+    bench_ns INTEGER NOT NULL,
+    kind TEXT NOT NULL,
+    message TEXT NOT NULL
+) STRICT;
+"""
+
+Status = Literal["running", "complete", "stopped", "failed"]
+
+_ELSEWHERE = "choose a writable folder with --out"
+_REMEDY = {
+    **dict.fromkeys(("ENOSPC", "EDQUOT", "SQLITE_FULL"), "free space on the disk, or choose another with --out"),
+    "EFBIG": "raise the limit on file sizes (ulimit -f)",
+    "SQLITE_IOERR": "check the disk, its free space and the limit on file sizes (ulimit -f)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Waveform:
+    """Samples of one signal at one point: `samples`, shape (n,), float32; `rate`, Hz."""
+
+    point_id: int
+    name: str
+    rate: float
+    samples: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A stored run. `started` is UTC; `status` is what is stored: a killed run stays "running".
+
+    All methods raise RecordError, which names what is damaged.
+    """
+
+    folder: Path
+    procedure: str
+    simulated: bool
+    started: datetime
+    status: Status
+    header: Mapping[str, object]
+    summary: Mapping[str, object]
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Raises RecordError: no run there, a damaged one, or one of a newer palpate."""
+        folder = folder.absolute()
+        with _reading(folder) as database:
+            (version,) = database.execute("PRAGMA user_version").fetchone()
+            (application,) = database.execute("PRAGMA application_id").fetchone()
+            if application != APPLICATION_ID:
+                raise RecordError(f"{folder / DATABASE} is not a run of palpate")
+            if version != SCHEMA_VERSION:
+                raise RecordError(
+                    f"{folder} has record format {version}, this palpate reads {SCHEMA_VERSION}; update palpate"
+                )
+            header = {key: json.loads(value) for key, value in database.execute("SELECT * FROM run")}
+            status, summary = header.pop("status"), header.pop("summary")
+            started = datetime.fromisoformat(header["started"]).astimezone(UTC)
+            if not isinstance(header["simulated"], bool):
+                raise TypeError("its header does not say whether it is simulated")
+            return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
+
+    def points(self) -> list[dict[str, Any]]:
+        """All points in order: what was stored, with `id` and `bench_ns`; null is None."""
+        with _reading(self.folder) as database:
+            return [
+                {"id": point_id, "bench_ns": bench_ns, **json.loads(data)}
+                for point_id, bench_ns, data in database.execute("SELECT * FROM point ORDER BY id")
+            ]
+
+    def events(self) -> list[dict[str, Any]]:
+        """All events in order: `bench_ns`, `kind`, `message`."""
+        with _reading(self.folder) as database:
+            return [
+                {"bench_ns": bench_ns, "kind": kind, "message": message}
+                for bench_ns, kind, message in database.execute("SELECT bench_ns, kind, message FROM event ORDER BY id")
+            ]
+
+    def waveform_names(self, point_id: int) -> list[str]:
+        """The names of a point's waveforms, in the order they were given."""
+        with _reading(self.folder) as database:
+            rows = database.execute("SELECT name FROM waveform WHERE point_id = ? ORDER BY id", (point_id,))
+            return [name for (name,) in rows]
+
+    def waveform(self, point_id: int, name: str) -> np.ndarray:
+        """The samples, shape (n,), float32; length and CRC-32 are verified.
+
+        Raises:
+            UnknownName: the point has no such waveform.
+        """
+        for waveform in self._waveforms("WHERE point_id = ? AND name = ?", (point_id, name)):
+            return waveform.samples
+        raise UnknownName(f"waveform of point {point_id}", name, self.waveform_names(point_id))
+
+    def waveforms(self) -> Iterator[Waveform]:
+        """All waveforms in order, verified, one in memory at a time."""
+        return self._waveforms("", ())
+
+    def _waveforms(self, where: str, values: tuple[object, ...]) -> Iterator[Waveform]:
+        query = f"SELECT point_id, name, dtype, rate, offset, length, crc32 FROM waveform {where} ORDER BY id"
+        with _reading(self.folder) as database:
+            rows = database.execute(query, values).fetchall()
+        if not rows:
+            return
+        path = self.folder / WAVEFORMS
+        with _opened(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            for point_id, name, dtype, rate, offset, length, crc in rows:
+                what = f"{path}: waveform {name!r} of point {point_id}"
+                if dtype != "<f4" or rate <= 0 or offset + 4 * length > size:
+                    raise RecordError(f"{what} is cut short, or its row is wrong; restore the file from a copy")
+                file.seek(offset)
+                stored = file.read(4 * length)
+                if zlib.crc32(stored) != crc:
+                    raise RecordError(f"{what} is damaged (CRC-32 differs); restore the file from a copy")
+                yield Waveform(point_id, name, rate, np.frombuffer(stored, "<f4"))
+
+    def digest(self) -> str:
+        """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
+        total = hashlib.sha256()
+        with _reading(self.folder) as database:
+            for row in database.execute("SELECT id, bench_ns, data FROM point ORDER BY id"):
+                total.update(json.dumps(row).encode() + b"\n")
+        for waveform in self.waveforms():
+            row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
+            total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())
+        return total.hexdigest()
+
+    def table(self) -> pd.DataFrame:
+        """The points, one a row: `id`, `bench_ns`, `simulated` (the same in each row), then their values."""
+        import pandas as pd
+
+        frame = pd.DataFrame(self.points())
+        frame.insert(min(2, len(frame.columns)), "simulated", self.simulated)
+        return frame
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """A line in a list of runs; of a damaged one only `folder`, `started` (file time) and `fault` hold."""
+
+    folder: Path
+    started: datetime
+    procedure: str = ""
+    simulated: bool | None = None
+    status: Status | Literal["damaged"] = "damaged"
+    points: int = 0
+    fault: str = ""
+
+
+def list_runs(store: Path) -> list[RunSummary]:
+    """The runs in `store`, newest first; folders without a run are left out."""
+    runs = [_summary(path.parent) for path in store.glob(f"*/{DATABASE}")]
+    return sorted(runs, key=lambda run: (run.started, run.folder.name), reverse=True)
+
+
+def _summary(folder: Path) -> RunSummary:
+    try:
+        run = Run.open(folder)
+        with _reading(folder) as database:
+            (points,) = database.execute("SELECT count(*) FROM point").fetchone()
+    except RecordError as error:
+        modified = datetime.fromtimestamp((folder / DATABASE).stat().st_mtime, UTC)
+        return RunSummary(folder, modified, fault=str(error))
+    return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points)
+
+
+def find_run(text: str, store: Path) -> Path:
+    """The folder of the run that `text` names: a path, or a name in `store`.
+
+    Raises:
+        UnknownName: neither; lists the runs of the store.
+    """
+    for folder in (Path(text), store / text):
+        if (folder / DATABASE).is_file():
+            return folder
+    raise UnknownName("run", text, (path.parent.name for path in store.glob(f"*/{DATABASE}")))
+
+
+@contextlib.contextmanager
+def storing(path: Path) -> Iterator[None]:
+    """What goes wrong inside is a RecordError that names `path` and what to do."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        code = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
+        raise RecordError(f"cannot write {path}: {error}; {_REMEDY.get(code, _ELSEWHERE)}") from error
+    except RecordError:
+        raise
+    except OSError as error:
+        code = errno.errorcode.get(error.errno or 0, "")
+        reason = error.strerror or str(error)
+        raise RecordError(f"cannot write {path}: {reason}; {_REMEDY.get(code, _ELSEWHERE)}") from error
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    try:
+        with path.open("rb") as file:
+            yield file
+    except RecordError:
+        raise
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}; make it readable or restore it") from error
+
+
+@contextlib.contextmanager
+def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
+    """One snapshot of the database, for as short as it takes: an open reader keeps the log from ending."""
+    path = folder / DATABASE
+    with contextlib.ExitStack() as stack:
+        try:
+            try:
+                database = _snapshot(path, "ro", stack)
+            except sqlite3.OperationalError as error:
+                if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+                    raise
+                database = _snapshot(_copied(path, stack), "rw", stack)
+            yield database
+        except (sqlite3.Error, KeyError, ValueError, TypeError, RecursionError) as error:
+            reason = f"no {error}" if isinstance(error, KeyError) else error
+            raise RecordError(f"{path} is damaged ({reason}); restore it from a copy") from error
+
+
+def _snapshot(path: Path, mode: str, stack: contextlib.ExitStack) -> sqlite3.Connection:
+    connection = sqlite3.connect(f"{path.as_uri()}?mode={mode}", uri=True)
+    stack.enter_context(contextlib.closing(connection))
+    connection.execute("BEGIN")
+    connection.execute("SELECT 1 FROM sqlite_schema").fetchone()
+    return connection
+
+
+def _copied(path: Path, stack: contextlib.ExitStack) -> Path:
+    """A copy of the database with its log: SQLite must write beside a log to read it, and here it may not."""
+    aside = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="palpate-")))
+    for name in (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-journal"):
+        source = path.with_name(name)
+        if name == DATABASE or source.exists():
+            with _opened(source) as file:
+                (aside / name).write_bytes(file.read())
+    return aside / DATABASE

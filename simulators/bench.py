@@ -1,0 +1,70 @@
+"""The whole simulated bench: every device of a scene on the wire, and the bench file that finds them."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from contextlib import ExitStack
+from typing import Self
+
+from instrument.bench import BenchDescription, CanBus, RtuAddress, SerialLine, TcpAddress
+from simulators.can import CanSegment
+from simulators.clock import VirtualClock
+from simulators.modbus import BAUDRATE, LOOPBACK, ServerThread
+from simulators.operator import SimulatedOperator
+from simulators.positioner import Positioner
+from simulators.rig import Rig
+from simulators.scene import Scene
+from simulators.shaker_amplifier import ShakerAmplifier
+from simulators.signal_generator import SignalGenerator
+from simulators.strain_indicator import StrainIndicator
+
+_numbers = itertools.count(1)
+INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
+
+
+class SimulatedBench:
+    """A context manager: servers, line and bus run inside it, and nothing is left behind."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.clock = VirtualClock()
+        self.rig = Rig(scene, self.clock)
+        self._channel = f"palpate-{os.getpid()}-{next(_numbers)}"
+        self._node_ids = list(range(1, scene.nodes + 1))
+        # first on the clock: what is sampled up to an event does not know of it yet
+        self._can = CanSegment(self.clock, self.rig, self._node_ids, "virtual", self._channel)
+        self.generator = SignalGenerator(self.clock, "SIM-SG-0001", self._generator_changed)
+        self.amplifier = ShakerAmplifier(
+            self.clock, "SIM-PA-0001", self.generator.voltage, self._amplifier_changed, scene.rig.coil_resistance
+        )
+        self.indicator = StrainIndicator(self.clock, "SIM-SI-0001", self.rig)
+        self.positioner = Positioner(self.clock, "SIM-MP-0001", self.rig)
+        self.operator = SimulatedOperator(self.rig, self.clock)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            servers = stack.enter_context(ServerThread())
+            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner})
+            self.description = BenchDescription(
+                name=f"simulated bench, scene {self.scene.name}",
+                signal_generator=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.generator)),
+                shaker_amplifier=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier)),
+                line=SerialLine(port=line, baudrate=BAUDRATE),
+                strain_indicator=RtuAddress(unit=INDICATOR_UNIT),
+                positioner=RtuAddress(unit=POSITIONER_UNIT),
+                can=CanBus(interface="virtual", channel=self._channel, nodes=tuple(self._node_ids)),
+            )
+            stack.enter_context(self._can)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def _generator_changed(self) -> None:
+        self.amplifier.input_changed()
+
+    def _amplifier_changed(self) -> None:
+        self.rig.set_voltage(self.amplifier.voltage())

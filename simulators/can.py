@@ -1,0 +1,222 @@
+"""The simulated CAN bus: CANopen nodes on a python-can bus, their timing on the virtual clock."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Self
+
+import can
+import canopen
+import numpy as np
+import numpy.typing as npt
+from canopen.sdo.exceptions import SdoAbortedError
+
+from instrument.contract import Field
+from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from instrument.object_dictionary import object_dictionary
+from simulators.clock import NEVER, VirtualClock
+from simulators.rig import Rig
+from simulators.sensor_node import CONTRACT, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
+
+canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
+
+SERIAL = 0x2026_0100
+OPERATIONAL, STOPPED = 5, 4
+NMT_START, NMT_RESETS = 1, (129, 130)
+VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
+SAMPLES, STAMP = CONTRACT.pdos
+STAMP_LAYOUT = struct.Struct("<IB")
+
+
+class _Periodic:
+    """A periodic message on the virtual clock, as canopen's heartbeat wants it."""
+
+    def __init__(self, network: _VirtualNetwork, cob_id: int, data: bytes, period_ns: int) -> None:
+        self._network = network
+        self._cob_id = cob_id
+        self._data = bytes(data)
+        self._period_ns = period_ns
+        self.due_ns = network.clock.now_ns() + period_ns
+        network.periodic.append(self)
+
+    def stop(self) -> None:
+        self._network.periodic.remove(self)
+
+    def update(self, data: bytes) -> None:
+        self._data = bytes(data)
+
+    def send(self) -> None:
+        self._network.send_message(self._cob_id, self._data)
+        self.due_ns += self._period_ns
+
+
+class _VirtualNetwork(canopen.Network):
+    """canopen's network with its periodic messages on the bench's clock."""
+
+    def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
+        super().__init__(bus)
+        self.clock = clock
+        self.periodic: list[_Periodic] = []
+
+    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> Any:
+        return _Periodic(self, can_id, data, round(period * 1e9))
+
+    def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        with self.clock.lock:
+            super().notify(can_id, data, timestamp)
+
+
+class CanSegment:
+    """All simulated nodes on one bus; lives on the virtual clock."""
+
+    def __init__(self, clock: VirtualClock, rig: Rig, node_ids: list[int], interface: str, channel: str) -> None:
+        self._clock = clock
+        self._rig = rig
+        self._bus = can.Bus(interface=interface, channel=channel)
+        self._network = _VirtualNetwork(self._bus, clock)
+        self.nodes = [
+            SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
+            for number, node_id in enumerate(node_ids, 1)
+        ]
+        self._local = {node.id: canopen.LocalNode(node.id, object_dictionary(CONTRACT)) for node in self.nodes}
+        self._sync_from_ns = NEVER
+        self._sync_period_ns = 0
+        clock.add(self)
+
+    def __enter__(self) -> Self:
+        self._network.connect()
+        for node in self.nodes:
+            local = self._local[node.id]
+            self._network.add_node(local)
+            local.add_read_callback(_reader(node))  # type: ignore[no-untyped-call]
+            local.add_write_callback(_writer(node))  # type: ignore[no-untyped-call]
+            self._network.unsubscribe(local.sdo.rx_cobid, local.sdo.on_request)
+            self._network.subscribe(local.sdo.rx_cobid, self._sdo_handler(local))
+            self._boot(local)
+        self._network.subscribe(0, self._on_nmt)
+        self._network.subscribe(SYNC_COB_ID, self._on_sync)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._network.disconnect()
+
+    # --- what the nodes hear ---------------------------------------------------------------------------
+
+    def _boot(self, local: Any) -> None:
+        local.nmt.state = "INITIALISING"  # sends the boot-up message
+        local.nmt.state = "PRE-OPERATIONAL"  # starts the heartbeat
+
+    def _on_nmt(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        command, target = data[0], data[1]
+        for node in self.nodes:
+            if target in (0, node.id):
+                if command == NMT_START:
+                    node.start()
+                elif command in NMT_RESETS:
+                    node.reset()
+                    self._timing_changed()
+                    self._boot(self._local[node.id])
+
+    def _sdo_handler(self, local: Any) -> Any:
+        def handle(cob_id: int, data: bytearray, timestamp: float) -> None:
+            if local.nmt.state != "STOPPED":
+                local.sdo.on_request(cob_id, data, timestamp)
+
+        return handle
+
+    def _on_sync(self, _cob_id: int, _data: bytearray, _timestamp: float) -> None:
+        """SYNC from the bus master."""
+        self._sample(np.array([self._clock.now_ns()]), send_sync=False)
+
+    def _timing_changed(self) -> None:
+        """SYNC starts one period after its producer is told to, and stops with it."""
+        producer = next((n for n in self.nodes if int(n.settings["sync_cob_id"]) & SYNC_PRODUCER), None)
+        period = round(producer.settings["sync_period"] * 1e6) * 1000 if producer else 0
+        if period != self._sync_period_ns:
+            self._sync_from_ns = self._clock.now_ns() if producer else NEVER
+            self._sync_period_ns = period
+
+    # --- what they do by themselves --------------------------------------------------------------------
+
+    def next_event_ns(self) -> int:
+        return min((task.due_ns for task in self._network.periodic), default=NEVER)
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if self._sync_period_ns:
+            first = (start_ns - self._sync_from_ns) // self._sync_period_ns + 1
+            last = (end_ns - self._sync_from_ns) // self._sync_period_ns
+            if last >= first:
+                self._sample(self._sync_from_ns + np.arange(first, last + 1) * self._sync_period_ns, send_sync=True)
+        for task in list(self._network.periodic):
+            if task.due_ns <= end_ns:
+                task.send()
+
+    def _sample(self, time_ns: npt.NDArray[np.int64], *, send_sync: bool) -> None:
+        """All operational nodes sample at each SYNC and send their frames, SYNC by SYNC."""
+        active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
+        streams = []
+        if active:
+            films = self._rig.film_voltages(time_ns)
+            period = self._sync_period_ns or int(1e6)
+            streams = [node.sample(time_ns, node.film_channels() @ films, period) for node in active]
+        sync = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
+        send = self._bus.send
+        frames = [_frames(node, samples) for node, samples in zip(active, streams, strict=True)]
+        for i in range(len(time_ns)):
+            if send_sync:
+                send(sync)
+            for message, payloads in frames:
+                for message.arbitration_id, message.data, message.dlc in payloads[i]:
+                    send(message)
+        for node, samples in zip(active, streams, strict=True):
+            self._report_saturation(node, samples)
+
+    def _report_saturation(self, node: SensorNode, samples: Samples) -> None:
+        if samples.saturation.any() and not node.settings["error_register"]:
+            node.settings["error_register"] = VOLTAGE_ERROR
+            self._local[node.id].emcy.send(SATURATED, VOLTAGE_ERROR)
+
+
+def _frames(node: SensorNode, samples: Samples) -> tuple[can.Message, list[Any]]:
+    """One message to fill in, and for each sample the id, data and length of its two frames."""
+    data = samples.counts.tobytes()
+    size = samples.counts.itemsize * samples.counts.shape[1]
+    first, second = SAMPLES.base + node.id, STAMP.base + node.id
+    payloads = [
+        (
+            (first, bytearray(data[i * size : (i + 1) * size]), size),
+            (second, bytearray(STAMP_LAYOUT.pack(samples.counter + i, flags)), STAMP_LAYOUT.size),
+        )
+        for i, flags in enumerate(samples.saturation.tolist())
+    ]
+    return can.Message(is_extended_id=False), payloads
+
+
+def _field(index: int, subindex: int) -> Field | None:
+    address = index << 8 | subindex
+    return next((f for f in CONTRACT.fields if f.address == address), None)
+
+
+def _reader(node: SensorNode) -> Any:
+    def read(*, index: int, subindex: int, od: object) -> Any:
+        field = _field(index, subindex)
+        return None if field is None else node.read(field)
+
+    return read
+
+
+def _writer(node: SensorNode) -> Any:
+    def write(*, index: int, subindex: int, od: object, data: bytes) -> None:
+        field = _field(index, subindex)
+        if field is None:
+            return
+        value = CONTRACT.decode(field.name, bytes(data))
+        if not CONTRACT.allows(field.name, value):
+            if field.maximum is not None and value > field.maximum:
+                raise SdoAbortedError(TOO_HIGH)
+            if field.minimum is not None and value < field.minimum:
+                raise SdoAbortedError(TOO_LOW)
+            raise SdoAbortedError(VALUE_RANGE)
+        node.write(field, value)
+
+    return write

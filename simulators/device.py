@@ -1,0 +1,50 @@
+"""What all simulated Modbus devices share: settings by the contract, and refusing what a device refuses."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from instrument.contract import Contract
+from simulators.clock import NEVER, VirtualClock
+
+
+class Refused(Exception):
+    """The device answers a write with this Modbus exception code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"exception code {code}")
+        self.code = code
+
+
+ILLEGAL_VALUE = 3
+DEVICE_FAILURE = 4
+DEVICE_BUSY = 6
+
+
+class SimulatedDevice:
+    """One device on a Modbus server. Methods are called under the clock's lock."""
+
+    contract: ClassVar[Contract]
+
+    def __init__(self, clock: VirtualClock, serial: str) -> None:
+        self.clock = clock
+        self.serial = serial
+        self.settings = {f.name: float(f.default) for f in self.contract.fields}
+        clock.add(self)
+
+    def read(self, name: str) -> float:
+        """Physical value of a field now."""
+        return self.settings[name]
+
+    def write(self, values: dict[str, float]) -> None:
+        """Take new settings, already checked against the contract's limits. Raises Refused."""
+        self.settings.update(values)
+
+    def requested(self) -> None:
+        """A request of any kind has come in."""
+
+    def next_event_ns(self) -> int:
+        return NEVER
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        pass

@@ -1,0 +1,25 @@
+"""The effects a scene may call for, by name. A module is imported only when a scene names it."""
+
+from __future__ import annotations
+
+import importlib
+
+from instrument.errors import UnknownName
+from simulators.effects.effect import Effect
+
+EFFECTS: dict[str, str] = {
+    "charge_amplifier": "simulators.effects.charge_amplifier:ChargeAmplifier",
+    "adc": "simulators.effects.adc:Adc",
+    "white_noise": "simulators.effects.white_noise:WhiteNoise",
+    "gain_scatter": "simulators.effects.gain_scatter:GainScatter",
+    "load_cell": "simulators.effects.load_cell:LoadCell",
+}
+
+
+def effect_class(name: str) -> type[Effect]:
+    """The class of an effect. Raises UnknownName."""
+    if name not in EFFECTS:
+        raise UnknownName("effect", name, EFFECTS)
+    module, class_name = EFFECTS[name].split(":")
+    found: type[Effect] = getattr(importlib.import_module(module), class_name)
+    return found

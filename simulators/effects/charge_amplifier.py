@@ -1,0 +1,24 @@
+"""The charge amplifier forgets: its feedback resistor drains the integrator."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pydantic import Field
+
+from instrument.quantity import Seconds
+from simulators.effects.effect import Effect, Kind
+from simulators.lti import StateSpace, first_order_high_pass
+
+
+class ChargeAmplifier(Effect):
+    """First-order high-pass. Equal time constants cancel in the force ratio."""
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = True
+
+    # 1 GOhm times 1 nF [A]
+    time_constant: Seconds = Field(default=1.0, gt=0)
+
+    def system(self) -> StateSpace:
+        return first_order_high_pass(self.time_constant)

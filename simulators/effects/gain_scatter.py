@@ -1,0 +1,37 @@
+"""Each load set meets the films with slightly other gains: seating, clamping, alignment."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from instrument.design import Design
+from simulators.effects.effect import Effect, Kind
+from simulators.randomness import Stream
+
+
+class GainScatter(Effect):
+    """Draws the films' relative gains anew whenever the drive is set.
+
+    The spread is the design's own (3.3 % and 3.0 % for the single sensor, correlated so that the ratio
+    repeats to 4.1 % [T]), times `strength`.
+    """
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    strength: float = Field(default=1.0, ge=0, le=10)
+
+    def gains(self, design: Design, stream: Stream, set_at_ns: int) -> npt.NDArray[np.float64]:
+        """Gain factors of the films for the load set that began at `set_at_ns`, shape (films,)."""
+        rho = design.film_correlation
+        independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films))
+        common = independent[0]
+        mixed = [common, *(rho * common + math.sqrt(1 - rho**2) * z for z in independent[1:])]
+        scatter = np.array([film.scatter for film in design.films])
+        gains: npt.NDArray[np.float64] = 1.0 + self.strength * scatter * np.array(mixed)
+        return gains

@@ -1,0 +1,193 @@
+"""Modbus servers of the simulated bench: TCP on loopback sockets, RTU on a pseudo-terminal line."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import threading
+import tty
+from collections.abc import Coroutine, Sequence
+from typing import Any, Self, TypeVar
+
+from pymodbus.constants import ExcCodes
+from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from instrument.contract import Field
+from simulators.clock import VirtualClock
+from simulators.device import Refused, SimulatedDevice
+
+LOOPBACK = "127.0.0.1"
+BAUDRATE = 115200
+T = TypeVar("T")
+
+
+class ServerThread:
+    """One event loop in one thread for all servers of a bench; leaving it stops everything it started."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="simulated Modbus", daemon=True)
+        self._servers: list[ModbusTcpServer | ModbusSerialServer] = []
+        self._descriptors: list[int] = []
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._run(self._shut_down())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+        for descriptor in self._descriptors:
+            os.close(descriptor)
+
+    def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
+
+    async def _shut_down(self) -> None:
+        for descriptor in self._descriptors:
+            self._loop.remove_reader(descriptor)
+        for server in self._servers:
+            await server.shutdown()  # type: ignore[no-untyped-call]
+        for task in asyncio.all_tasks() - {asyncio.current_task()}:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    def serve_tcp(self, unit: int, device: SimulatedDevice) -> int:
+        """Serve one device on an ephemeral loopback port; returns the port."""
+
+        async def start() -> int:
+            server = ModbusTcpServer(
+                [_sim_device(unit, device)], address=(LOOPBACK, 0), trace_pdu=_identify({unit: device})
+            )
+            await server.serve_forever(background=True)
+            self._servers.append(server)
+            transport: Any = server.transport
+            port: int = transport.sockets[0].getsockname()[1]
+            return port
+
+        return self._run(start())
+
+    def serve_rtu(self, devices: dict[int, SimulatedDevice]) -> str:
+        """Serve several units on one serial line; returns the path of the line's other end."""
+
+        async def start() -> str:
+            server_side, client_side = self._line()
+            server = ModbusSerialServer(
+                [_sim_device(unit, device) for unit, device in devices.items()],
+                port=server_side,
+                baudrate=BAUDRATE,
+                trace_pdu=_identify(devices),
+                trace_packet=_only_units(set(devices)),
+            )
+            await server.serve_forever(background=True)
+            self._servers.append(server)
+            return client_side
+
+        return self._run(start())
+
+    def _line(self) -> tuple[str, str]:
+        """Two pseudo-terminals with their masters joined: the paths of the two ends of a serial line."""
+        masters, paths = [], []
+        for _ in range(2):
+            master, slave = os.openpty()
+            tty.setraw(slave)
+            os.set_blocking(master, False)
+            paths.append(os.ttyname(slave))
+            masters.append(master)
+            self._descriptors += [master, slave]
+        for this, other in (masters, masters[::-1]):
+            self._loop.add_reader(this, _pump, this, other)
+        return paths[0], paths[1]
+
+
+def _pump(source: int, sink: int) -> None:
+    with contextlib.suppress(BlockingIOError):
+        os.write(sink, os.read(source, 4096))
+
+
+def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
+    registers = [SimData(f.address, count=f.size // 2, datatype=DataType.REGISTERS) for f in device.contract.fields]
+    clock: VirtualClock = device.clock
+
+    async def action(
+        _function: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
+    ) -> ExcCodes | None:
+        # never awaits: pymodbus could answer another request meanwhile
+        with clock.lock:
+            device.requested()
+            try:
+                if values is None:
+                    _refresh(device, start, address, count, current)
+                else:
+                    device.write(_checked(device, address, [int(v) for v in values]))
+            except Refused as refused:
+                return ExcCodes(refused.code)
+        return None
+
+    return SimDevice(id=unit, simdata=registers, action=action)
+
+
+def _within(fields: Sequence[Field], address: int, count: int) -> list[Field]:
+    return [f for f in fields if f.address < address + count and f.address + f.size // 2 > address]
+
+
+def _refresh(device: SimulatedDevice, start: int, address: int, count: int, current: list[int]) -> None:
+    """Put the device's present values into the registers that are about to be read."""
+    for field in _within(device.contract.fields, address, count):
+        data = device.contract.pack(field.name, device.read(field.name))
+        at = field.address - start
+        current[at : at + field.size // 2] = [int.from_bytes(data[i : i + 2], "big") for i in range(0, field.size, 2)]
+
+
+def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> dict[str, float]:
+    """Physical values of a write, as a real device would check it."""
+    values = {}
+    for field in _within(device.contract.fields, address, len(registers)):
+        at = field.address - address
+        if field.access == "ro":
+            raise Refused(ExcCodes.ILLEGAL_ADDRESS)
+        if at < 0 or at + field.size // 2 > len(registers):  # half of a 32-bit value
+            raise Refused(ExcCodes.ILLEGAL_VALUE)
+        data = b"".join(r.to_bytes(2, "big") for r in registers[at : at + field.size // 2])
+        value = device.contract.decode(field.name, data)
+        if not device.contract.allows(field.name, value):
+            raise Refused(ExcCodes.ILLEGAL_VALUE)
+        values[field.name] = value
+    return values
+
+
+def _identify(devices: dict[int, SimulatedDevice]) -> Any:
+    """Give each unit its own identity: pymodbus keeps one for all servers of a process."""
+
+    def trace(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        if sending and isinstance(pdu, ReadDeviceInformationResponse):
+            device = devices[pdu.dev_id]
+            identity = device.contract.identity
+            texts = {
+                0: identity.vendor,
+                1: identity.product,
+                2: identity.revision,
+                4: device.contract.title,
+                6: "simulated",
+                0x80: device.serial,
+            }
+            pdu.information = {number: text.encode() for number, text in texts.items()}
+        return pdu
+
+    return trace
+
+
+def _only_units(units: set[int]) -> Any:
+    """On a line an absent unit is silent; pymodbus would answer for it."""
+
+    def trace(sending: bool, data: bytes) -> bytes:
+        return b"" if sending and data and data[0] not in units else data
+
+    return trace

@@ -1,0 +1,33 @@
+"""The simulated person at the bench: does at once what he is asked, and takes his time on the clock."""
+
+from __future__ import annotations
+
+from instrument.errors import BenchError
+from instrument.sample import Sample
+from simulators.clock import VirtualClock
+from simulators.rig import Rig
+
+MOUNTING = 60.0  # s [A]
+PLACING = 10.0  # s [A]
+
+
+class SimulatedOperator:
+    """Meets `instrument.operator.Operator`."""
+
+    def __init__(self, rig: Rig, clock: VirtualClock) -> None:
+        self._rig = rig
+        self._clock = clock
+
+    def mount(self, sample: Sample) -> None:
+        self._clock.wait(MOUNTING)
+        with self._clock.lock:
+            if self._rig.position > 0:
+                raise BenchError(
+                    f"the probe stands at {1e3 * self._rig.position:g} mm: move it home before mounting a sample"
+                )
+            self._rig.mount(sample)
+
+    def place_weight(self, mass: float) -> None:
+        self._clock.wait(PLACING)
+        with self._clock.lock:
+            self._rig.place_weight(mass)

@@ -1,0 +1,123 @@
+"""A scene: which sensor, which model, which effects, which seed. Absent means absent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from instrument.config import Config, check, read
+from instrument.design import Design
+from instrument.designs import get_design
+from instrument.errors import ConfigError, UnknownName, nearest
+from instrument.models.response import MODELS
+from instrument.quantity import Metres
+from simulators.effects import EFFECTS, effect_class
+from simulators.effects.effect import Effect
+
+LARGEST_SEED = 2**63 - 1
+
+
+class RigParameters(Config):
+    """Shaker and stack as a quasi-static stiffness chain.
+
+    The armature hangs on its suspension and presses through the probe on sample and sensor. Suspension
+    1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need 5.5 A peak for 4 N.
+    """
+
+    force_constant: float = Field(default=4.0, gt=0)  # N/A [A]
+    coil_resistance: float = Field(default=3.5, gt=0)  # ohm [A]
+    suspension_stiffness: float = Field(default=1000.0, gt=0)  # N/m [A]
+    sensor_position: Metres = Field(default=12e-3, gt=0)  # where the probe meets the bare sensor [A]
+
+
+class SceneFile(Config):
+    """The TOML file of a scene."""
+
+    name: str
+    purpose: str
+    design: str
+    model: str = "experiment"
+    seed: int = Field(default=1, ge=0, le=LARGEST_SEED)
+    nodes: int = Field(default=1, ge=1, le=20)
+    rig: RigParameters = RigParameters()
+    effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A checked scene. `effects` holds the effects called for, by name, in the order of the registry."""
+
+    name: str
+    purpose: str
+    design: Design
+    model: str
+    seed: int
+    nodes: int
+    rig: RigParameters
+    effects: Mapping[str, Effect]
+    text: str
+
+    def with_seed(self, seed: int) -> Scene:
+        return replace(self, seed=seed)
+
+    def with_model(self, model: str) -> Scene:
+        """The same scene with another sensor model. Raises UnknownName."""
+        return replace(self, model=_known_model(model))
+
+
+def shipped() -> dict[str, Path]:
+    """The scenes that come with palpate, by name."""
+    folder = Path(str(resources.files("simulators") / "scenes"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def read_scene(name_or_file: str) -> Scene:
+    """A shipped scene by name, or the scene in a file.
+
+    Raises:
+        UnknownName: neither a shipped scene nor a file.
+        ConfigError: the file, an effect or a parameter is wrong; names file and key.
+    """
+    scenes = shipped()
+    path = scenes.get(name_or_file, Path(name_or_file))
+    if name_or_file not in scenes and path.suffix != ".toml" and not path.exists():
+        raise UnknownName("scene", name_or_file, scenes)
+    file = read(path, SceneFile)
+    if unknown := [name for name in file.effects if name not in EFFECTS]:
+        raise ConfigError(
+            "\n".join(
+                f"{path}: effects.{name}: unknown effect{nearest(name, EFFECTS)}; valid: {', '.join(EFFECTS)}"
+                for name in unknown
+            )
+        )
+    effects = {
+        name: check(file.effects[name], effect_class(name), f"{path}: effects.{name}")
+        for name in EFFECTS
+        if name in file.effects
+    }
+    try:
+        design, model = get_design(file.design), _known_model(file.model)
+    except UnknownName as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return Scene(
+        name=file.name,
+        purpose=file.purpose,
+        design=design,
+        model=model,
+        seed=file.seed,
+        nodes=file.nodes,
+        rig=file.rig,
+        effects=effects,
+        text=path.read_text(encoding="utf-8"),
+    )
+
+
+def _known_model(model: str) -> str:
+    if model not in MODELS:
+        raise UnknownName("model", model, MODELS)
+    return model

@@ -1,0 +1,110 @@
+"""Simulated sensor nodes: what they sample at each SYNC, and how they answer for their objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from instrument.contract import Field
+from instrument.contracts import sensor_node
+from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS
+from simulators.clock import VirtualClock
+from simulators.randomness import Stream
+from simulators.rig import Rig
+
+if TYPE_CHECKING:
+    from simulators.effects.adc import Adc
+    from simulators.effects.white_noise import WhiteNoise
+
+CONTRACT = sensor_node.CONTRACT
+SATURATED = 0xFF01  # emergency code: manufacturer specific
+VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """counts: (n, 4) int16. saturation: (n,) bits of the channels. counter: number of the first sample."""
+
+    counts: npt.NDArray[np.int16]
+    saturation: npt.NDArray[np.uint8]
+    counter: int
+
+
+class SensorNode:
+    """The state of one node. Methods are called under the clock's lock."""
+
+    def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig, changed: Callable[[], None]) -> None:
+        self.id = node_id
+        self._clock = clock
+        self._rig = rig
+        self._changed = changed
+        self._serial = serial
+        self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
+        self._noise = cast("WhiteNoise | None", rig.scene.effects.get("white_noise"))
+        self._streams = [Stream(rig.scene.seed, "white_noise", node_id, c) for c in range(CHANNELS)]
+        self.reset()
+
+    def reset(self) -> None:
+        """As after power-on."""
+        self.settings = {f.name: float(f.default) for f in CONTRACT.fields if f.type != "text"}
+        self.settings["serial"] = float(self._serial)
+        self._last = np.zeros(CHANNELS)
+
+    def start(self) -> None:
+        """NMT state operational is entered: samples are counted from one again."""
+        self.settings["sample_counter"] = 0.0
+        self.settings["saturation"] = 0.0
+        self.settings["error_register"] = 0.0
+
+    def read(self, field: Field) -> Any:
+        """Raw value of an object, for its SDO server."""
+        if field.name == "hardware_version":
+            return "simulated"
+        if field.type == "text":
+            return field.default
+        if field.name.startswith("tpdo") and field.name.endswith("cob_id"):
+            return int(self.settings[field.name]) + self.id
+        if field.name.startswith("sample_") and field.name[-1].isdigit():
+            return int(self._last[int(field.name[-1]) - 1])
+        return round(self.settings[field.name] / field.scale)
+
+    def write(self, field: Field, value: float) -> None:
+        """Take a new setting, already checked."""
+        if field.name.startswith("reset_"):
+            self._rig.reset_films()
+        else:
+            self.settings[field.name] = value
+        self._changed()
+
+    def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
+        """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
+        n = len(time_ns)
+        ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
+        if self._noise is not None:
+            first = int(time_ns[0]) // period_ns
+            volts = volts + [self._noise.samples(s, first, n, 1e9 / period_ns) for s in self._streams]
+        fraction = volts / ranges[:, np.newaxis]
+        saturated = np.zeros(fraction.shape, bool)
+        if self._adc is not None:
+            fraction, saturated = self._adc.convert(fraction)
+        code = np.rint(fraction * FULL_SCALE_COUNTS)
+        saturated |= ~((code >= -FULL_SCALE_COUNTS) & (code <= FULL_SCALE_COUNTS - 1))
+        counts = np.clip(code, -FULL_SCALE_COUNTS, FULL_SCALE_COUNTS - 1).astype("<i2").T.copy()
+        bits = np.packbits(saturated, axis=0, bitorder="little")[0]
+        first_number = int(self.settings["sample_counter"]) + 1
+        self.settings["sample_counter"] = float(first_number + n - 1)
+        self.settings["saturation"] = float(bits[-1])
+        self._last = counts[-1]
+        return Samples(counts, bits, first_number)
+
+    def film_channels(self) -> npt.NDArray[np.float64]:
+        """Matrix (4, films) that puts each film on its channel."""
+        films = self._rig.scene.design.films
+        matrix = np.zeros((CHANNELS, len(films)))
+        for i, film in enumerate(films):
+            matrix[film.channel - 1, i] = 1.0
+        return matrix

@@ -1,0 +1,122 @@
+"""Simulated strain indicator: reads the rig's load cell through filter or peak detector."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from instrument.contracts import strain_indicator
+from simulators.clock import VirtualClock
+from simulators.device import DEVICE_BUSY, Refused, SimulatedDevice
+from simulators.randomness import Stream
+from simulators.rig import Rig
+
+if TYPE_CHECKING:
+    from simulators.effects.load_cell import LoadCell
+
+SENSITIVITY = 10.306  # mV/N at the gage factor below: line through Table 5.1 [T]
+GAGE_FACTOR = 8.98  # [T]
+IDEAL_DECIMALS = 4
+UPDATE_NS = 100_000_000  # the display is renewed ten times a second [A]
+DETECTOR_RATE = 2400  # samples a second of the peak detector [A]
+SETTLING = 7  # time constants of the filter after which a reading counts as stable [A]
+COMMAND_NS = 50_000_000  # a command is carried out after this long [A]
+
+
+class StrainIndicator(SimulatedDevice):
+    contract = strain_indicator.CONTRACT
+
+    def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
+        super().__init__(clock, serial)
+        self._rig = rig
+        self._cell = cast("LoadCell | None", rig.scene.effects.get("load_cell"))
+        self._stream = Stream(rig.scene.seed, "load_cell")
+        self._set_at_ns = 0
+        self._zero = 0.0
+        self._tare = 0.0
+        self._command = 0
+        self._command_at_ns = 0
+
+    def write(self, values: dict[str, float]) -> None:
+        if "command" in values:
+            self._carry_out()
+            if self._command and values["command"]:
+                raise Refused(DEVICE_BUSY)
+            self._command, self._command_at_ns = int(values["command"]), self.clock.now_ns()
+        if "filter" in values or "mode" in values:
+            self._set_at_ns = self.clock.now_ns()
+        self.settings.update(values)
+        if "filter" in values:
+            self._rig.set_bridge_filter(values["filter"])
+
+    def read(self, name: str) -> float:
+        self._carry_out()
+        match name:
+            case "command":
+                return self._command
+            case "decimals":
+                return self._decimals
+            case "reading":
+                return round(self._net() * 10.0**self._decimals)
+            case "reading_float":
+                return self._net()
+            case "status":
+                bits = self.contract["status"].bits
+                overload = not (abs(self._gross()) <= self.settings["full_scale"])
+                return float(
+                    (self._stable() << bits["stable"])
+                    | (overload << bits["overload"])
+                    | ((self._tare != 0) << bits["net"])
+                )
+        return super().read(name)
+
+    @property
+    def _decimals(self) -> int:
+        return self._cell.decimals if self._cell else IDEAL_DECIMALS
+
+    def _net(self) -> float:
+        return self._gross() - self._zero - self._tare
+
+    def _gross(self) -> float:
+        """Displayed reading in mV before zero and tare."""
+        update = self.clock.now_ns() // UPDATE_NS
+        ideal: float = self._detected() * SENSITIVITY * GAGE_FACTOR / self.settings["gage_factor"]
+        return self._cell.display(ideal, self._stream, update) if self._cell else ideal
+
+    def _detected(self) -> float:
+        """What the detector makes of the load, N."""
+        now = self.clock.now_ns()
+        if self.contract.choice("mode", self.settings["mode"]) == "track":
+            return self._rig.filtered_cell_force(now)
+        count = max(2, math.ceil(self.settings["filter"] * DETECTOR_RATE))
+        window = now - np.arange(count) * (1_000_000_000 // DETECTOR_RATE)
+        force = self._rig.cell_force(window[::-1])
+        return float(force.max() - force.min())
+
+    def _stable(self) -> bool:
+        """Whether nothing has changed for a window, or for so long that the filter has settled."""
+        track = self.contract.choice("mode", self.settings["mode"]) == "track"
+        needed = round(self.settings["filter"] * (SETTLING if track else 1) * 1e9)
+        return min(self._rig.settled_for_ns(), self.clock.now_ns() - self._set_at_ns) >= needed
+
+    def _carry_out(self) -> None:
+        """Zero and tare take a moment; then the command register falls back to idle."""
+        if not self._command or self.clock.now_ns() < self._command_at_ns + COMMAND_NS:
+            return
+        name = self.contract.choice("command", self._command)
+        result = "done"
+        if name in ("zero", "tare") and not self._stable():
+            result = "refused_unstable"
+        elif name == "zero":
+            self._zero = self._gross()
+        elif name == "clear_zero":
+            self._zero = 0.0
+        elif name == "tare":
+            self._tare = self._gross() - self._zero
+        elif name == "clear_tare":
+            self._tare = 0.0
+        self.settings["last_command"] = self._command
+        self.settings["command_result"] = self.contract["command_result"].choices[result]
+        self._command = 0

@@ -1,0 +1,279 @@
+"""The load-cell calibration: the thesis' own numbers, an uncertainty that covers, a file that survives."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instrument.calibration import (
+    THESIS_LOAD_CELL,
+    LoadCellCalibration,
+    calibrate_load_cell,
+    fit_line,
+    read_calibration,
+    write_calibration,
+)
+from instrument.errors import ConfigError, EstimateError, RangeError, RecordError
+
+hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
+st = hypothesis.strategies
+
+# Thesis Table 5.1 [T]: dead weights in gf, mean of loading and unloading in counts of 1 mV.
+WEIGHTS_N = np.array([140, 240, 340, 440, 540, 640, 740]) * 1e-3 * 9.80665
+MEANS_MV = np.array([16, 26, 36, 46.5, 56.5, 66.5, 76.5])
+
+
+def calibrate(
+    load: object = (1.0, 2.0, 3.0),
+    loading: object = ((12.0,), (22.0,), (32.0,)),
+    unloading: object = ((12.0,), (22.0,), (32.0,)),
+    resolution: float = 1.0,
+    device: str = "LC-1",
+) -> LoadCellCalibration:
+    return calibrate_load_cell(
+        np.array(load),
+        np.array(loading),
+        np.array(unloading),
+        resolution,
+        device=device,
+        simulated=True,
+        source="run 1",
+        created="2020-01-01T00:00:00Z",
+    )
+
+
+def test_table_5_1_gives_10_306_counts_per_newton_and_a_zero_of_1_81_counts() -> None:
+    slope, zero = np.polyfit(WEIGHTS_N, MEANS_MV, 1)
+    assert THESIS_LOAD_CELL.sensitivity_mV_per_N == pytest.approx(slope, rel=1e-12)
+    assert THESIS_LOAD_CELL.zero_mV == pytest.approx(zero, rel=1e-10)
+    assert round(THESIS_LOAD_CELL.sensitivity_mV_per_N, 3) == 10.306
+    assert round(THESIS_LOAD_CELL.zero_mV, 2) == 1.81
+    assert THESIS_LOAD_CELL.resolution() == pytest.approx(0.0970, abs=5e-5)
+    assert not THESIS_LOAD_CELL.simulated
+
+
+def test_the_thesis_cell_is_linear_to_a_third_of_a_percent_and_reversible_to_one_count() -> None:
+    slope, zero = np.polyfit(WEIGHTS_N, MEANS_MV, 1)
+    span = slope * np.ptp(WEIGHTS_N)
+    assert THESIS_LOAD_CELL.linearity == pytest.approx(np.abs(MEANS_MV - zero - slope * WEIGHTS_N).max() / span)
+    assert THESIS_LOAD_CELL.linearity == pytest.approx(0.0035, abs=5e-5)
+    assert THESIS_LOAD_CELL.reversibility == pytest.approx(1 / span)
+
+
+def test_the_line_and_its_covariance_are_those_of_an_independent_fit() -> None:
+    load = np.array([0.5, 1.0, 1.0, 2.5, 7.0])
+    reading = np.array([8.0, 11.0, 13.0, 28.0, 70.0])
+    line = fit_line(load, reading, 0.01)
+    (slope, zero), covariance = np.polyfit(load, reading, 1, cov=True)
+    assert (line.slope, line.zero) == pytest.approx((slope, zero))
+    found = [[line.slope_u**2, line.covariance], [line.covariance, line.zero_u**2]]
+    assert np.array(found) == pytest.approx(covariance)
+    assert line.residual_sd == pytest.approx(np.std(reading - zero - slope * load) * math.sqrt(5 / 3))
+    assert line.degrees_of_freedom == 3
+
+
+def test_readings_that_round_alike_are_no_better_than_the_resolution() -> None:
+    line = fit_line([1, 2, 3, 4], [10, 20, 30, 40], 1 / math.sqrt(12))
+    assert line.residual_sd == pytest.approx(0, abs=1e-12)
+    assert line.slope_u == pytest.approx(1 / math.sqrt(12 * 5))
+
+
+def test_a_line_far_from_the_origin_survives_where_normal_equations_lose_it() -> None:
+    load = 1e8 + np.arange(7.0)
+    reading = 10 * (load - 1e8) + 1.8
+    assert fit_line(load, reading, 0.1).slope == pytest.approx(10, rel=1e-12)
+    n, sx, sy, sxx, sxy = load.size, load.sum(), reading.sum(), load @ load, load @ reading
+    with np.errstate(divide="ignore", invalid="ignore"):
+        naive = (n * sxy - sx * sy) / (n * sxx - sx * sx)
+    assert not abs(naive - 10) < 0.1
+
+
+def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
+    student = 2.571  # 95 %, 5 degrees of freedom
+    rng = np.random.default_rng(11)
+    sensitivity, load = 0, 0
+    for _ in range(1000):
+        noise = rng.normal(scale=5.0, size=(2, 7, 3))
+        up, down = np.rint(1.81 + 10.306 * WEIGHTS_N[:, np.newaxis] + noise)
+        calibration = calibrate(WEIGHTS_N, up, down)
+        error = calibration.sensitivity_mV_per_N - 10.306
+        sensitivity += abs(error) <= student * calibration.sensitivity_u
+        force = rng.uniform(1.5, 7.0)
+        value, u = calibration.load(float(np.rint(1.81 + 10.306 * force)))
+        load += abs(value - force) <= student * u
+    assert 930 <= sensitivity <= 970
+    assert 930 <= load <= 970
+
+
+def test_repeats_and_their_order_do_not_move_the_line_but_drift_between_series_shows() -> None:
+    calibration = calibrate(
+        [3.0, 1.0, 2.0], [[33.0, 31.0], [11.0, 13.0], [22.0, 22.0]], [[34.0, 34.0], [12.0, 12.0], [22.0, 22.0]]
+    )
+    # means 33, 12, 22 mV: slope 10.5, deviations 1/6, −1/3, 1/6; loading and unloading differ by 2 mV at 3 N
+    assert calibration.sensitivity_mV_per_N == pytest.approx(10.5)
+    assert calibration.linearity == pytest.approx((1 / 3) / 21)
+    assert calibration.reversibility == pytest.approx(2 / 21)
+
+
+@hypothesis.given(load=st.floats(-10.0, 10.0))
+@hypothesis.settings(deadline=None, derandomize=True)
+def test_a_load_read_back_is_the_load_with_an_honest_uncertainty(load: float) -> None:
+    cell = THESIS_LOAD_CELL
+    value, u = cell.load(cell.reading(load))
+    assert value == pytest.approx(load, abs=1e-12)
+    covariance = np.array([[cell.sensitivity_u**2, cell.covariance], [cell.covariance, cell.zero_u**2]])
+    gradient = np.array([load, 1.0])
+    expected = math.sqrt(float(gradient @ covariance @ gradient) + cell.resolution_mV**2 / 12)
+    assert u * cell.sensitivity_mV_per_N == pytest.approx(expected)
+
+
+def test_the_uncertainty_is_least_at_the_mean_of_the_calibrated_loads() -> None:
+    at = {
+        load: THESIS_LOAD_CELL.load(THESIS_LOAD_CELL.reading(load))[1] for load in (1.0, float(WEIGHTS_N.mean()), 9.0)
+    }
+    assert min(at, key=at.__getitem__) == WEIGHTS_N.mean()
+
+
+def test_a_reading_that_is_not_finite_has_no_load() -> None:
+    with pytest.raises(EstimateError, match="reading nan mV is not finite"):
+        THESIS_LOAD_CELL.load(math.nan)
+
+
+@pytest.mark.parametrize(
+    ("load", "reading", "u", "message"),
+    [
+        ([1, 2, 1, 2], [1, 2, 1, 2], 0.1, "2 distinct loads cannot give a line .* at least 3"),
+        ([1, 2], [1, 2], 0.1, "2 distinct loads"),
+        ([1, 2, 3], [1, 2], 0.1, r"loads have shape \(3,\) and readings \(2,\)"),
+        ([1, 2, 3], [1, math.nan, 3], 0.1, "not finite at point 1; repeat it"),
+        ([1, 2, math.inf], [math.nan, 2, 3], 0.1, "not finite at point 0, point 2"),
+        ([1, 2, 3], [1, 2, 3], -0.1, r"standard uncertainty -0\.1 of a reading must be zero or more"),
+        ([1, 2, 3], [1, 2, 3], math.nan, "standard uncertainty nan of a reading"),
+    ],
+)
+def test_readings_that_do_not_determine_a_line_are_refused(
+    load: list[float], reading: list[float], u: float, message: str
+) -> None:
+    with pytest.raises(EstimateError, match=message):
+        fit_line(load, reading, u)
+
+
+@pytest.mark.parametrize("readings", [((12.0,), (12.0,), (12.0,)), ((32.0,), (22.0,), (12.0,))])
+def test_a_bridge_that_is_dead_or_reversed_is_refused(readings: object) -> None:
+    with pytest.raises(
+        EstimateError, match="is not above three of them; check the weights, the bridge and its polarity"
+    ):
+        calibrate(loading=readings, unloading=readings)
+
+
+@pytest.mark.parametrize("series", [(12.0, 22.0, 32.0), ((12.0,), (22.0,)), ((), (), ())])
+def test_a_series_that_does_not_match_the_loads_is_refused(series: object) -> None:
+    with pytest.raises(EstimateError, match=r"3 loads, but .* both must be \(3, repeats\)"):
+        calibrate(unloading=series)
+
+
+@pytest.mark.parametrize("resolution", [0.0, -1.0, math.nan])
+def test_an_indicator_without_a_resolution_is_refused(resolution: float) -> None:
+    with pytest.raises(RangeError, match="must be positive: it is the indicator's smallest step"):
+        calibrate(resolution=resolution)
+
+
+def test_a_calibration_of_no_device_is_refused() -> None:
+    with pytest.raises(ConfigError, match="load cell calibration: device"):
+        calibrate(device="")
+
+
+numbers = st.floats(1e-6, 1e6)
+
+
+@hypothesis.given(
+    values=st.lists(numbers, min_size=6, max_size=6),
+    zero=st.floats(-1e9, 1e9),
+    correlation=st.floats(-1.0, 1.0),
+    text=st.text(min_size=1),
+    simulated=st.booleans(),
+)
+@hypothesis.settings(deadline=None, derandomize=True, max_examples=50)
+def test_a_calibration_comes_back_from_its_file_bit_by_bit(
+    tmp_path_factory: pytest.TempPathFactory,
+    values: list[float],
+    zero: float,
+    correlation: float,
+    text: str,
+    simulated: bool,
+) -> None:
+    calibration = LoadCellCalibration(
+        sensitivity_mV_per_N=values[0],
+        sensitivity_u=values[1],
+        zero_mV=zero,
+        zero_u=values[2],
+        covariance=correlation * values[1] * values[2],
+        linearity=values[3],
+        reversibility=values[4],
+        resolution_mV=values[5],
+        device=text,
+        simulated=simulated,
+        source=text,
+        created=text,
+    )
+    path = tmp_path_factory.mktemp("calibration") / "load_cell.toml"
+    write_calibration(path, calibration)
+    assert read_calibration(path) == calibration
+    assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("linearity", "lineraity", r"lineraity: unknown key \(did you mean 'linearity'\?\)"),
+        ("linearity", "lineraity", "linearity: is missing"),
+        ("resolution_mV = 1.0", "resolution_mV = -1.0", r"resolution_mV: Input should be greater than 0 \(got -1\.0\)"),
+        ("resolution_mV = 1.0", "resolution_mV = nan", r"resolution_mV: Input should be a finite number \(got nan\)"),
+        ("resolution_mV = 1.0", 'resolution_mV = "1"', r"resolution_mV: Input should be a valid number \(got '1'\)"),
+        ("simulated = false", "simulated = 0", r"simulated: Input should be a valid boolean \(got 0\)"),
+        ("covariance = -", "covariance = -9", r"covariance: -90\.0134 exceeds sensitivity_u · zero_u = 0\.0146682"),
+        ("simulated = false", "simulated = ", "is not TOML"),
+    ],
+)
+def test_a_wrong_calibration_file_is_refused_by_file_key_and_problem(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    path = tmp_path / "load_cell.toml"
+    write_calibration(path, THESIS_LOAD_CELL)
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_calibration(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_a_missing_calibration_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"absent\.toml: cannot be read: No such file"):
+        read_calibration(tmp_path / "absent.toml")
+
+
+def test_a_missing_folder_is_a_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(
+        RecordError, match=r"load_cell\.toml: cannot write the calibration: No such file .* another folder"
+    ):
+        write_calibration(tmp_path / "absent" / "load_cell.toml", THESIS_LOAD_CELL)
+
+
+def test_a_full_disk_leaves_the_old_calibration_and_no_draft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "load_cell.toml"
+    write_calibration(path, THESIS_LOAD_CELL)
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(RecordError, match="No space left on device"):
+        write_calibration(path, calibrate())
+    assert read_calibration(path) == THESIS_LOAD_CELL
+    assert list(tmp_path.iterdir()) == [path]

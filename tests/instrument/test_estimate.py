@@ -1,0 +1,249 @@
+"""The sine fit: exact where it can be, as good as the Cramér–Rao bound where it cannot, refused where it must be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from instrument.errors import EstimateError
+from instrument.estimate import CONDITION_LIMIT, Floats, SineFit, amplitude_ratio, fit_sine
+
+hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
+st = hypothesis.strategies
+
+FREQUENCY = 10.0
+RATE = 1000.0
+REPEATS = 4000
+
+
+def times(cycles: float, start: float = 0.0) -> Floats:
+    return start + np.arange(round(cycles * RATE / FREQUENCY)) / RATE
+
+
+def tone(time: Floats, amplitude: float = 1.0, phase: float = 0.0) -> Floats:
+    return amplitude * np.cos(2 * np.pi * FREQUENCY * time + phase)
+
+
+def columns(time: Floats) -> Floats:
+    """Cosine, sine, offset and trend as anybody would write them down."""
+    angle = 2 * np.pi * FREQUENCY * time
+    return np.stack([np.cos(angle), np.sin(angle), np.ones_like(time), time], axis=1)
+
+
+def ratio_bound(time: Floats, sigma: Floats, amplitude: Floats, phase: float) -> float:
+    """Cramér–Rao bound of u_R/R for independent noise: both amplitudes, offset and trend unknown."""
+    design = columns(time - time.mean())
+    covariance = np.linalg.inv(design.T @ design)[:2, :2]
+    at_mean = 2 * np.pi * FREQUENCY * time.mean() + phase
+    gradient = np.array([math.cos(at_mean), -math.sin(at_mean)])
+    return math.sqrt(float(gradient @ covariance @ gradient) * float(((sigma / amplitude) ** 2).sum()))
+
+
+def ratios(
+    time: Floats, sigma: Floats, amplitude: Floats, phase: Floats, correlation: float = 0.0
+) -> tuple[Floats, Floats]:
+    """(REPEATS,) ratios and their uncertainties, from pairs of channels with fresh noise; 20 pairs a fit."""
+    pairs = 20
+    rng = np.random.default_rng(19)
+    clean = np.stack([tone(time, amplitude[i], phase[i]) for i in (0, 1)])
+    found: list[tuple[float, float]] = []
+    for _ in range(REPEATS // pairs):
+        first, other = rng.normal(size=(2, pairs, time.size))
+        second = correlation * first + math.sqrt(1 - correlation**2) * other
+        noise = np.stack([first, second], axis=1) * sigma[:, np.newaxis]
+        fit = fit_sine(time, (clean + noise).reshape(2 * pairs, time.size), FREQUENCY)
+        found += [amplitude_ratio(fit, 2 * i, 2 * i + 1) for i in range(pairs)]
+    values, uncertainties = np.array(found).T
+    return values, uncertainties
+
+
+@hypothesis.given(
+    cycles=st.floats(1.0, 20.0),
+    phase=st.floats(-math.pi, math.pi),
+    offset=st.floats(-100.0, 100.0),
+    trend=st.floats(-100.0, 100.0),
+    start=st.floats(-100.0, 100.0),
+)
+@hypothesis.settings(deadline=None, derandomize=True)
+def test_amplitude_phase_offset_and_trend_are_recovered(
+    cycles: float, phase: float, offset: float, trend: float, start: float
+) -> None:
+    time = times(cycles, start)
+    middle = 0.5 * (time[0] + time[-1])
+    first = tone(time, 0.3, phase) + offset + trend * (time - middle)
+    fit = fit_sine(time, np.stack([first, tone(time, 2.0, 1.0)]), FREQUENCY)
+    assert fit.amplitude == pytest.approx([0.3, 2.0], abs=1e-9)
+    assert np.remainder(fit.phase - [phase, 1.0] + math.pi, 2 * math.pi) == pytest.approx([math.pi] * 2, abs=1e-8)
+    assert np.all(np.abs(fit.phase) <= math.pi)
+    assert fit.offset == pytest.approx([offset, 0.0], abs=1e-9)
+    assert fit.trend == pytest.approx([trend, 0.0], abs=1e-7)
+    assert fit.samples == time.size
+
+
+@hypothesis.given(factor=st.floats(1e-9, 1e9), phase=st.floats(-math.pi, math.pi))
+@hypothesis.settings(deadline=None, derandomize=True)
+def test_a_change_of_unit_scales_the_amplitudes_and_nothing_else(factor: float, phase: float) -> None:
+    time = times(2.3)
+    noise = np.random.default_rng(3).normal(scale=0.1, size=(2, time.size))
+    signals = np.stack([tone(time, 1.0, phase), 5 + tone(time, 0.2)]) + noise
+    plain, scaled = fit_sine(time, signals, FREQUENCY), fit_sine(time, factor * signals, FREQUENCY)
+    for name in ("amplitude", "amplitude_u", "offset", "trend", "residual"):
+        assert getattr(scaled, name) == pytest.approx(factor * getattr(plain, name), rel=1e-9), name
+    assert np.exp(1j * scaled.phase) == pytest.approx(np.exp(1j * plain.phase), abs=1e-9)
+    assert scaled.correlation == pytest.approx(plain.correlation, abs=1e-9)
+    assert scaled.condition == plain.condition
+
+
+def test_dropped_samples_leave_the_estimate_unbiased() -> None:
+    time = np.delete(times(10), np.s_[120:370])
+    fit = fit_sine(time, [tone(time, 0.7, 0.4) + 3], FREQUENCY)
+    assert fit.amplitude[0] == pytest.approx(0.7, abs=1e-12)
+    assert fit.phase[0] == pytest.approx(0.4, abs=1e-12)
+
+
+@pytest.mark.parametrize("cycles", [1.0, 1.25, 10.0])
+@pytest.mark.parametrize("relative", [0.003, 0.03, 0.3])
+def test_the_ratio_reaches_the_cramer_rao_bound_and_says_so(relative: float, cycles: float) -> None:
+    time, amplitude, phase = times(cycles), np.array([0.3, 1.0]), 0.8
+    sigma = relative * amplitude
+    values, uncertainties = ratios(time, sigma, amplitude, np.array([phase, phase]))
+    bound = 0.3 * ratio_bound(time, sigma, amplitude, phase)
+    assert values.var() <= 1.1 * bound**2
+    assert np.mean(uncertainties**2) == pytest.approx(values.var(), rel=0.1)
+
+
+def test_over_ten_cycles_the_trend_costs_less_than_a_percent() -> None:
+    time, sigma, amplitude = times(10), np.array([0.1, 0.1]), np.array([1.0, 1.0])
+    simple = math.sqrt(2 / time.size * float(((sigma / amplitude) ** 2).sum()))
+    worst = max(ratio_bound(time, sigma, amplitude, phase) for phase in np.linspace(0, math.pi, 30))
+    assert worst == pytest.approx(simple, rel=0.01)
+
+
+@pytest.mark.parametrize("relative", [0.003, 0.03])
+def test_the_ratio_is_biased_by_less_than_a_tenth_of_its_uncertainty(relative: float) -> None:
+    amplitude = np.array([0.3, 1.0])
+    values, uncertainties = ratios(times(10), relative * amplitude, amplitude, np.array([0.2, 0.2]))
+    assert abs(values.mean() - 0.3) < 0.1 * uncertainties.mean()
+
+
+@pytest.mark.parametrize("cycles", [1.0, 1.25, 10.0])
+@pytest.mark.parametrize("phase", [0.0, 0.8, math.pi])
+def test_noise_common_to_both_channels_cancels_as_far_as_they_move_together(phase: float, cycles: float) -> None:
+    amplitude = np.array([1.0, 1.0])
+    values, uncertainties = ratios(times(cycles), 0.03 * amplitude, amplitude, np.array([0.0, phase]), correlation=0.95)
+    assert uncertainties.mean() == pytest.approx(values.std(), rel=0.05)
+
+
+def test_the_uncertainty_in_phase_over_whole_cycles_is_the_textbook_formula() -> None:
+    time, rho = times(10), 0.6
+    first, other = np.random.default_rng(2).normal(scale=0.02, size=(2, time.size))
+    fit = fit_sine(time, [tone(time) + first, tone(time, 0.3) + rho * first + 0.8 * other], FREQUENCY)
+    value, u = amplitude_ratio(fit, 1, 0)
+    relative = fit.residual / fit.amplitude
+    common = 2 * float(fit.correlation[0, 1]) * relative.prod()
+    assert u / value == pytest.approx(math.sqrt(2 / time.size * ((relative**2).sum() - common)), rel=0.005)
+
+
+def test_a_late_short_record_on_an_offset_of_1e8_survives_where_normal_equations_lose_it() -> None:
+    time = times(0.4, start=1e4)
+    signal = tone(time, 1.0, 0.5) + 1e8
+    fit = fit_sine(time, [signal], FREQUENCY)
+    assert fit.amplitude[0] == pytest.approx(1.0, abs=1e-6)
+    assert fit.phase[0] == pytest.approx(0.5, abs=1e-6)
+    plain = columns(time)
+    naive = np.linalg.lstsq(plain.T @ plain, plain.T @ signal, rcond=0)[0]
+    assert abs(math.hypot(naive[0], naive[1]) - 1.0) > 1.0
+
+
+def test_a_noiseless_and_a_dead_channel_have_a_defined_correlation() -> None:
+    time = times(2)
+    fit = fit_sine(time, np.stack([np.zeros_like(time), tone(time)]), FREQUENCY)
+    assert fit.correlation == pytest.approx(np.eye(2))
+    assert fit.amplitude[0] == fit.amplitude_u[0] == fit.residual[0] == 0.0
+
+
+def test_a_record_below_a_quarter_cycle_is_refused() -> None:
+    with pytest.raises(EstimateError, match=r"record of 0\.24 cycles of 10 Hz .* 0\.25 cycle; dwell 0\.1 s"):
+        fit_sine(times(0.24), [tone(times(0.24))], FREQUENCY)
+
+
+def test_just_above_a_quarter_cycle_the_condition_number_refuses() -> None:
+    with pytest.raises(EstimateError, match=r"condition number 1\d\d, limit 100; record a whole cycle"):
+        fit_sine(times(0.26), [tone(times(0.26))], FREQUENCY)
+
+
+def test_a_third_of_a_cycle_is_accepted_with_its_price_in_the_uncertainty() -> None:
+    short, whole = times(0.3), times(1)
+    rng = np.random.default_rng(5)
+    phase = -2 * math.pi * FREQUENCY * float(short.mean()) + math.pi / 2  # all sine: the worst case
+    fits = [
+        fit_sine(short, tone(short, 1.0, phase) + rng.normal(scale=1e-4, size=(40, short.size)), FREQUENCY)
+        for _ in range(50)
+    ]
+    assert fits[0].condition < CONDITION_LIMIT
+    spread = float(np.concatenate([fit.amplitude for fit in fits]).std())
+    stated = float(np.concatenate([fit.amplitude_u for fit in fits]).mean())
+    assert stated == pytest.approx(spread, rel=0.1)
+    assert stated > 30 * 1e-4 * math.sqrt(2 / whole.size)
+
+
+def test_a_cosine_sampled_at_its_zeros_is_refused() -> None:
+    time = np.arange(100) / (2 * FREQUENCY)
+    with pytest.raises(EstimateError, match="condition number"):
+        fit_sine(time, [np.ones_like(time)], FREQUENCY)
+
+
+def test_samples_that_are_not_finite_are_counted_by_channel() -> None:
+    signals = np.stack([tone(times(1))] * 3)
+    signals[1, [3, 4, 9]] = np.nan
+    signals[2, 7] = np.inf
+    with pytest.raises(EstimateError, match=r"of 100 samples a channel are not finite: 3 in channel 1, 1 in channel 2"):
+        fit_sine(times(1), signals, FREQUENCY)
+
+
+@pytest.mark.parametrize(
+    ("time", "signals", "frequency", "message"),
+    [
+        (np.arange(4) / 40, np.zeros((1, 4)), 10.0, "4 samples cannot give 4 coefficients .* at least 5"),
+        (times(1), np.zeros((1, 99)), 10.0, r"time has shape \(100,\) and signals \(1, 99\)"),
+        (times(1), np.zeros(100), 10.0, r"signals \(100,\); they must be \(n,\) and \(channels, n\)"),
+        (times(1), np.zeros((0, 100)), 10.0, r"signals \(0, 100\)"),
+        (np.zeros((2, 10)), np.zeros((2, 10)), 10.0, r"time has shape \(2, 10\)"),
+        (times(1)[::-1], np.zeros((1, 100)), 10.0, "sample 1 at 0.098 s follows 0.099 s; sort"),
+        (np.repeat(times(0.5), 2), np.zeros((1, 100)), 10.0, "sample 1 at 0.0 s follows 0.0 s"),
+        (np.append(times(1)[:-1], np.nan), np.zeros((1, 100)), 10.0, "1 of 100 times are not finite"),
+        (times(1), np.zeros((1, 100)), 501.0, "501 Hz lies above half the sample rate of 1000 Hz"),
+        (times(1), np.zeros((1, 100)), 0.0, r"frequency 0\.0 Hz must be positive"),
+        (times(1), np.zeros((1, 100)), -10.0, r"frequency -10\.0 Hz must be positive"),
+        (times(1), np.zeros((1, 100)), math.nan, "frequency nan Hz must be positive and finite"),
+    ],
+)
+def test_a_record_that_does_not_determine_the_sine_is_refused(
+    time: Floats, signals: Floats, frequency: float, message: str
+) -> None:
+    with pytest.raises(EstimateError, match=message):
+        fit_sine(time, signals, frequency)
+
+
+def noisy(amplitude: float) -> SineFit:
+    time = times(10)
+    noise = np.random.default_rng(8).normal(scale=0.1, size=(2, time.size))
+    return fit_sine(time, np.stack([tone(time), tone(time, amplitude)]) + noise, FREQUENCY)
+
+
+def test_a_ratio_over_a_silent_channel_is_refused() -> None:
+    fit = noisy(0.0)
+    with pytest.raises(EstimateError, match=r"amplitude of channel 1 is .* below the 3 .* raise the drive"):
+        amplitude_ratio(fit, 0, 1)
+
+
+def test_a_ratio_of_nearly_nothing_keeps_its_uncertainty() -> None:
+    value, u = amplitude_ratio(noisy(0.0), 1, 0)
+    assert 0 <= value < 0.02
+    assert u == pytest.approx(0.1 * math.sqrt(2 / 1000), rel=0.1)
+
+
+def test_a_channel_over_itself_is_exactly_one() -> None:
+    assert amplitude_ratio(noisy(0.5), 1, 1) == pytest.approx((1.0, 0.0), abs=1e-9)

@@ -1,0 +1,298 @@
+"""Writing a run: what is stored, and what happens when it cannot be."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pytest
+
+from instrument.errors import RangeError, RecordError, UsageError
+from procedures.record import Recorder, new_run_folder
+from procedures.run import Run
+
+HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}
+SECOND = 1_000_000_000
+
+
+def waveform(seed: int, samples: int = 1000) -> tuple[float, np.ndarray]:
+    return 1000.0, np.random.default_rng(seed).normal(size=samples).astype(np.float32)
+
+
+def write(folder: Path, points: int = 3, seed: int = 0) -> Run:
+    with Recorder.create(folder, HEADER) as recorder:
+        for index in range(points):
+            recorder.point(
+                {"sample": 1 + index, "load_N": 1.5 + 0.5 * index},
+                {"rigid": waveform(seed + index), "total": waveform(seed + index + 100)},
+                index * SECOND,
+            )
+        recorder.finish("complete", {"points": points})
+    return Run.open(folder)
+
+
+def sql(folder: Path, query: str) -> list[tuple[object, ...]]:
+    connection = sqlite3.connect(f"{(folder / 'run.sqlite').as_uri()}?mode=ro", uri=True)
+    try:
+        return connection.execute(query).fetchall()
+    finally:
+        connection.close()
+
+
+def refuse(code: int) -> Callable[..., NoReturn]:
+    def call(*_: object, **__: object) -> NoReturn:
+        raise OSError(code, os.strerror(code))
+
+    return call
+
+
+def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
+    run = write(tmp_path / "parents" / "run")
+    assert run.header == HEADER
+    assert (run.procedure, run.simulated, run.status, run.summary) == ("sweep loads", True, "complete", {"points": 3})
+    assert run.started == datetime(2025, 3, 14, 15, 9, 26, tzinfo=UTC)
+    assert run.points()[1] == {"id": 2, "bench_ns": SECOND, "sample": 2, "load_N": 2.0}
+    assert run.waveform_names(2) == ["rigid", "total"]
+    np.testing.assert_array_equal(run.waveform(2, "total"), waveform(101)[1])
+
+
+def test_a_finished_run_is_two_files(tmp_path: Path) -> None:
+    write(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.sqlite", "waveforms.f32"]
+
+
+def test_waveforms_lie_end_to_end_as_little_endian_float32(tmp_path: Path) -> None:
+    write(tmp_path, points=2)
+    expected = np.concatenate([waveform(seed)[1] for seed in (0, 100, 1, 101)])
+    assert (tmp_path / "waveforms.f32").read_bytes() == expected.astype("<f4").tobytes()
+    assert sql(tmp_path, "SELECT offset, length, rate, dtype FROM waveform WHERE id = 4") == [
+        (12000, 1000, 1000.0, "<f4")
+    ]
+
+
+def test_equal_measurements_give_equal_bytes_and_another_seed_does_not(tmp_path: Path) -> None:
+    one, two, other = write(tmp_path / "1"), write(tmp_path / "2"), write(tmp_path / "3", seed=1)
+    files = [(run.folder / "waveforms.f32").read_bytes() for run in (one, two, other)]
+    assert files[0] == files[1] != files[2]
+    assert one.digest() == two.digest() != other.digest()
+
+
+def test_the_data_of_a_point_is_canonical_json(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({"b": [np.int64(1), (2.0, "µ")], "a": {"d": True, "c": None}}, {}, 0)
+    assert sql(tmp_path, "SELECT data FROM point") == [('{"a":{"c":null,"d":true},"b":[1,[2.0,"\\u00b5"]]}',)]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float32("-inf"), np.array([np.nan])])
+def test_a_value_that_is_not_finite_is_stored_as_null(tmp_path: Path, value: object) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({"force_ratio": value}, {}, 0)
+    assert Run.open(tmp_path).points()[0]["force_ratio"] in (None, [None])
+
+
+def test_samples_that_are_not_finite_are_kept(tmp_path: Path) -> None:
+    samples = np.array([1.0, np.nan, np.inf, -np.inf], dtype=np.float32)
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({}, {"film": (10.0, samples)}, 0)
+    np.testing.assert_array_equal(Run.open(tmp_path).waveform(1, "film"), samples)
+
+
+@pytest.mark.parametrize(
+    ("data", "waveforms", "what"),
+    [
+        ({"id": 3}, {}, "id"),
+        ({"simulated": False}, {}, "simulated"),
+        ({}, {"film": (0.0, np.zeros(2))}, "sample rate"),
+        ({}, {"film": (float("nan"), np.zeros(2))}, "sample rate"),
+        ({}, {"film": (1.0, np.zeros((2, 2)))}, "shape"),
+        ({}, {"film": (1.0, np.array([1e39]))}, "float32"),
+    ],
+)
+def test_a_point_that_cannot_be_stored_as_meant_is_refused_whole(
+    tmp_path: Path, data: dict[str, object], waveforms: dict[str, tuple[float, np.ndarray]], what: str
+) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        with pytest.raises(RangeError, match=what):
+            recorder.point(data, waveforms, 0)
+        assert recorder.point({"load_N": 1.5}, {}, 0) == 1
+    assert (tmp_path / "waveforms.f32").stat().st_size == 0
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        {"procedure": "sweep loads", "started": HEADER["started"]},
+        {**HEADER, "simulated": "yes"},
+        {**HEADER, "status": "complete"},
+    ],
+)
+def test_a_header_that_could_pass_for_another_is_refused(tmp_path: Path, header: dict[str, object]) -> None:
+    with pytest.raises(RecordError, match=r"simulated|status"):
+        Recorder.create(tmp_path / "run", header)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_takes_one_run_only(tmp_path: Path) -> None:
+    run = write(tmp_path)
+    with pytest.raises(UsageError, match="already holds a run; choose another --out") as raised:
+        Recorder.create(tmp_path, HEADER)
+    assert raised.value.exit_code == 2
+    (tmp_path / "waveforms.f32").unlink()
+    with pytest.raises(UsageError, match="already holds a run"):
+        Recorder.create(tmp_path, HEADER)
+    assert run.points() == Run.open(tmp_path).points()
+
+
+def test_of_recorders_that_start_at_once_in_a_folder_one_gets_it(tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from procedures.record import *\n"
+        "print('ready', flush=True); sys.stdin.readline()\n"
+        f"try: Recorder.create(Path({str(tmp_path / 'run')!r}), {HEADER!r}).finish('complete', {{}})\n"
+        "except UsageError as error: sys.exit(error.exit_code)\n"
+    )
+    racers = [
+        subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        for _ in range(4)
+    ]
+    for racer in racers:
+        assert racer.stdout is not None
+        racer.stdout.readline()
+    for racer in racers:
+        assert racer.stdin is not None
+        racer.stdin.write(b"\n")
+        racer.stdin.flush()
+    for racer in racers:
+        racer.communicate()
+    assert sorted(racer.returncode for racer in racers) == [0, 2, 2, 2]
+    assert Run.open(tmp_path / "run").status == "complete"
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [(ValueError("servo lost"), "failed"), (KeyboardInterrupt(), "stopped"), (SystemExit("SIGTERM"), "stopped")],
+)
+def test_an_exception_is_recorded_and_goes_on(tmp_path: Path, error: BaseException, status: str) -> None:
+    with pytest.raises(type(error)) as raised, Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({"load_N": 1.5}, {}, 5 * SECOND)
+        raise error
+    assert raised.value is error
+    run = Run.open(tmp_path)
+    assert (run.status, len(run.points())) == (status, 1)
+    assert run.events() == [{"bench_ns": 5 * SECOND, "kind": status, "message": f"{type(error).__name__}: {error}"}]
+
+
+def test_a_run_without_a_result_does_not_pass_for_complete(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.event("operator", "sample 1 mounted at /rubber\udcff", SECOND)
+    run = Run.open(tmp_path)
+    assert run.status == "stopped"
+    assert [event["kind"] for event in run.events()] == ["operator", "stopped"]
+
+
+def test_an_exception_after_the_end_leaves_the_result(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.finish("complete", {"points": 0})
+        raise ZeroDivisionError
+    assert Run.open(tmp_path).status == "complete"
+
+
+def test_a_full_disk_is_named_and_leaves_the_points_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RecordError) as raised, Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({"load_N": 1.5}, {"rigid": waveform(1)}, 0)
+        with monkeypatch.context() as disk:
+            disk.setattr(os, "fsync", refuse(errno.ENOSPC))
+            recorder.point({"load_N": 2.0}, {"rigid": waveform(2)}, SECOND)
+    assert re.search(r"waveforms\.f32: No space left on device; free space", str(raised.value))
+    assert isinstance(raised.value.__cause__, OSError)
+    run = Run.open(tmp_path)
+    assert (run.status, [point["load_N"] for point in run.points()]) == ("failed", [1.5])
+    assert "No space left" in run.events()[0]["message"]
+
+
+def test_bytes_of_a_point_that_failed_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        with monkeypatch.context() as disk, pytest.raises(RecordError):
+            disk.setattr(os, "fsync", refuse(errno.EIO))
+            recorder.point({"load_N": 1.5}, {"rigid": waveform(1)}, 0)
+        assert recorder.point({"load_N": 2.0}, {"rigid": waveform(2)}, 0) == 1
+    assert (tmp_path / "waveforms.f32").stat().st_size == 8000
+    np.testing.assert_array_equal(Run.open(tmp_path).waveform(1, "rigid"), waveform(2)[1])
+
+
+@pytest.mark.parametrize("what", ["data", "waveforms"])
+def test_a_limit_of_the_system_stops_the_run_and_keeps_its_points(tmp_path: Path, what: str) -> None:
+    script = f"""
+import resource, sys
+from pathlib import Path
+import numpy as np
+from instrument.errors import RecordError
+from procedures.record import Recorder
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+try:
+    with Recorder.create(Path({str(tmp_path)!r}), {HEADER!r}) as recorder:
+        for index in range(1000):
+            text, samples = ("x" * 9000, 0) if {what!r} == "data" else ("", 2000)
+            print(recorder.point({{"text": text}}, {{"film": (1.0, np.full(samples, index))}}, index), flush=True)
+except RecordError as error:
+    sys.exit(str(error))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert re.search(r"cannot write .*(run\.sqlite|waveforms\.f32): .*; .*ulimit -f", done.stderr)
+    reported = [int(line) for line in done.stdout.split()]
+    run = Run.open(tmp_path)
+    assert len(reported) > 5
+    assert [point["id"] for point in run.points()] == reported
+    assert all(run.waveform(point_id, "film").size in (0, 2000) for point_id in reported)
+
+
+def test_a_place_that_takes_no_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordError, match=r"file/run: Not a directory; choose a writable folder with --out"):
+        Recorder.create(tmp_path / "file" / "run", HEADER)
+    monkeypatch.setattr(Path, "mkdir", refuse(errno.EROFS))
+    with pytest.raises(RecordError, match=r"run: Read-only file system; choose a writable folder"):
+        Recorder.create(tmp_path / "run", HEADER)
+
+
+def test_a_start_that_fails_leaves_the_folder_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as disk, pytest.raises(RecordError, match="free space"):
+        disk.setattr(Path, "replace", refuse(errno.ENOSPC))
+        Recorder.create(tmp_path, HEADER)
+    assert list(tmp_path.iterdir()) == []
+    write(tmp_path)
+
+
+def test_a_run_whose_folder_was_removed_is_not_written_into_nothing(tmp_path: Path) -> None:
+    recorder = Recorder.create(tmp_path / "run", HEADER)
+    shutil.rmtree(tmp_path / "run")
+    with pytest.raises(RecordError, match="removed while the run was being written"), recorder:
+        recorder.point({"load_N": 1.5}, {}, 0)
+
+
+def test_a_reader_does_not_hold_up_the_end_of_a_run(tmp_path: Path) -> None:
+    recorder = Recorder.create(tmp_path, HEADER)
+    recorder.point({"load_N": 1.5}, {}, 0)
+    reader = sqlite3.connect(tmp_path / "run.sqlite")
+    reader.execute("SELECT * FROM point").fetchall()
+    recorder.finish("complete", {})
+    reader.close()
+    assert json.dumps(Run.open(tmp_path).points()) == '[{"id": 1, "bench_ns": 0, "load_N": 1.5}]'
+
+
+def test_runs_of_one_second_get_different_folders(tmp_path: Path) -> None:
+    started = datetime.fromisoformat("2025-03-14T16:09:26+01:00")
+    names = [new_run_folder(tmp_path / "store", "sweep loads", started).name for _ in range(3)]
+    stem = "20250314T150926Z-sweep-loads"
+    assert names == [stem, f"{stem}-2", f"{stem}-3"]

@@ -1,0 +1,272 @@
+"""Reading runs: live, killed, read-only and damaged ones; the store; export."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from instrument.errors import RecordError, UnknownName, UsageError
+from procedures.export import export
+from procedures.record import Recorder
+from procedures.run import Run, find_run, list_runs
+
+NOBODY = 65534
+
+
+def header(started: str = "2025-03-14T15:09:26Z", simulated: bool = True) -> dict[str, object]:
+    return {"procedure": "sweep loads", "simulated": simulated, "started": started}
+
+
+def film(point: int) -> np.ndarray:
+    return np.asarray(np.sin(np.arange(100) * 0.1 * point), dtype=np.float32)
+
+
+def begin(folder: Path, points: int = 2) -> Recorder:
+    recorder = Recorder.create(folder, header())
+    for point in range(1, points + 1):
+        recorder.point({"load_N": 1.5 * point, "force_ratio": None}, {"rigid": (1000.0, film(point))}, point)
+    return recorder
+
+
+def finished(folder: Path, points: int = 2) -> Run:
+    begin(folder, points).finish("complete", {})
+    return Run.open(folder)
+
+
+@pytest.fixture
+def killed(tmp_path: Path) -> Path:
+    """A folder as SIGKILL leaves it: the database with its log, the log not yet merged."""
+    recorder = begin(tmp_path / "live")
+    folder = tmp_path / "killed"
+    shutil.copytree(tmp_path / "live", folder)
+    recorder.finish("failed", {})
+    assert (folder / "run.sqlite-wal").stat().st_size > 0
+    return folder
+
+
+@contextlib.contextmanager
+def as_nobody() -> Iterator[None]:
+    """As root, whom permission bits do not stop, the block runs as another user."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def check_two_points(run: Run) -> None:
+    assert [point["load_N"] for point in run.points()] == [1.5, 3.0]
+    np.testing.assert_array_equal(run.waveform(2, "rigid"), film(2))
+
+
+def test_a_live_run_can_be_read_and_goes_on(tmp_path: Path) -> None:
+    with begin(tmp_path) as recorder:
+        run = Run.open(tmp_path)
+        assert run.status == "running"
+        check_two_points(run)
+        assert recorder.point({"load_N": 4.5}, {}, 3) == 3
+        assert len(run.points()) == 3
+
+
+def test_a_killed_run_is_read_with_its_log(killed: Path) -> None:
+    run = Run.open(killed)
+    assert run.status == "running"
+    check_two_points(run)
+
+
+def test_a_killed_run_whose_log_sqlite_may_not_share_is_read_from_a_copy(killed: Path) -> None:
+    (killed / "run.sqlite-shm").unlink()
+    (killed / "run.sqlite-shm").mkdir()
+    check_two_points(Run.open(killed))
+    assert (killed / "run.sqlite-wal").stat().st_size > 0
+
+
+@pytest.mark.parametrize("index", ["with", "without"])
+def test_a_killed_run_in_a_read_only_folder_is_read(killed: Path, index: str) -> None:
+    with tempfile.TemporaryDirectory() as public:
+        folder = Path(public) / "run"
+        shutil.copytree(killed, folder)
+        if index == "without":
+            (folder / "run.sqlite-shm").unlink()
+        for path in folder.iterdir():
+            path.chmod(0o444)
+        folder.chmod(0o555)
+        Path(public).chmod(0o755)
+        with as_nobody():
+            assert not os.access(folder, os.W_OK, effective_ids=True)
+            check_two_points(Run.open(folder))
+        folder.chmod(0o755)
+
+
+def test_a_folder_name_with_marks_of_its_own_is_no_trap(tmp_path: Path) -> None:
+    check_two_points(finished(tmp_path / "50 % #1?mode=rw&x"))
+
+
+def test_a_waveform_that_a_point_has_not_is_named_with_those_it_has(tmp_path: Path) -> None:
+    with pytest.raises(UnknownName, match=r"waveform of point 2 'rigd' \(did you mean 'rigid'\?\); valid: rigid"):
+        finished(tmp_path).waveform(2, "rigd")
+
+
+def test_a_flipped_bit_in_a_waveform_is_found(tmp_path: Path) -> None:
+    run = finished(tmp_path)
+    path = tmp_path / "waveforms.f32"
+    content = bytearray(path.read_bytes())
+    content[500] ^= 1
+    path.write_bytes(content)
+    assert run.waveform(1, "rigid").size == 100
+    with pytest.raises(RecordError, match=r"'rigid' of point 2 is damaged \(CRC-32 differs\)"):
+        run.waveform(2, "rigid")
+    with pytest.raises(RecordError, match="point 2"):
+        run.digest()
+
+
+def test_a_waveform_file_that_is_cut_or_gone_is_named(tmp_path: Path) -> None:
+    run = finished(tmp_path)
+    os.truncate(tmp_path / "waveforms.f32", 799)
+    with pytest.raises(RecordError, match="'rigid' of point 2 is cut short"):
+        run.waveform(2, "rigid")
+    (tmp_path / "waveforms.f32").unlink()
+    with pytest.raises(RecordError, match=r"cannot read .*waveforms\.f32: No such file"):
+        run.waveform(1, "rigid")
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("PRAGMA user_version = 2", "record format 2, this palpate reads 1; update"),
+        ("PRAGMA application_id = 1", "is not a run of palpate"),
+        ("DELETE FROM run WHERE key = 'status'", "no 'status'"),
+        ("UPDATE run SET value = '[' WHERE key = 'procedure'", "is damaged"),
+        ("UPDATE run SET value = 'null' WHERE key = 'simulated'", "whether it is simulated"),
+        ("UPDATE run SET value = '3' WHERE key = 'started'", "is damaged"),
+        ("DROP TABLE run", "no such table"),
+    ],
+)
+def test_a_database_that_is_no_such_run_is_refused(tmp_path: Path, statement: str, message: str) -> None:
+    finished(tmp_path)
+    with contextlib.closing(sqlite3.connect(tmp_path / "run.sqlite")) as database:
+        database.execute(statement)
+        database.commit()
+    with pytest.raises(RecordError, match=message):
+        Run.open(tmp_path)
+
+
+def test_a_file_that_is_no_database_and_one_that_is_absent_are_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"cannot read .*run\.sqlite: No such file"):
+        Run.open(tmp_path)
+    (tmp_path / "run.sqlite").write_bytes(b"x" * 4096)
+    with pytest.raises(RecordError, match=r"run\.sqlite is damaged \(file is not a database\); restore"):
+        Run.open(tmp_path)
+
+
+def test_the_digest_sees_values_names_rates_and_samples(tmp_path: Path) -> None:
+    variants: list[tuple[dict[str, object], dict[str, tuple[float, np.ndarray]], int]] = [
+        ({"load_N": 1.5}, {"rigid": (1000.0, film(1))}, 0),
+        ({"load_N": 2.0}, {"rigid": (1000.0, film(1))}, 0),
+        ({"load_N": 1.5}, {"total": (1000.0, film(1))}, 0),
+        ({"load_N": 1.5}, {"rigid": (999.0, film(1))}, 0),
+        ({"load_N": 1.5}, {"rigid": (1000.0, film(2))}, 0),
+        ({"load_N": 1.5}, {"rigid": (1000.0, film(1))}, 1),
+        ({"load_N": 1.5}, {}, 0),
+    ]
+    digests = set()
+    for index, (data, waveforms, bench_ns) in enumerate(variants):
+        with Recorder.create(tmp_path / str(index), header()) as recorder:
+            recorder.point(data, waveforms, bench_ns)
+        digests.add(Run.open(tmp_path / str(index)).digest())
+    assert len(digests) == len(variants)
+
+
+def test_runs_are_listed_newest_first_with_the_damaged_ones(tmp_path: Path) -> None:
+    for name, started in (
+        ("b", "2025-03-14T15:00:00Z"),
+        ("a", "2025-03-14T17:00:00+01:00"),
+        ("c", "2024-01-01T00:00Z"),
+    ):
+        Recorder.create(tmp_path / name, header(started)).finish("complete", {})
+    finished(tmp_path / "damaged")
+    os.truncate(tmp_path / "damaged" / "run.sqlite", 5000)
+    os.utime(tmp_path / "damaged" / "run.sqlite", (0, 0))
+    (tmp_path / "plots").mkdir()
+    (tmp_path / "file").touch()
+    runs = list_runs(tmp_path)
+    assert [run.folder.name for run in runs] == ["a", "b", "c", "damaged"]
+    assert (runs[0].status, runs[0].points, runs[0].simulated) == ("complete", 0, True)
+    assert runs[0].started == datetime(2025, 3, 14, 16, tzinfo=UTC)
+    assert (runs[3].status, runs[3].simulated) == ("damaged", None)
+    assert "restore" in runs[3].fault
+    assert list_runs(tmp_path / "absent") == []
+
+
+def test_a_run_is_found_by_path_and_by_name(tmp_path: Path) -> None:
+    folder = finished(tmp_path / "store" / "20250314T150926Z-sweep").folder
+    assert find_run(str(folder), tmp_path) == folder
+    assert find_run(folder.name, tmp_path / "store") == folder
+    with pytest.raises(UnknownName, match=r"unknown run '20250314T150926Z-swep' \(did you mean .*-sweep'\?\)"):
+        find_run("20250314T150926Z-swep", tmp_path / "store")
+
+
+def test_the_table_says_in_each_row_whether_it_is_simulated(tmp_path: Path) -> None:
+    table = finished(tmp_path).table()
+    assert list(table.columns) == ["id", "bench_ns", "simulated", "force_ratio", "load_N"]
+    assert table["simulated"].tolist() == [True, True]
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+@pytest.mark.parametrize("simulated", [True, False])
+def test_an_export_holds_all_values_and_its_stamp(tmp_path: Path, to: str, simulated: bool) -> None:
+    with Recorder.create(tmp_path / "run", header(simulated=simulated)) as recorder:
+        for point in (1, 2):
+            films = {"rigid": (1000.0, film(point)), "total": (500.0, film(point + 1))}
+            recorder.point({"load_N": 0.1 * point}, films, point)
+    files = export(Run.open(tmp_path / "run"), to, tmp_path / "new" / "folder")
+    assert [path.name for path in files] == [f"points.{to}", f"waveforms.{to}"]
+    points, waveforms = (pd.read_csv(path) if to == "csv" else pd.read_parquet(path) for path in files)
+    assert points["load_N"].tolist() == [0.1, 0.2]
+    assert list(waveforms.columns) == ["point", "name", "time_s", "value_V", "simulated"]
+    assert len(waveforms) == 400
+    total = waveforms[(waveforms["point"] == 2) & (waveforms["name"] == "total")]
+    np.testing.assert_array_equal(total["value_V"].to_numpy(np.float32), film(3))
+    np.testing.assert_array_equal(total["time_s"], np.arange(100) / 500.0)
+    assert (points["simulated"] == simulated).all()
+    assert (waveforms["simulated"] == simulated).all()
+
+
+def test_a_run_without_waveforms_exports_its_points_only(tmp_path: Path) -> None:
+    Recorder.create(tmp_path / "run", header()).finish("complete", {})
+    assert export(Run.open(tmp_path / "run"), "csv", tmp_path) == [tmp_path / "points.csv"]
+
+
+def test_an_export_overwrites_nothing(tmp_path: Path) -> None:
+    run = finished(tmp_path / "run")
+    (tmp_path / "waveforms.csv").write_text("mine")
+    with pytest.raises(UsageError, match=r"waveforms\.csv exists and is not overwritten"):
+        export(run, "csv", tmp_path)
+    assert (tmp_path / "waveforms.csv").read_text() == "mine"
+    assert not (tmp_path / "points.csv").exists()
+
+
+def test_an_export_of_a_damaged_run_leaves_no_half_file(tmp_path: Path) -> None:
+    run = finished(tmp_path / "run", points=4)
+    os.truncate(run.folder / "waveforms.f32", 1599)
+    with pytest.raises(RecordError, match=r"^[^ ]*waveforms\.f32: waveform 'rigid' of point 4 is cut short"):
+        export(run, "csv", tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_an_export_to_another_format_is_refused_with_the_formats(tmp_path: Path) -> None:
+    with pytest.raises(UnknownName, match="valid: csv, parquet"):
+        export(finished(tmp_path / "run"), "xlsx", tmp_path)
