@@ -23,6 +23,21 @@ EXTENDED_IDENTITY = 3
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
 
 
+class _SerialClient(ModbusSerialClient):
+    """pymodbus' serial client, which sleeps in steps of 1 ms to see whether a reply has come, woken by it."""
+
+    def recv(self, size: int | None) -> bytes:
+        """What has come, once anything has; nothing after the time-out. A reply in pieces is put together above."""
+        if not self.socket:
+            raise ConnectionException(str(self))
+        try:
+            first: bytes = self.socket.read(1)
+            return first + self.socket.read(self.socket.in_waiting) if first else b""
+        except OSError:
+            self.close()  # type: ignore[no-untyped-call]
+            raise ConnectionException(str(self)) from None
+
+
 class ModbusLink:
     """One TCP connection or one serial line, shared by the devices on it under one lock.
 
@@ -45,7 +60,7 @@ class ModbusLink:
 
     @classmethod
     def rtu(cls, line: SerialLine) -> ModbusLink:
-        client = ModbusSerialClient(
+        client = _SerialClient(
             line.port,
             baudrate=line.baudrate,
             parity=line.parity,

@@ -27,10 +27,14 @@ class Positioner(ModbusDevice):
         """Present position in m, counted downwards from home."""
         return self.get("position")
 
+    def travel(self) -> float:
+        """Upper soft limit in m."""
+        return self._limits[1]
+
     def home(self, timeout: float = 60.0) -> None:
         """Go to the home position and wait for it."""
         self.set(command="home")
-        self._wait(0.0, timeout)
+        self._wait(0.0, 0.0, timeout)
 
     def move(self, target: float, speed: float = 1e-3, timeout: float = 60.0) -> None:
         """Go to `target` m at `speed` m/s and wait for it.
@@ -44,8 +48,9 @@ class Positioner(ModbusDevice):
             raise RangeError(
                 f"micro-positioner: target {1e3 * target:g} mm is outside its limits {1e3 * low:g} to {1e3 * high:g} mm"
             )
+        distance = abs(target - self.position())
         self.set(target=target, speed=speed, command="move")
-        self._wait(target, timeout)
+        self._wait(target, distance / speed, timeout)
 
     def stop(self) -> None:
         """Stop where it is."""
@@ -56,8 +61,10 @@ class Positioner(ModbusDevice):
         self.set(limit_low=low, limit_high=high)
         self._limits = (low, high)
 
-    def _wait(self, target: float, timeout: float) -> None:
-        waited = 0.0
+    def _wait(self, target: float, expected: float, timeout: float) -> None:
+        """Wait the `expected` s, then poll until it stands."""
+        self._clock.wait(expected)
+        waited = expected
         while True:
             position, status = self.get_many("position", "status")
             if "moving" not in self.contract.set_bits("status", status):

@@ -1,7 +1,7 @@
 """Amplitude and phase of a sine of known frequency, in all channels at once, with standard uncertainty.
 
 Least squares with the frequency known (IEEE 1057, three parameters) and a linear trend beside the
-offset, because a PVDF film drifts with temperature (PHYSICS [S]). Time and signals are centred and
+offset, because a PVDF film is pyroelectric and drifts with temperature [S]. Time and signals are centred and
 the columns scaled before one QR factorization: normal equations of the plain columns square the
 condition number and lose the amplitude beneath a large offset.
 """
@@ -27,7 +27,7 @@ Measured by trial.
 CONDITION_LIMIT = 100.0
 """Largest condition number that is accepted; one cycle has 2.8, 0.3 cycle 68, a quarter cycle 113.
 
-At the limit the amplitude can be 52 times as uncertain as from a whole number of cycles (√(2σ²/n)).
+At the limit the amplitude can be about 50 times as uncertain as from a whole number of cycles (√(2σ²/n)).
 """
 
 
@@ -128,7 +128,7 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
 
     (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), r the correlation of the two amplitudes: noise common to
     both channels cancels only as far as they move in phase. In phase over whole cycles this is
-    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), PHYSICS [S].
+    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S].
 
     Args:
         fit: of both channels together.
@@ -177,8 +177,8 @@ def _check_samples(time: Floats, signals: Floats) -> None:
 
 
 def _check_frequency(time: Floats, frequency: float) -> None:
-    if not (math.isfinite(frequency) and frequency > 0):
-        raise EstimateError(f"frequency {frequency} Hz must be positive and finite")
+    if not frequency > 0:
+        raise EstimateError(f"frequency {frequency} Hz must be positive; give that of the drive")
     step = float(np.median(np.diff(time)))
     if frequency > 0.5 / step:
         raise EstimateError(

@@ -54,16 +54,14 @@ class Recorder:
         self.folder = folder
         self._points = 0
         self._bench_ns = 0
-        with storing(folder / WAVEFORMS):
-            self._waveforms = (folder / WAVEFORMS).open("ab", buffering=0)
-        try:
+        with contextlib.ExitStack() as undo:
+            with storing(folder / WAVEFORMS):
+                self._waveforms = undo.enter_context((folder / WAVEFORMS).open("ab", buffering=0))
             with storing(folder / DATABASE):
-                self._database = sqlite3.connect(folder / DATABASE)
+                self._database = undo.enter_context(contextlib.closing(sqlite3.connect(folder / DATABASE)))
                 self._database.execute("PRAGMA journal_mode = WAL")
                 self._database.execute("PRAGMA synchronous = FULL")
-        except BaseException:
-            self._waveforms.close()
-            raise
+            undo.pop_all()
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, object]) -> Self:

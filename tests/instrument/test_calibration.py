@@ -151,9 +151,10 @@ def test_a_reading_that_is_not_finite_has_no_load() -> None:
         ([1, 2], [1, 2], 0.1, "2 distinct loads"),
         ([1, 2, 3], [1, 2], 0.1, r"loads have shape \(3,\) and readings \(2,\)"),
         ([1, 2, 3], [1, math.nan, 3], 0.1, "not finite at point 1; repeat it"),
+        ([1, 2, math.inf], [1, 2, 3], 0.1, "not finite at point 2"),
         ([1, 2, math.inf], [math.nan, 2, 3], 0.1, "not finite at point 0, point 2"),
         ([1, 2, 3], [1, 2, 3], -0.1, r"standard uncertainty -0\.1 of a reading must be zero or more"),
-        ([1, 2, 3], [1, 2, 3], math.nan, "standard uncertainty nan of a reading"),
+        ([1, 2, 3], [1, 2, 3], math.inf, "standard uncertainty inf of a reading"),
     ],
 )
 def test_readings_that_do_not_determine_a_line_are_refused(
@@ -177,7 +178,7 @@ def test_a_series_that_does_not_match_the_loads_is_refused(series: object) -> No
         calibrate(unloading=series)
 
 
-@pytest.mark.parametrize("resolution", [0.0, -1.0, math.nan])
+@pytest.mark.parametrize("resolution", [0.0, -1.0, math.inf])
 def test_an_indicator_without_a_resolution_is_refused(resolution: float) -> None:
     with pytest.raises(RangeError, match="must be positive: it is the indicator's smallest step"):
         calibrate(resolution=resolution)
@@ -235,6 +236,7 @@ def test_a_calibration_comes_back_from_its_file_bit_by_bit(
         ("resolution_mV = 1.0", "resolution_mV = -1.0", r"resolution_mV: Input should be greater than 0 \(got -1\.0\)"),
         ("resolution_mV = 1.0", "resolution_mV = nan", r"resolution_mV: Input should be a finite number \(got nan\)"),
         ("resolution_mV = 1.0", 'resolution_mV = "1"', r"resolution_mV: Input should be a valid number \(got '1'\)"),
+        ("reversibility = ", "reversibility = -", r"reversibility: Input should be greater than or equal to 0"),
         ("simulated = false", "simulated = 0", r"simulated: Input should be a valid boolean \(got 0\)"),
         ("covariance = -", "covariance = -9", r"covariance: -90\.0134 exceeds sensitivity_u · zero_u = 0\.0146682"),
         ("simulated = false", "simulated = ", "is not TOML"),

@@ -115,6 +115,7 @@ def test_samples_that_are_not_finite_are_kept(tmp_path: Path) -> None:
         ({"simulated": False}, {}, "simulated"),
         ({}, {"film": (0.0, np.zeros(2))}, "sample rate"),
         ({}, {"film": (float("nan"), np.zeros(2))}, "sample rate"),
+        ({}, {"film": (float("inf"), np.zeros(2))}, "sample rate"),
         ({}, {"film": (1.0, np.zeros((2, 2)))}, "shape"),
         ({}, {"film": (1.0, np.array([1e39]))}, "float32"),
     ],
@@ -238,11 +239,11 @@ from pathlib import Path
 import numpy as np
 from instrument.errors import RecordError
 from procedures.record import Recorder
-resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, (203_000, 203_000))  # in the midst of a waveform
 try:
     with Recorder.create(Path({str(tmp_path)!r}), {HEADER!r}) as recorder:
         for index in range(1000):
-            text, samples = ("x" * 9000, 0) if {what!r} == "data" else ("", 2000)
+            text, samples = ("x" * 9000, 0) if {what!r} == "data" else ("", 20_000)
             print(recorder.point({{"text": text}}, {{"film": (1.0, np.full(samples, index))}}, index), flush=True)
 except RecordError as error:
     sys.exit(str(error))
@@ -252,9 +253,9 @@ except RecordError as error:
     assert re.search(r"cannot write .*(run\.sqlite|waveforms\.f32): .*; .*ulimit -f", done.stderr)
     reported = [int(line) for line in done.stdout.split()]
     run = Run.open(tmp_path)
-    assert len(reported) > 5
+    assert len(reported) >= 2
     assert [point["id"] for point in run.points()] == reported
-    assert all(run.waveform(point_id, "film").size in (0, 2000) for point_id in reported)
+    assert all(run.waveform(point_id, "film").size in (0, 20_000) for point_id in reported)
 
 
 def test_a_place_that_takes_no_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

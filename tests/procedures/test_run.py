@@ -8,7 +8,6 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -205,7 +204,7 @@ def test_runs_are_listed_newest_first_with_the_damaged_ones(tmp_path: Path) -> N
     runs = list_runs(tmp_path)
     assert [run.folder.name for run in runs] == ["a", "b", "c", "damaged"]
     assert (runs[0].status, runs[0].points, runs[0].simulated) == ("complete", 0, True)
-    assert runs[0].started == datetime(2025, 3, 14, 16, tzinfo=UTC)
+    assert runs[0].started.isoformat() == "2025-03-14T16:00:00+00:00"
     assert (runs[3].status, runs[3].simulated) == ("damaged", None)
     assert "restore" in runs[3].fault
     assert list_runs(tmp_path / "absent") == []

@@ -1,0 +1,257 @@
+"""Load-set sweep (thesis 5.4.1): each sample under each load, film voltages to forces to force ratio."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.bench import Bench
+from drivers.sensor_node import Recording
+from instrument.calibration import LoadCellCalibration
+from instrument.design import Design
+from instrument.errors import EstimateError, RangeError
+from instrument.estimate import amplitude_ratio, fit_sine
+from instrument.quantity import parse, show
+from instrument.sample import get_sample
+from procedures.record import Recorder
+from procedures.servo import LoadServo, preload, read_indicator
+
+PROCEDURE = "sweep-loads"
+GAGE_FACTOR = 8.98  # [T]
+FULL_SCALE_MV = 200.0
+GAIN = 2.0  # V/V
+CURRENT_LIMIT = 5.0  # A
+PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
+SAMPLES_PER_CYCLE = 25
+FREQUENCIES = (0.5, 100.0)  # Hz
+LARGEST_DWELL = 3600.0  # s
+SETTLING = 5.0  # s, five time constants of the charge amplifier
+SENSITIVE_RANGE, WIDE_RANGE = ("500 mV", 0.5), ("5 V", 5.0)
+HEADROOM = 1.5
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class SweepSettings:
+    """What to sweep: names of samples, loads in N peak to peak, dwell in s, frequency in Hz."""
+
+    samples: tuple[str, ...]
+    loads: tuple[float, ...]
+    dwell: float
+    frequency: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoadPoint:
+    """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty."""
+
+    sample: str
+    load_N: float
+    indicator_mV: float
+    load_measured_N: float
+    load_measured_u: float
+    voltage_rigid_V: float
+    voltage_total_V: float
+    force_rigid_N: float
+    force_total_N: float
+    force_ratio: float
+    force_ratio_u: float
+    noise_u: float
+    condition: float
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SampleMean:
+    """Mean over the valid load sets of a sample, beside the thesis' own mean (None where it has none)."""
+
+    sample: str
+    force_ratio: float | None
+    force_ratio_u: float | None
+    valid_points: int
+    thesis_force_ratio: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResult:
+    points: list[LoadPoint]
+    samples: list[SampleMean]
+    softness_order: list[str]
+
+    def summary(self) -> dict[str, Any]:
+        """The result without its points, for the record."""
+        return {"samples": [asdict(s) for s in self.samples], "softness_order": self.softness_order}
+
+
+def parse_loads(text: str) -> tuple[float, ...]:
+    """Loads in N from "1.5 N:4 N:0.5 N" (first, last, step; the last is included) or "1.5 N, 2 N".
+
+    Raises:
+        QuantityError: not a force. RangeError: empty, not positive, not increasing, or over 1000 loads.
+    """
+    parts = text.split(":")
+    if len(parts) == 3:
+        first, last, step = (parse(part, "N") for part in parts)
+        if not (step > 0 and last >= first):
+            raise RangeError(f"loads {text!r}: give first:last:step with last >= first and step > 0")
+        count = math.floor((last - first) / step * (1 + 1e-12) + 1e-9) + 1
+        if count > 1000:
+            raise RangeError(f"loads {text!r}: {count} loads, at most 1000; take a larger step")
+        loads = tuple(round(first + i * step, 12) for i in range(count))
+    elif len(parts) == 1:
+        loads = tuple(parse(part, "N") for part in text.split(","))
+    else:
+        raise RangeError(f"loads {text!r}: give first:last:step, such as '1.5 N:4 N:0.5 N', or a list with commas")
+    if not all(load > 0 for load in loads) or list(loads) != sorted(set(loads)):
+        raise RangeError(f"loads {text!r}: loads must be above zero, increasing and distinct")
+    return loads
+
+
+def preload_for(loads: Sequence[float]) -> float:
+    """Static force in N under which the largest load, N peak to peak, never lifts the probe."""
+    return PRELOAD_MARGIN * max(loads) / 2
+
+
+def check(settings: SweepSettings, force_limit: float) -> None:
+    """Refuse what cannot be done, before any device is spoken to.
+
+    Raises:
+        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate.
+        UnknownName: an unknown sample.
+    """
+    for sample in settings.samples:
+        get_sample(sample)
+    largest = max(settings.loads)
+    peak = preload_for(settings.loads) + largest / 2
+    if peak > force_limit:
+        most = force_limit / (0.5 + PRELOAD_MARGIN / 2)
+        raise RangeError(
+            f"load {largest:g} N peak to peak takes a peak force of {peak:.3g} N with its preload, above the bench's "
+            f"force limit of {force_limit:g} N; loads up to {most:.3g} N are possible"
+        )
+    if not FREQUENCIES[0] <= settings.frequency <= FREQUENCIES[1]:
+        raise RangeError(f"frequency {settings.frequency:g} Hz is outside {FREQUENCIES[0]:g} to {FREQUENCIES[1]:g} Hz")
+    if not 0 < settings.dwell <= LARGEST_DWELL:
+        raise RangeError(f"dwell {settings.dwell:g} s is outside 0 to {LARGEST_DWELL:g} s")
+    rate = SAMPLES_PER_CYCLE * settings.frequency
+    time = np.arange(round(settings.dwell * rate)) / rate
+    try:
+        fit_sine(time, np.sin(2 * np.pi * settings.frequency * time)[np.newaxis], settings.frequency)
+    except EstimateError as error:
+        raise RangeError(f"dwell {settings.dwell:g} s at {settings.frequency:g} Hz: {error}") from None
+
+
+def run(
+    bench: Bench,
+    design: Design,
+    calibration: LoadCellCalibration,
+    settings: SweepSettings,
+    record: Recorder,
+    progress: Progress,
+) -> SweepResult:
+    """Sweep all loads over all samples. Each point is durable before `progress` hears of it.
+
+    Raises:
+        RangeError, UnknownName: as `check`; nothing has been sent.
+        UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
+    """
+    check(settings, bench.force_limit)
+    total = len(settings.samples) * len(settings.loads)
+    points: list[LoadPoint] = []
+    _configure(bench, design, settings)
+    for name in settings.samples:
+        sample = get_sample(name)
+        progress(len(points), total, f"mount sample {name}")
+        bench.rest()
+        bench.positioner.home()
+        bench.operator.mount(sample)
+        preloaded = preload(bench, calibration, preload_for(settings.loads))
+        bench.drive()
+        servo = LoadServo(bench, calibration, settings.frequency, preloaded)
+        for load in settings.loads:
+            progress(len(points), total, f"sample {name}, {show(load, 'N')}")
+            servo.set(load)
+            point, recording = _measure(bench, design, calibration, settings, name, load)
+            waveforms = {film.name: (recording.rate, recording.voltage[film.channel - 1]) for film in design.films}
+            record.point(asdict(point), waveforms, bench.clock.now_ns())
+            points.append(point)
+            progress(len(points), total, f"sample {name}, {show(load, 'N')}")
+    bench.rest()
+    bench.positioner.home()
+    return evaluate(points, design)
+
+
+def _configure(bench: Bench, design: Design, settings: SweepSettings) -> None:
+    bench.amplifier.configure(GAIN, CURRENT_LIMIT, bench.description.watchdog)
+    bench.indicator.configure(GAGE_FACTOR, FULL_SCALE_MV)
+    node = bench.nodes[0]
+    node.set_sample_rate(SAMPLES_PER_CYCLE * settings.frequency)
+    for film in design.films:
+        peak = film.sensitivity * (preload_for(settings.loads) + max(settings.loads) / 2)
+        range_, _ = next(r for r in (SENSITIVE_RANGE, WIDE_RANGE) if HEADROOM * peak <= r[1])
+        node.set_range(film.channel, range_)
+
+
+def _measure(
+    bench: Bench, design: Design, calibration: LoadCellCalibration, settings: SweepSettings, sample: str, load: float
+) -> tuple[LoadPoint, Recording]:
+    node = bench.nodes[0]
+    bench.clock.wait(SETTLING)
+    heard = len(node.emergencies)
+    recording = node.acquire(settings.dwell)
+    reading = read_indicator(bench)
+    bench.amplifier.check()
+    films = [design.film("rigid"), design.film("total")]
+    channels = [film.channel - 1 for film in films]
+    voltage, saturated = recording.voltage[channels], bool(recording.saturated[channels].any())
+    fit = fit_sine(recording.time, voltage, settings.frequency)
+    ratio, noise_u = amplitude_ratio(fit, 0, 1)
+    peak_to_peak = 2 * fit.amplitude
+    forces = [float(v) / film.sensitivity for v, film in zip(peak_to_peak, films, strict=True)]
+    to_force = films[1].sensitivity / films[0].sensitivity
+    force_ratio = ratio * to_force
+    measured, measured_u = calibration.load(reading.reading_mV)
+    point = LoadPoint(
+        sample=sample,
+        load_N=load,
+        indicator_mV=reading.reading_mV,
+        load_measured_N=measured,
+        load_measured_u=measured_u,
+        voltage_rigid_V=float(peak_to_peak[0]),
+        voltage_total_V=float(peak_to_peak[1]),
+        force_rigid_N=forces[0],
+        force_total_N=forces[1],
+        force_ratio=force_ratio,
+        force_ratio_u=math.hypot(noise_u * to_force, design.ratio_scatter * force_ratio),
+        noise_u=noise_u * to_force,
+        condition=fit.condition,
+        valid=reading.valid and not saturated and len(node.emergencies) == heard,
+    )
+    return point, recording
+
+
+def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
+    """Mean ratio of each sample over its valid load sets, and the samples from hard to soft.
+
+    The gains scatter anew with each load set, so the uncertainties of the points are independent.
+    """
+    means = []
+    for name in dict.fromkeys(point.sample for point in points):
+        valid = [point for point in points if point.sample == name and point.valid]
+        n = len(valid)
+        means.append(
+            SampleMean(
+                sample=name,
+                force_ratio=math.fsum(p.force_ratio for p in valid) / n if n else None,
+                force_ratio_u=math.sqrt(math.fsum(p.force_ratio_u**2 for p in valid)) / n if n else None,
+                valid_points=n,
+                thesis_force_ratio=design.thesis_force_ratio.get(name),
+            )
+        )
+    known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
+    return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)])

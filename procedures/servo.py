@@ -1,0 +1,166 @@
+"""Bringing the load to where it should be: preload with the positioner, dynamic load with the shaker."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.bench import Bench
+from drivers.signal_generator import LARGEST_PEAK
+from instrument.calibration import LoadCellCalibration
+from instrument.errors import DeviceError, SafetyError, UnreachableError
+from instrument.quantity import show
+
+READINGS = 4  # averaged: the display's own noise dithers its steps
+READING_INTERVAL = 0.1  # s, the display is renewed ten times a second
+TRACK_FILTER = 0.1  # s
+TRACK_SETTLING = 0.8  # s, until a filtered reading counts as stable
+APPROACH_STEP = 2e-3  # m
+CONTACT = 0.3  # N, surely more than noise
+PRELOAD_TOLERANCE = 0.05  # of the preload
+PRELOAD_STEPS = 20
+FIRST_AMPLITUDE = 0.25  # V
+LARGEST_GROWTH = 3.0  # of the amplitude, in one servo step
+SERVO_STEPS = 10
+LOAD_TOLERANCE = 0.01  # of the load; never finer than 0.6 of the indicator's resolution
+CURRENT_RESERVE = 0.95  # of the current limit
+
+
+@dataclass(frozen=True, slots=True)
+class IndicatorMean:
+    """Mean reading in mV, and whether each of the readings was valid."""
+
+    reading_mV: float
+    valid: bool
+
+
+def read_indicator(bench: Bench, count: int = READINGS) -> IndicatorMean:
+    """Mean of `count` successive displays."""
+    readings = []
+    for number in range(count):
+        if number:
+            bench.clock.wait(READING_INTERVAL)
+        readings.append(bench.indicator.read())
+    mean = math.fsum(r.reading_mV for r in readings) / count
+    return IndicatorMean(mean, all(r.valid for r in readings))
+
+
+def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> float:
+    """Lower the probe until it presses with `force` N; returns the force in N.
+
+    Goes on in steps to contact, then by the slope of the last two readings.
+
+    Raises:
+        UnreachableError: the positioner's travel ends before.
+        SafetyError: the force passes the bench's limit; the probe goes home.
+    """
+    bench.indicator.track(TRACK_FILTER)
+    travel = bench.positioner.travel()
+    position, load = 0.0, 0.0
+    before: tuple[float, float] | None = None
+    for _ in range(PRELOAD_STEPS):
+        step = APPROACH_STEP
+        if before is not None and load - before[1] > CONTACT / 10:
+            step = (force - load) * (position - before[0]) / (load - before[1])
+        if position + step > travel:
+            break
+        before = (position, load) if load > CONTACT else None
+        position += step
+        bench.positioner.move(position)
+        bench.clock.wait(TRACK_SETTLING)
+        reading = read_indicator(bench)
+        if not reading.valid:
+            raise DeviceError(f"{bench.indicator.name}: no valid reading at {1e3 * position:.3f} mm; check the bridge")
+        load = calibration.load(reading.reading_mV)[0]
+        if not load <= bench.force_limit:
+            bench.positioner.home()
+            raise SafetyError(f"preload of {load:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
+        if abs(load - force) <= max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution()):
+            return load
+    raise UnreachableError(
+        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm of {1e3 * travel:.3f} mm; "
+        "ask for smaller loads or mount a stiffer sample"
+    )
+
+
+class LoadServo:
+    """Sets peak-to-peak loads by the generator's amplitude, and learns the stack's response on the way."""
+
+    def __init__(self, bench: Bench, calibration: LoadCellCalibration, frequency: float, preloaded: float) -> None:
+        """`frequency` in Hz; `preloaded` is the static force in N, which counts towards the force limit."""
+        self._bench = bench
+        self._calibration = calibration
+        self._frequency = frequency
+        self._preloaded = preloaded
+        self._window = min(10.0, max(0.5, 3 / frequency))
+        self._amplitude = 0.0
+        self._volts_per_newton: float | None = None
+        bench.indicator.peak_to_peak(self._window)
+        self._current_limit = bench.amplifier.get("current_limit")
+
+    def set(self, load: float) -> float:
+        """Drive with `load` N peak to peak; returns the measured load.
+
+        Raises:
+            SafetyError: the force passes the bench's limit; the outputs are off before this is raised.
+            UnreachableError: generator or amplifier cannot give it, or it does not settle.
+        """
+        tolerance = max(LOAD_TOLERANCE * load, 0.6 * self._calibration.resolution())
+        measured = math.nan
+        for _ in range(SERVO_STEPS):
+            self._step(load)
+            measured = self._measure()
+            if measured > max(3 * self._calibration.resolution(), 0.1 * load):
+                self._volts_per_newton = self._amplitude / measured
+            if abs(measured - load) <= tolerance:
+                return measured
+        raise UnreachableError(
+            f"{load:g} N peak to peak is not reached in {SERVO_STEPS} steps: {measured:.3g} N at "
+            f"{show(self._amplitude, 'V')}; check the mounting of the sample"
+        )
+
+    def _step(self, load: float) -> None:
+        if self._volts_per_newton is None:
+            amplitude = LARGEST_GROWTH * self._amplitude or FIRST_AMPLITUDE
+        else:
+            amplitude = self._volts_per_newton * load
+            self._check_reach(load, amplitude)
+            if self._amplitude:
+                amplitude = min(amplitude, LARGEST_GROWTH * self._amplitude)
+        if amplitude > LARGEST_PEAK:
+            raise UnreachableError(
+                f"{load:g} N peak to peak is not reached: no load appears at {show(self._amplitude, 'V')} from the "
+                "generator; check amplifier, shaker and mounting"
+            )
+        self._amplitude = amplitude
+        self._bench.generator.sine(self._frequency, amplitude)
+        self._bench.clock.wait(self._window + READING_INTERVAL)
+
+    def _check_reach(self, load: float, amplitude: float) -> None:
+        if amplitude > LARGEST_PEAK:
+            raise UnreachableError(
+                f"{load:g} N peak to peak needs {amplitude:.3g} V from the generator, which gives {LARGEST_PEAK:g} V; "
+                "ask for a smaller load or raise the amplifier's gain"
+            )
+        if not self._amplitude:
+            return
+        current = math.sqrt(2) * self._bench.amplifier.check().current * amplitude / self._amplitude
+        if current > CURRENT_RESERVE * self._current_limit:
+            raise UnreachableError(
+                f"{load:g} N peak to peak needs {current:.3g} A from the amplifier, whose limit is "
+                f"{self._current_limit:g} A; ask for a smaller load or mount a stiffer sample"
+            )
+
+    def _measure(self) -> float:
+        reading = read_indicator(self._bench)
+        if not reading.valid:
+            self._bench.rest()
+            raise DeviceError(f"{self._bench.indicator.name}: no valid reading while driving; outputs are off")
+        load = self._calibration.load(reading.reading_mV)[0]
+        if not self._preloaded + load / 2 <= self._bench.force_limit:
+            self._bench.rest()
+            raise SafetyError(
+                f"force of {self._preloaded + load / 2:.3g} N passes the bench's limit of {self._bench.force_limit:g} N; "
+                "outputs are off. Check the mounting of the sample"
+            )
+        return load
