@@ -215,7 +215,7 @@ def list_runs(store: Path) -> list[RunSummary]:
 def _summary(folder: Path) -> RunSummary:
     try:
         run = Run.open(folder)
-        with _reading(folder) as database:
+        with _reading(run.folder) as database:
             (points,) = database.execute("SELECT count(*) FROM point").fetchone()
     except RecordError as error:
         modified = datetime.fromtimestamp((folder / DATABASE).stat().st_mtime, UTC)

@@ -160,7 +160,7 @@ class LoadServo:
         if not self._preloaded + load / 2 <= self._bench.force_limit:
             self._bench.rest()
             raise SafetyError(
-                f"force of {self._preloaded + load / 2:.3g} N passes the bench's limit of {self._bench.force_limit:g} N; "
-                "outputs are off. Check the mounting of the sample"
+                f"force of {self._preloaded + load / 2:.3g} N passes the bench's limit of "
+                f"{self._bench.force_limit:g} N; outputs are off. Check the mounting of the sample"
             )
         return load

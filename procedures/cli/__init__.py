@@ -1,0 +1,57 @@
+"""The command line `palpate`. Modules that cost start-up time are imported inside the commands."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from procedures.cli.calibrate import calibrate
+from procedures.cli.contracts import contracts
+from procedures.cli.runs import runs
+from procedures.cli.sweep import sweep
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Examples:\n\n  palpate sweep loads\n\n  palpate calibrate load-cell\n\n  palpate runs list",
+)
+@click.version_option(package_name="palpate")
+def palpate() -> None:
+    """Drive a bench for piezoelectric tactile sensors, or its simulation.
+
+    Without --bench the bench is simulated: no hardware is needed. Results lie in runs/, stamped SIMULATED.
+    """
+
+
+for group in (sweep, calibrate, runs, contracts):
+    palpate.add_command(group)
+
+
+def main() -> None:
+    """Run, and turn every mistake of the user's or the bench's into one message and an exit status.
+
+    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 130 interrupted.
+    """
+    from instrument.errors import PalpateError
+
+    try:
+        status = palpate.main(standalone_mode=False)
+        sys.exit(status if isinstance(status, int) else 0)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except (click.Abort, KeyboardInterrupt) as error:
+        _complain("interrupted", error)
+        sys.exit(130)
+    except PalpateError as error:
+        _complain(f"error: {error}", error)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        sys.stderr.close()
+        sys.exit(0)
+
+
+def _complain(message: str, error: BaseException) -> None:
+    for line in (f"palpate: {message}", *getattr(error, "__notes__", ())):
+        click.echo(line, err=True)

@@ -1,0 +1,29 @@
+"""palpate contracts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from procedures.cli.options import Output, output_options
+
+
+@click.group()
+def contracts() -> None:
+    """The devices' register and object maps."""
+
+
+@contracts.command(epilog="Examples:\n\n  palpate contracts export --to maps")
+@click.option("--to", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Where they go.")
+@output_options
+def export(folder: Path, as_json: bool, quiet: bool) -> None:
+    """Write the register tables (Markdown), the node's EDS and a DBC for logging tools."""
+    from instrument.export import export_contracts
+
+    output = Output(as_json, quiet)
+    files = export_contracts(folder)
+    if output.as_json:
+        output.json({"files": [str(file) for file in files]})
+    for file in files:
+        output.line(str(file))

@@ -1,0 +1,77 @@
+"""Options that commands share, and how they speak: tables for people, one JSON object for machines."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+Progress = Callable[[int, int, str], None]
+
+
+def store() -> Path:
+    """Where runs and calibrations are kept: $PALPATE_STORE, or runs/ in the current folder."""
+    return Path(os.environ.get("PALPATE_STORE", "runs"))
+
+
+def output_options(command: F) -> F:
+    """--json and --quiet."""
+    command = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
+    return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
+
+
+def bench_options(command: F) -> F:
+    """Options of every command that uses a bench."""
+    for option in (
+        click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
+        click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),
+        click.option("--bench", type=click.Path(path_type=Path), metavar="FILE", help="Bench file of a real bench."),
+        click.option(
+            "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder of this run (default: new in runs/)."
+        ),
+    ):
+        command = option(command)
+    return output_options(command)
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """How to speak."""
+
+    as_json: bool
+    quiet: bool
+
+    @property
+    def for_people(self) -> bool:
+        return not self.as_json and not self.quiet
+
+    def json(self, value: dict[str, Any]) -> None:
+        """The one object on stdout; NaN becomes null."""
+        click.echo(json.dumps(value, indent=2, allow_nan=False))
+
+    def line(self, text: str) -> None:
+        if self.for_people:
+            click.echo(text)
+
+    @contextmanager
+    def progress(self) -> Iterator[Progress]:
+        """A progress bar on stderr, where someone can see it."""
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        console = Console(stderr=True)
+        columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+        with Progress(*columns, console=console, disable=self.quiet or not console.is_terminal) as bar:
+            task = bar.add_task("opening the bench", total=None)
+
+            def report(done: int, total: int, what: str) -> None:
+                bar.update(task, completed=done, total=total, description=what)
+
+            yield report

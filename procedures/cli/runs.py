@@ -1,0 +1,75 @@
+"""palpate runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from procedures.cli.options import Output, output_options, store
+
+
+@click.group()
+def runs() -> None:
+    """Look at recorded runs."""
+
+
+@runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder that holds the runs.")
+@output_options
+def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
+    """List the runs in runs/, newest first."""
+    from procedures import report
+    from procedures.run import list_runs
+
+    output = Output(as_json, quiet)
+    found = list_runs(out or store())
+    if output.as_json:
+        output.json({"runs": [report.run_row(run) for run in found]})
+    elif output.for_people:
+        report.print_runs(found, out or store())
+
+
+@runs.command(
+    epilog="Examples:\n\n  palpate runs show 20260102T030405Z-sweep-loads\n\n  palpate runs show first-day --json"
+)
+@click.argument("run")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder that holds the runs.")
+@output_options
+def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Show a run: what it was, its points, its events. RUN is a folder or a name in runs/.
+
+    Every waveform is checked against its CRC; the digest is equal for runs that measured the same.
+    """
+    from procedures import report
+    from procedures.run import Run, find_run
+
+    output = Output(as_json, quiet)
+    opened = Run.open(find_run(run, out or store()))
+    digest = opened.digest()
+    if output.as_json:
+        output.json(report.run_object(opened, digest))
+    elif output.for_people:
+        report.print_run(opened, digest)
+
+
+@runs.command(
+    epilog="Examples:\n\n  palpate runs export first-day --to csv"
+    "\n\n  palpate runs export first-day --to parquet --out tables"
+)
+@click.argument("run")
+@click.option("--to", required=True, type=click.Choice(["csv", "parquet"]), help="Format.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Where the files go (default: the run).")
+@output_options
+def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
+    from procedures.export import export as export_run
+    from procedures.run import Run, find_run
+
+    output = Output(as_json, quiet)
+    opened = Run.open(find_run(run, store()))
+    files = export_run(opened, to, out or opened.folder)
+    if output.as_json:
+        output.json({"run": str(opened.folder), "simulated": opened.simulated, "files": [str(f) for f in files]})
+    for file in files:
+        output.line(str(file))

@@ -1,0 +1,201 @@
+"""Opens a bench, real or simulated, and the record of a run on it: here drivers and simulators meet."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import click
+
+from drivers.bench import Bench
+from drivers.clock import WallClock
+from instrument.bench import BenchDescription, read_bench
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration, read_calibration
+from instrument.contracts import contracts_digest
+from instrument.design import Design
+from instrument.designs import get_design
+from instrument.errors import ConfigError, UsageError
+from instrument.quantity import show
+from instrument.sample import Sample
+from procedures.cli.options import store
+from procedures.record import Recorder, new_run_folder
+from procedures.run import DATABASE, storing
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene, read_scene
+
+DEFAULT_SCENE = "thesis_single"
+PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
+Check = Callable[[BenchDescription], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """An open bench with the run that is being recorded on it."""
+
+    bench: Bench
+    design: Design
+    scene: Scene | None
+    calibration: LoadCellCalibration
+    record: Recorder
+    started: datetime
+    wall_start: float
+
+    def outcome(self) -> dict[str, Any]:
+        """What every result says of itself."""
+        return {
+            "simulated": self.bench.simulated,
+            "run": str(self.record.folder),
+            "design": self.design.name,
+            "scene": self.scene.name if self.scene else None,
+            "model": self.scene.model if self.scene else None,
+            "seed": self.scene.seed if self.scene else None,
+            "calibration": self.calibration.source,
+            "bench_seconds": self.bench.clock.now_ns() / 1e9,
+            "wall_seconds": time.monotonic() - self.wall_start,
+        }
+
+
+class ConsoleOperator:
+    """Asks the person at the console. Meets `instrument.operator.Operator`."""
+
+    def mount(self, sample: Sample) -> None:
+        size = show(sample.thickness, "m")
+        click.prompt(f"Mount sample {sample.name} ({sample.material}, {size}), then press Enter", **_SILENT)
+
+    def place_weight(self, mass: float) -> None:
+        text = f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off"
+        click.prompt(f"{text}, then press Enter", **_SILENT)
+
+
+_SILENT: dict[str, Any] = {"default": "", "show_default": False, "prompt_suffix": " ", "err": True}
+
+
+@contextmanager
+def open_session(
+    procedure: str,
+    *,
+    bench: Path | None,
+    scene: str | None,
+    seed: int | None,
+    model: str | None,
+    out: Path | None,
+    settings: Mapping[str, object],
+    check: Check,
+) -> Iterator[Session]:
+    """Open the bench and its run; on the way out outputs are off and the run is closed.
+
+    Raises:
+        UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses.
+        ConfigError, UnknownName: a bench, scene or calibration file is wrong.
+        BenchError: a device cannot be opened or identified. RecordError: the folder cannot be written.
+    """
+    started, wall_start = datetime.now(UTC), time.monotonic()
+    chosen: Scene | None = None
+    if bench is not None:
+        given = {"--scene": scene, "--seed": seed, "--model": model}
+        if extra := [option for option, value in given.items() if value is not None]:
+            raise UsageError(f"{', '.join(extra)}: only a simulated bench has it; leave it out or leave out --bench")
+        description = read_bench(bench)
+        check(description)
+    else:
+        chosen = _scene(scene, seed, model)
+    folder = _run_folder(out, procedure, started)
+    with ExitStack() as stack:
+        stack.callback(_remove_if_empty, folder)
+        clock, operator = WallClock(), ConsoleOperator()
+        if chosen is not None:
+            simulated = stack.enter_context(SimulatedBench(chosen))
+            description = simulated.description
+            check(description)
+            opened = stack.enter_context(Bench(description, simulated.clock, simulated.operator))
+        else:
+            opened = stack.enter_context(Bench(description, clock, operator))
+        calibration = _calibration(opened)
+        header = {
+            "procedure": procedure,
+            "simulated": opened.simulated,
+            "started": started.isoformat(timespec="seconds"),
+            "settings": dict(settings),
+            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.text},
+            "seed": None if chosen is None else chosen.seed,
+            "bench": description.to_toml(),
+            "devices": {device.name: device.serial for device in opened.devices},
+            "contracts": contracts_digest(),
+            "calibration": calibration.model_dump(),
+            "versions": {"python": platform.python_version(), **{p: metadata.version(p) for p in PACKAGES}},
+            "commit": _commit(),
+        }
+        record = stack.enter_context(Recorder.create(folder, header))
+        with storing(folder):
+            (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
+            if chosen is not None:
+                (folder / "scene.toml").write_text(chosen.text, encoding="utf-8")
+        design = chosen.design if chosen is not None else get_design("single")
+        try:
+            yield Session(opened, design, chosen, calibration, record, started, wall_start)
+        except BaseException as error:
+            error.add_note(f"points already taken are kept in {folder}")
+            raise
+
+
+def calibration_path(serial: str) -> Path:
+    """Where the load-cell calibration of an indicator is kept."""
+    name = "".join(c if c.isalnum() or c in "-_" else "-" for c in serial) or "unknown"
+    return store() / "calibrations" / f"load_cell-{name}.toml"
+
+
+def _calibration(bench: Bench) -> LoadCellCalibration:
+    """The stored calibration of this bench's indicator, else the thesis' own."""
+    path = calibration_path(bench.indicator.serial)
+    if not path.exists():
+        return THESIS_LOAD_CELL
+    calibration = read_calibration(path)
+    if calibration.simulated != bench.simulated or calibration.device != (bench.indicator.serial or "unknown"):
+        raise ConfigError(
+            f"{path}: was made {'on a simulated bench' if calibration.simulated else 'on hardware'} with device "
+            f"{calibration.device}, not for this bench's {bench.indicator.serial or 'unknown'}; calibrate again"
+        )
+    return calibration
+
+
+def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
+    scene = read_scene(name or DEFAULT_SCENE)
+    if seed is not None:
+        scene = scene.with_seed(seed)
+    return scene.with_model(model) if model is not None else scene
+
+
+def _run_folder(out: Path | None, procedure: str, started: datetime) -> Path:
+    if out is None:
+        return new_run_folder(store(), procedure, started)
+    if (out / DATABASE).exists():
+        raise UsageError(f"{out} already holds a run; choose another --out")
+    with storing(out):
+        out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def _remove_if_empty(folder: Path) -> None:
+    """A run that never began leaves no folder."""
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _commit() -> str | None:
+    """Commit of the source tree palpate runs from, where there is one."""
+    here = Path(__file__).parent
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(here), "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=5
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
