@@ -178,14 +178,17 @@ class CanSegment:
 
 
 def _frames(node: SensorNode, samples: Samples) -> tuple[can.Message, list[Any]]:
-    """One message to fill in, and for each sample the id, data and length of its two frames."""
+    """One message to fill in, and for each sample the id, data and length of its two frames.
+
+    The data are bytes: the virtual bus copies a message for each receiver, and bytes copy for nothing.
+    """
     data = samples.counts.tobytes()
     size = samples.counts.itemsize * samples.counts.shape[1]
     first, second = SAMPLES.base + node.id, STAMP.base + node.id
     payloads = [
         (
-            (first, bytearray(data[i * size : (i + 1) * size]), size),
-            (second, bytearray(STAMP_LAYOUT.pack(samples.counter + i, flags)), STAMP_LAYOUT.size),
+            (first, data[i * size : (i + 1) * size], size),
+            (second, STAMP_LAYOUT.pack(samples.counter + i, flags), STAMP_LAYOUT.size),
         )
         for i, flags in enumerate(samples.saturation.tolist())
     ]

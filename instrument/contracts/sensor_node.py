@@ -65,3 +65,14 @@ CONTRACT = Contract(
         Pdo("stamp", 0x280, ("sample_counter", "saturation")),
     ),
 )  # fmt: skip
+
+
+def bus_load(nodes: int, rate: float, bitrate: float) -> float:
+    """Share of a classic CAN bus that SYNC and the samples of `nodes` nodes take at `rate` Hz, at worst.
+
+    A frame of n data bytes has 47 + 8 n bits and at most (33 + 8 n) // 4 stuff bits (ISO 11898-1). Above 1 the
+    real bus cannot carry it, whatever a simulated one does.
+    """
+    sizes = [0, *nodes * [sum(CONTRACT[name].size for name in pdo.fields) for pdo in CONTRACT.pdos]]
+    bits = sum(47 + 8 * n + (33 + 8 * n) // 4 for n in sizes)
+    return bits * rate / bitrate

@@ -1,0 +1,46 @@
+"""Prints every figure that palpate promises, measured now on this machine: `python -m tests.benchmarks`.
+
+Nothing here fails on a slow machine: times are printed beside their goals, never asserted.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+
+from rich.console import Console
+from rich.table import Table
+
+from tests.benchmarks import array, driver_call, numbers, start_up, sweep
+from tests.benchmarks.row import Row
+
+PARTS = {
+    "driver_call": driver_call.measure,
+    "sweep": sweep.measure,
+    "array": array.measure,
+    "numbers": numbers.measure,
+    "start_up": start_up.measure,
+}
+
+
+def main(names: list[str]) -> int:
+    """Run the named parts, or all."""
+    if unknown := [name for name in names if name not in PARTS]:
+        print(f"unknown benchmark {unknown[0]!r}; valid: {', '.join(PARTS)}", file=sys.stderr)  # noqa: T201
+        return 2
+    console = Console(width=120, highlight=False)
+    console.print(f"{platform.machine()}, Python {platform.python_version()}")
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("figure", "measured", "goal", ""):
+        table.add_column(column)
+    for name in names or PARTS:
+        row: Row
+        for row in PARTS[name]():
+            verdict = "" if row.met is None else "met" if row.met else "NOT MET"
+            table.add_row(row.figure, row.measured, row.goal, verdict)
+    console.print(table)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

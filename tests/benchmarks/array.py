@@ -1,0 +1,38 @@
+"""Twenty nodes, two films each, 1 kHz, for a minute of bench time."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+
+from drivers.bench import Bench
+from drivers.sensor_node import acquire
+from instrument.contracts.sensor_node import bus_load
+from instrument.sample import get_sample
+from simulators.bench import SimulatedBench
+from simulators.scene import read_scene
+from tests.benchmarks.row import Row
+
+NODES, RATE, SECONDS = 20, 1000, 60.0
+
+
+def measure() -> Iterator[Row]:
+    scene = dataclasses.replace(read_scene("thesis_single"), nodes=NODES)
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.operator.mount(get_sample("1"))
+        bench.positioner.move(15e-3)
+        bench.drive()
+        bench.generator.sine(10.0, 1.0)
+        start = time.perf_counter()
+        recordings = acquire(bench.nodes, SECONDS)  # raises where a counter is not continuous
+        wall = time.perf_counter() - start
+    expected = NODES * round(RATE * SECONDS)
+    got = sum(r.time.size for r in recordings)
+    frames = 2 * expected + round(RATE * SECONDS)
+    what = f"{NODES} nodes at {RATE} Hz for {SECONDS:.0f} s"
+    yield Row(f"{what}: samples lost", f"{expected - got}", "0", got == expected)
+    speed = f"{wall:.1f} s, {frames / wall:.0f} frames/s"
+    yield Row(f"{what}: wall time", speed, f"< {SECONDS:.0f} s", wall < SECONDS)
+    load = 100 * bus_load(NODES, RATE, 1e6)
+    yield Row(f"{what}: load of a real 1 Mbit/s bus", f"{load:.0f} % at worst: more than one bus carries")

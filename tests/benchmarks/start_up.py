@@ -1,0 +1,29 @@
+"""How long the command line and the tests keep people waiting."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.benchmarks.row import Row
+
+HELP_GOAL, TESTS_GOAL = 0.3, 180.0
+ROUNDS = 7
+
+
+def measure() -> Iterator[Row]:
+    palpate = str(Path(sys.executable).with_name("palpate"))
+    helped = statistics.median(_seconds([palpate, "--help"]) for _ in range(ROUNDS))
+    yield Row("palpate --help", f"{helped:.3f} s", f"< {HELP_GOAL} s", helped < HELP_GOAL)
+    tested = _seconds([sys.executable, "-m", "pytest", "-q"])
+    yield Row("pytest, all tests", f"{tested:.0f} s", f"< {TESTS_GOAL:.0f} s", tested < TESTS_GOAL)
+
+
+def _seconds(command: list[str]) -> float:
+    start = time.perf_counter()
+    subprocess.run(command, capture_output=True, check=True)
+    return time.perf_counter() - start

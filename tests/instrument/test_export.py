@@ -1,0 +1,288 @@
+"""The exported maps say what the contracts say, read back by the tools they are for."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import re
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import canopen
+import cantools
+import pytest
+from canopen.objectdictionary import datatypes
+
+from instrument.contract import Contract, Field, Pdo
+from instrument.contracts import CONTRACTS
+from instrument.errors import RecordError
+from instrument.export import bench_dbc, export_contracts, node_eds, register_table
+
+NODE = CONTRACTS["sensor_node"]
+NAMES = ["registers.md", "sensor_node.eds", "bench.dbc"]
+EVERY_FIELD = [pytest.param(c, f, id=f"{c.name}.{f.name}") for c in CONTRACTS.values() for f in c.fields]
+# The codes of CiA 301 7.4.7.1, not canopen's names for them.
+CIA_301_TYPES = {
+    "uint8": 0x5, "int8": 0x2, "uint16": 0x6, "int16": 0x3, "uint32": 0x7, "int32": 0x4, "float32": 0x8, "text": 0x9,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("maps") / "not" / "yet"
+    assert [path.name for path in export_contracts(folder)] == NAMES
+    return folder
+
+
+@pytest.fixture(scope="module")
+def eds(folder: Path) -> Any:
+    return canopen.import_od(str(folder / "sensor_node.eds"), 5)
+
+
+@pytest.fixture(scope="module")
+def dbc(folder: Path) -> Any:
+    return cantools.database.load_file(folder / "bench.dbc")
+
+
+# --- the files -----------------------------------------------------------------------------------------
+
+
+def test_two_exports_are_the_same_bytes_in_another_process_on_another_day(folder: Path, tmp_path: Path) -> None:
+    code = (
+        "import datetime, pathlib, sys\n"
+        "class Later(datetime.datetime):\n"
+        "    @classmethod\n"
+        "    def utcnow(cls): return cls(2031, 2, 3, 16, 5, 6)\n"
+        "datetime.datetime = Later\n"
+        "from instrument.export import export_contracts\n"
+        "export_contracts(pathlib.Path(sys.argv[1]))\n"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "12345", "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True, env=environment, timeout=60)
+    for name in NAMES:
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_an_export_writes_over_its_own_files_and_touches_no_other(folder: Path, tmp_path: Path) -> None:
+    for name in (*NAMES, "notes.txt"):
+        (tmp_path / name).write_text("before")
+    export_contracts(tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "before"
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*NAMES, "notes.txt"])
+    for name in NAMES:
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+@pytest.mark.parametrize("blocked", ["folder", *NAMES])
+def test_what_cannot_be_written_is_named_with_its_remedy(blocked: str, tmp_path: Path) -> None:
+    if blocked == "folder":
+        wrong = tmp_path / "maps"
+        wrong.write_text("a file")
+    else:
+        wrong = tmp_path / "maps" / blocked
+        wrong.mkdir(parents=True)
+    with pytest.raises(RecordError, match=rf"^{re.escape(str(wrong))}: cannot be written: .+; name another folder$"):
+        export_contracts(tmp_path / "maps")
+
+
+def test_the_files_for_tools_are_plain_ascii(folder: Path) -> None:
+    for name in NAMES[1:]:
+        assert (folder / name).read_bytes().isascii(), name
+
+
+def test_the_deprecated_clock_in_canopen_is_silenced_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Deprecated(datetime.datetime):
+        message: ClassVar[str]
+
+        @classmethod
+        def utcnow(cls) -> Deprecated:
+            warnings.warn(cls.message, DeprecationWarning, stacklevel=2)
+            return cls(2024, 1, 1)
+
+    monkeypatch.setattr(datetime, "datetime", Deprecated)
+    Deprecated.message = "datetime.datetime.utcnow() is deprecated and scheduled for removal"
+    node_eds(NODE)
+    Deprecated.message = "something else is deprecated"
+    with pytest.raises(DeprecationWarning, match="something else"):
+        node_eds(NODE)
+
+
+# --- the register tables -------------------------------------------------------------------------------
+
+
+def cells(contract: Contract, name: str) -> dict[str, str]:
+    """The row of a field in the contract's table, by column."""
+    lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in register_table(contract).splitlines()]
+    head, _, *rows = [[cell.strip().replace(r"\|", "|") for cell in line] for line in lines]
+    assert all(len(row) == len(head) for row in rows)
+    (row,) = [dict(zip(head, row, strict=True)) for row in rows if row[1] == name]
+    return row
+
+
+@pytest.mark.parametrize(("contract", "field"), EVERY_FIELD)
+def test_a_register_table_gives_every_field_whole(contract: Contract, field: Field) -> None:
+    row = cells(contract, field.name)
+    if contract.bus == "modbus":
+        assert int(row["address"], 16) == field.address
+    else:
+        index, subindex = row["address"].split(":")
+        assert (int(index, 16), int(subindex, 16)) == (field.index, field.subindex)
+    assert (row["type"], row["unit"], row["access"]) == (field.type, field.unit, field.access)
+    assert row["meaning"] == field.meaning
+    if field.type == "text":
+        assert row["default"] == field.default
+        return
+    assert float(row["scale"]) == field.scale
+    limits = [float(limit) for limit in row["limits"].split(" to ")] if row["limits"] else [None, None]
+    assert limits == [field.minimum, field.maximum]
+    named = [item for item in row["choices or bits"].split(", ") if item]
+    assert named == [f"{raw} {name}" for name, raw in field.choices.items()] + [
+        f"bit {number} {name}" for name, number in field.bits.items()
+    ]
+    if field.access == "wo":
+        assert row["default"] == ""
+    elif field.choices:
+        assert field.choices[row["default"]] == field.default
+    else:
+        assert float(row["default"]) == field.default
+
+
+def test_the_tables_say_whose_maps_they_are_and_what_they_imitate(folder: Path) -> None:
+    text = (folder / "registers.md").read_text()
+    assert "Palpate's own" in text
+    for imitated in ("Waveshare", "Riden RD6006", "Hubert A1230", "Laumas TLB", "Dini Argeo", "Baumer"):
+        assert imitated in text
+    for contract in CONTRACTS.values():
+        section = text.split(f"\n## {contract.title}\n")[1].split("\n## ")[0]
+        assert register_table(contract) in section
+        assert contract.digest() in section
+        for part in (contract.identity.vendor, contract.identity.product, contract.identity.revision):
+            assert part in section
+        for pdo in contract.pdos:
+            assert f"0x{pdo.base:X} + node id: {', '.join(pdo.fields)}." in section
+
+
+# --- the EDS -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("field", NODE.fields, ids=lambda f: f.name)
+def test_the_eds_gives_every_object_with_type_access_limits_and_default(field: Field, eds: Any) -> None:
+    variable = eds.get_variable(field.index, field.subindex)
+    assert variable.name == field.name
+    assert variable.data_type == CIA_301_TYPES[field.type]
+    assert variable.access_type == field.access
+    assert variable.description == field.meaning.replace(";", ",")
+    if field.type == "text":
+        assert variable.default == field.default
+        return
+    assert (variable.factor, variable.unit) == (field.scale, field.unit)
+    if field.minimum is None:
+        assert (variable.min, variable.max) == (None, None)
+    else:
+        assert variable.min * field.scale == pytest.approx(field.minimum, abs=1e-12)
+        assert variable.max * field.scale == pytest.approx(field.maximum, rel=1e-12)
+    node_id = 5 if field.name.startswith("tpdo") and field.name.endswith("cob_id") else 0
+    assert (variable.default - node_id) * field.scale == pytest.approx(field.default, rel=1e-12)
+
+
+def test_the_eds_has_no_object_that_the_contract_has_not(eds: Any) -> None:
+    declared = {(f.index, f.subindex) for f in NODE.fields}
+    found = {
+        (index, sub)
+        for index, item in eds.indices.items()
+        for sub in ([0] if item.__class__.__name__ == "ODVariable" else item.subindices)
+    }
+    counts_and_mappings = {(i, s) for i, s in found if i in (0x1A00, 0x1A01) or (i, 1) in declared and s == 0}
+    assert found - counts_and_mappings == declared
+
+
+def test_the_eds_maps_the_pdos_as_the_contract_packs_them(eds: Any) -> None:
+    for number, pdo in enumerate(NODE.pdos):
+        mapping = eds[0x1A00 + number]
+        assert mapping[0].default == len(pdo.fields)
+        entries = [mapping[i].default for i in range(1, len(pdo.fields) + 1)]
+        assert entries == [NODE[n].address << 8 | 8 * NODE[n].size for n in pdo.fields]
+
+
+def test_the_eds_puts_the_first_sample_where_the_standard_has_it_in_the_mapping(eds: Any) -> None:
+    assert eds[0x1A00][1].default == 0x7130_01_10  # object 7130h:01, 16 bits
+    assert eds[0x1A01][2].default == 0x2002_00_08  # object 2002h, 8 bits
+
+
+def test_the_eds_names_the_maker_and_the_numbers_of_the_identity_object(eds: Any) -> None:
+    device = eds.device_information
+    assert (device.vendor_name, device.product_name) == ("Palpate", "sensor node")
+    assert (device.vendor_number, device.product_number, device.revision_number) == (
+        eds[0x1018][1].default, eds[0x1018][2].default, eds[0x1018][3].default,
+    )  # fmt: skip
+    assert (device.nr_of_TXPDO, device.nr_of_RXPDO) == (2, 0)
+    assert device.allowed_baudrates == {1_000_000}
+    assert NODE.digest() in eds.comments
+
+
+def test_the_types_of_the_test_are_canopens_too() -> None:
+    assert CIA_301_TYPES["uint32"] == datatypes.UNSIGNED32
+    assert CIA_301_TYPES["int16"] == datatypes.INTEGER16
+
+
+# --- the DBC -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("node_id", [1, 7, 20])
+def test_the_dbc_decodes_golden_samples_to_their_counts(node_id: int, dbc: Any) -> None:
+    frame = bytes.fromhex("01 00 ff ff ff 7f 00 80")
+    assert dbc.decode_message(0x180 + node_id, frame) == {
+        "sample_1": 1, "sample_2": -1, "sample_3": 32767, "sample_4": -32768,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("node_id", [1, 7, 20])
+def test_the_dbc_decodes_a_golden_stamp_heartbeat_emergency_and_sync(node_id: int, dbc: Any) -> None:
+    stamp = dbc.decode_message(0x280 + node_id, bytes.fromhex("04 03 02 f1 05"))
+    assert stamp == {"sample_counter": 0xF1020304, "saturation": 0b0101}
+    assert dbc.decode_message(0x700 + node_id, b"\x05") == {"nmt_state": "operational"}
+    emergency = dbc.decode_message(0x80 + node_id, bytes.fromhex("01 ff 04 11 22 33 44 55"))
+    assert emergency == {"error_code": 0xFF01, "error_register": 4, "manufacturer": 0x5544332211}
+    assert dbc.decode_message(0x80, b"") == {}
+
+
+def test_the_dbc_has_five_kinds_of_message_for_nodes_1_to_20_and_no_other(dbc: Any) -> None:
+    expected = {0x80: ("SYNC", 0)}
+    for n in range(1, 21):
+        expected |= {
+            0x180 + n: (f"SN{n:02d}_samples", 8),
+            0x280 + n: (f"SN{n:02d}_stamp", 5),
+            0x700 + n: (f"SN{n:02d}_heartbeat", 1),
+            0x80 + n: (f"SN{n:02d}_emergency", 8),
+        }
+    assert {m.frame_id: (m.name, m.length) for m in dbc.messages} == expected
+
+
+def test_the_dbc_carries_scale_unit_and_limits_of_each_signal(dbc: Any) -> None:
+    for pdo in NODE.pdos:
+        signals = {s.name: s for s in dbc.get_message_by_frame_id(pdo.base + 3).signals}
+        assert set(signals) == set(pdo.fields)
+        for name in pdo.fields:
+            field, signal = NODE[name], signals[name]
+            assert (signal.scale, signal.unit or "") == (field.scale, field.unit)
+            assert signal.is_signed == field.type.startswith("int")
+            assert signal.length == 8 * field.size
+            whole = 2.0**signal.length
+            low = -whole / 2 if signal.is_signed else 0.0
+            assert (signal.minimum, signal.maximum) == (low * field.scale, (low + whole - 1) * field.scale)
+            assert signal.comment.startswith(field.meaning)
+            assert all(f"bit {number} {bit}" in signal.comment for bit, number in field.bits.items())
+
+
+def test_a_scaled_and_limited_field_keeps_both_in_the_dbc() -> None:
+    warm = Field("warm", 0x400001, "int16", "temperature", "degC", 0.1, minimum=-40, maximum=125)
+    node = replace(NODE, fields=(*NODE.fields, warm), pdos=(Pdo("heat", 0x180, ("saturation", "warm")),))
+    dbc: Any = cantools.database.load_string(bench_dbc(node), "dbc")
+    (signal,) = [s for s in dbc.get_message_by_name("SN01_heat").signals if s.name == "warm"]
+    assert (signal.start, signal.scale, signal.unit) == (8, 0.1, "degC")
+    assert (signal.minimum, signal.maximum) == (-40, 125)
+    assert dbc.decode_message("SN01_heat", b"\x00\xfb\xff") == {"saturation": 0, "warm": -0.5}
