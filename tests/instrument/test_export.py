@@ -196,7 +196,7 @@ def test_the_eds_has_no_object_that_the_contract_has_not(eds: Any) -> None:
         for index, item in eds.indices.items()
         for sub in ([0] if item.__class__.__name__ == "ODVariable" else item.subindices)
     }
-    counts_and_mappings = {(i, s) for i, s in found if i in (0x1A00, 0x1A01) or (i, 1) in declared and s == 0}
+    counts_and_mappings = {(i, s) for i, s in found if i in (0x1A00, 0x1A01) or ((i, 1) in declared and s == 0)}
     assert found - counts_and_mappings == declared
 
 

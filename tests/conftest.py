@@ -1,0 +1,70 @@
+"""The simulated bench for tests, and the check that nothing of it stays behind."""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.can import canopen
+from instrument.bench import BenchDescription
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene, read_scene
+
+canopen.Network.NOTIFIER_CYCLE = 0.01  # closing a bus waits for one cycle, and tests close hundreds
+SHORT = 0.2  # s
+
+
+def hasty(description: BenchDescription) -> BenchDescription:
+    """The same bench with short time-outs, for tests in which no answer comes."""
+    short = {"timeout": SHORT}
+    links = ("signal_generator", "shaker_amplifier", "line", "can")
+    return description.model_copy(
+        update={name: getattr(description, name).model_copy(update=short) for name in links}
+    )
+
+
+def open_ends() -> set[str]:
+    """Every thread, socket and terminal of this process."""
+    ends = {f"thread {thread.name} {thread.ident}" for thread in threading.enumerate()}
+    for descriptor in map(int, os.listdir("/dev/fd")):
+        with suppress(OSError):  # the listing's own descriptor is closed again
+            status = os.fstat(descriptor)
+            if stat.S_ISSOCK(status.st_mode) or os.isatty(descriptor):
+                ends.add(f"descriptor {descriptor} inode {status.st_ino}")
+    return ends
+
+
+@pytest.fixture
+def nothing_left_behind() -> Iterator[None]:
+    before = open_ends()
+    yield
+    assert open_ends() - before == set()
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    return read_scene("thesis_single")
+
+
+@pytest.fixture
+def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    with SimulatedBench(scene) as simulated:
+        yield simulated
+
+
+@pytest.fixture
+def bench(sim: SimulatedBench) -> Iterator[Bench]:
+    with Bench(sim.description, sim.clock, sim.operator) as opened:
+        yield opened
+
+
+@pytest.fixture
+def hasty_bench(sim: SimulatedBench) -> Iterator[Bench]:
+    with Bench(hasty(sim.description), sim.clock, sim.operator) as opened:
+        yield opened

@@ -1,0 +1,230 @@
+"""Every field against bytes that were written down by hand, in the contract and on the wire.
+
+A scale, sign, width or word order that is wrong in the contract is wrong at both ends of the wire, and
+passes every test that only talks to itself.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.modbus import ModbusDevice
+from instrument.contract import Contract, Field, Value
+from instrument.contracts import CONTRACTS
+from instrument.contracts.sensor_node import SYNC_COB_ID
+from simulators.bench import SimulatedBench
+from simulators.device import SimulatedDevice
+from tests.drivers.wire import frames, listen, payloads, transfers
+
+GOLDEN = {
+    path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
+    for path in (Path(__file__).parents[1] / "golden").glob("*.toml")
+}
+MODBUS = [contract.name for contract in CONTRACTS.values() if contract.bus == "modbus"]
+NODE = CONTRACTS["sensor_node"]
+NODE_FRAMES = GOLDEN["sensor_node"]["fields"]
+NUMBERS = [name for name, golden in NODE_FRAMES.items() if "value" in golden]
+TEXTS = [name for name, golden in NODE_FRAMES.items() if "text" in golden]
+UPLOAD_OF_DOWNLOAD = {0x23: 0x43, 0x2B: 0x4B, 0x2F: 0x4F}  # four, two, one byte
+
+modbus_field = pytest.mark.parametrize(
+    ("device", "name"), [(device, name) for device in MODBUS for name in GOLDEN[device]["fields"]]
+)
+
+
+def bits(text: str) -> bytes:
+    return bytes.fromhex(text)
+
+
+def physical(field: Field, value: Value | list[str]) -> float:
+    """The number behind a choice or a set of bits."""
+    if isinstance(value, str):
+        return field.choices[value]
+    if isinstance(value, list):
+        return sum(1 << field.bits[bit] for bit in value)
+    return value
+
+
+def means(contract: Contract, name: str, number: float, value: Value | list[str]) -> bool:
+    if isinstance(value, str):
+        return contract.choice(name, number) == value
+    if isinstance(value, list):
+        return contract.set_bits(name, number) == set(value)
+    return number == value
+
+
+def read_exchange(field: Field, golden: dict[str, Any]) -> tuple[bytes, bytes]:
+    """Request and response PDU of a read; where the golden frame is a write, the same data comes back."""
+    if "write" not in golden:
+        return bits(golden["request"]), bits(golden["response"])
+    written = bits(golden["write"])
+    data = written[6:]
+    return b"\x03" + written[1:5], bytes([3, len(data)]) + data
+
+
+@pytest.fixture
+def pair(bench: Bench, sim: SimulatedBench, device: str) -> tuple[ModbusDevice, SimulatedDevice]:
+    pairs: dict[str, tuple[ModbusDevice, SimulatedDevice]] = {
+        "signal_generator": (bench.generator, sim.generator),
+        "shaker_amplifier": (bench.amplifier, sim.amplifier),
+        "strain_indicator": (bench.indicator, sim.indicator),
+        "positioner": (bench.positioner, sim.positioner),
+    }
+    return pairs[device]
+
+
+@pytest.fixture
+def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
+    """Joins the bus before the drivers do: when a driver has its answer, the listener has it too."""
+    with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+        yield bus
+
+
+@pytest.fixture
+def node_bench(listener: can.BusABC, bench: Bench) -> Bench:
+    frames(listener)
+    return bench
+
+
+@pytest.mark.parametrize("device", CONTRACTS)
+def test_every_field_has_a_golden_frame_and_every_frame_a_field(device: str) -> None:
+    assert set(GOLDEN[device]["fields"]) == {field.name for field in CONTRACTS[device].fields}
+
+
+def test_every_process_data_object_has_a_golden_frame() -> None:
+    assert set(GOLDEN["sensor_node"]["pdo"]) == {pdo.name for pdo in NODE.pdos}
+
+
+@modbus_field
+def test_the_contract_gives_the_golden_frame_of_a_register(device: str, name: str) -> None:
+    contract, golden = CONTRACTS[device], GOLDEN[device]["fields"][name]
+    field, value = contract[name], golden["value"]
+    assert ("write" in golden) == (field.access != "ro")
+    request, response = read_exchange(field, golden)
+    function, address, count = request[0], request[1:3], request[3:5]
+    assert (function, address, count) == (3, field.address.to_bytes(2), (field.size // 2).to_bytes(2))
+    data = response[2:]
+    if "write" in golden:
+        assert contract.encode(name, value) == data
+    assert contract.pack(name, physical(field, value)) == data
+    assert means(contract, name, contract.decode(name, data), value)
+
+
+@modbus_field
+def test_driver_and_simulator_exchange_the_golden_frame_of_a_register(
+    device: str,
+    name: str,
+    pair: tuple[ModbusDevice, SimulatedDevice],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    driver, simulated = pair
+    golden = GOLDEN[device]["fields"][name]
+    field = driver.contract[name]
+    wire = listen(driver.link, monkeypatch)
+    if "write" in golden:
+        driver.set(**{name: golden["value"]})
+        written = bits(golden["write"])
+        assert (wire.requests, wire.replies) == ([written], [written[:5]])
+    if field.access != "wo":
+        monkeypatch.setattr(simulated, "read", lambda _: physical(field, golden["value"]))
+        number = driver.get(name)
+        assert (wire.requests[-1], wire.replies[-1]) == read_exchange(field, golden)
+        assert means(driver.contract, name, number, golden["value"])
+
+
+@pytest.mark.parametrize("device", MODBUS)
+def test_the_identity_travels_as_the_golden_frame(
+    device: str, pair: tuple[ModbusDevice, SimulatedDevice], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver, _ = pair
+    golden = GOLDEN[device]["identity"]
+    wire = listen(driver.link, monkeypatch)
+    driver.connect()
+    assert wire.requests[0] == bits(golden["request"])
+    assert wire.replies[0] == bits(golden["response"])
+    identity = driver.contract.identity
+    assert [golden["objects"][i] for i in "012"] == [identity.vendor, identity.product, identity.revision]
+    assert driver.serial == golden["objects"]["128"]
+    assert driver.simulated
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_the_contract_gives_the_golden_frame_of_an_object(name: str) -> None:
+    golden = NODE_FRAMES[name]
+    field, value = NODE[name], golden["value"]
+    assert ("write" in golden) == (field.access != "ro")
+    frame = bits(golden["write"] if "write" in golden else golden["response"])
+    assert frame[1:4] == field.index.to_bytes(2, "little") + bytes([field.subindex])
+    size = 4 - (frame[0] >> 2 & 3)
+    data, rest = frame[4 : 4 + size], frame[4 + size :]
+    assert not any(rest)
+    if "write" in golden:
+        assert NODE.encode(name, value) == data
+    assert NODE.pack(name, physical(field, value)) == data
+    assert means(NODE, name, NODE.decode(name, data), value)
+
+
+@pytest.mark.parametrize("name", [name for name in NUMBERS if "write" in NODE_FRAMES[name]])
+def test_a_driver_writes_the_golden_frame_of_an_object(name: str, node_bench: Bench, listener: can.BusABC) -> None:
+    golden = NODE_FRAMES[name]
+    node_bench.nodes[0].set(name, golden["value"])
+    written = bits(golden["write"])
+    assert transfers(listener, 1) == ([written], [b"\x60" + written[1:4] + bytes(4)])
+
+
+@pytest.mark.parametrize("name", [name for name in NUMBERS if NODE[name].access != "wo"])
+def test_a_node_answers_with_the_golden_frame_of_an_object(
+    name: str, node_bench: Bench, sim: SimulatedBench, listener: can.BusABC
+) -> None:
+    golden, field, node = NODE_FRAMES[name], NODE[name], sim.nodes[0]
+    if name.startswith("sample_") and name != "sample_counter":
+        node._last = np.full(4, golden["value"])
+    else:
+        shared = node.id if name.endswith("_cob_id") and name.startswith("tpdo") else 0
+        node.settings[name] = physical(field, golden["value"]) - shared
+    number = node_bench.nodes[0].get(name)
+    if "write" in golden:
+        written = bits(golden["write"])
+        request, response = b"\x40" + written[1:4] + bytes(4), bytes([UPLOAD_OF_DOWNLOAD[written[0]]]) + written[1:]
+    else:
+        request, response = bits(golden["request"]), bits(golden["response"])
+    assert transfers(listener, 1) == ([request], [response])
+    assert means(NODE, name, number, golden["value"])
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_text_travels_in_the_golden_segments(name: str, node_bench: Bench, listener: can.BusABC) -> None:
+    golden = NODE_FRAMES[name]
+    assert node_bench.nodes[0]._text(NODE[name].address) == golden["text"]
+    assert transfers(listener, 1) == tuple([bits(text) for text in golden[way]] for way in ("requests", "responses"))
+
+
+def test_samples_travel_as_the_golden_process_data_objects(
+    node_bench: Bench, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    golden, driver = GOLDEN["sensor_node"]["pdo"], node_bench.nodes[0]
+    saturated = golden["stamp"]["values"]["saturation"]
+    volts = [
+        volt + (f"channel_{channel}" in saturated) * np.sign(volt)
+        for channel, volt in enumerate(golden["samples"]["volts"], 1)
+    ]
+    monkeypatch.setattr(sim.nodes[0], "_noise", None)
+    monkeypatch.setattr(sim.nodes[0], "film_channels", lambda: np.eye(4))
+    monkeypatch.setattr(sim.rig, "film_voltages", lambda time_ns: np.outer(volts, np.ones(len(time_ns))))
+    driver.arm()
+    listener.send(can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False))
+    assert driver.get("sample_counter") == golden["stamp"]["values"]["sample_counter"]
+    sent = frames(listener)
+    for pdo in golden.values():
+        assert payloads(sent, pdo["cob_id"]) == [bits(pdo["frame"])]
+    recording = driver.collect(1)
+    assert recording.voltage[:, 0].tolist() == golden["samples"]["volts"]
+    assert [f"channel_{channel}" for channel in range(1, 5) if recording.saturated[channel - 1, 0]] == saturated

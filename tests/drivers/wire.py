@@ -1,0 +1,52 @@
+"""What really travels between driver and simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import can
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from drivers.modbus import ModbusLink
+
+
+@dataclass
+class Wire:
+    """Requests and replies of a Modbus link, as PDUs: without MBAP header, or without unit id and CRC."""
+
+    requests: list[bytes] = field(default_factory=list)
+    replies: list[bytes] = field(default_factory=list)
+
+
+def listen(link: ModbusLink, monkeypatch: pytest.MonkeyPatch) -> Wire:
+    """Record every request that leaves the link from now on, and what came in reply."""
+    client = link._client
+    pdu = slice(7, None) if isinstance(client, ModbusTcpClient) else slice(1, -2)
+    wire = Wire()
+
+    def trace(sending: bool, data: bytes) -> bytes:
+        if sending:
+            wire.requests.append(data[pdu])
+            wire.replies.append(b"")
+        else:  # called again with more of the reply, until it is complete
+            wire.replies[-1] = data[pdu]
+        return data
+
+    monkeypatch.setattr(client.transaction, "trace_packet", trace)
+    return wire
+
+
+def frames(listener: can.BusABC) -> list[can.Message]:
+    """What has come to a listener on the bus so far."""
+    return list(iter(lambda: listener.recv(0), None))
+
+
+def payloads(messages: list[can.Message], cob_id: int) -> list[bytes]:
+    return [bytes(message.data) for message in messages if message.arbitration_id == cob_id]
+
+
+def transfers(listener: can.BusABC, node_id: int) -> tuple[list[bytes], list[bytes]]:
+    """SDO requests to a node, and its answers; each in order, as the two may overtake each other on the bus."""
+    messages = frames(listener)
+    return payloads(messages, 0x600 + node_id), payloads(messages, 0x580 + node_id)
