@@ -1,0 +1,101 @@
+"""Which unknowns the elements of neighbouring bodies share, and which are fixed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.models.elements import Line
+from instrument.models.mesh import Body, Grid, inside
+from instrument.models.parameters import SensorParameters
+
+Indices = NDArray[np.intp]
+
+SHEETS = ("object", "base", "tooth", "ring")
+RADIAL, AXIAL = 0, 1
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A body's elements: their slice of all elements, and their columns and rows of the grid."""
+
+    body: Body
+    elements: slice
+    columns: Indices
+    rows: Indices
+
+
+@dataclass(frozen=True, slots=True)
+class Numbering:
+    """Global numbers of the elements' unknowns, as `condensed.Elements` has them."""
+
+    unknowns: Indices
+    size: int
+    shared: int
+    inner: NDArray[np.bool_]
+
+
+def parts(mesh: Grid) -> list[Part]:
+    """The elements of each body, radius by radius, the height running fastest."""
+    found, start = [], 0
+    for body in mesh.bodies:
+        columns, rows = inside(mesh.radii, body.radii), inside(mesh.heights, body.heights)
+        count = len(columns) * len(rows)
+        found.append(Part(body, slice(start, start + count), columns, rows))
+        start += count
+    return found
+
+
+def number(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, bodies: list[Part]) -> Numbering:
+    """Number the unknowns: shared ones first, then those inside elements, fixed ones with the size."""
+    local = r.dofs.shape[1]
+    names = np.concatenate(
+        [
+            np.concatenate([_names(parameters, mesh, r, z, part, axis) for axis in (RADIAL, AXIAL)], axis=1)
+            for part in bodies
+        ]
+    )
+    bubble = np.arange(local) >= 2
+    inner = np.tile(np.outer(bubble, bubble).ravel(), 2)
+    outer = names[:, ~inner]
+    distinct = np.unique(outer)
+    distinct = distinct[distinct >= 0]
+    shared, count = len(distinct), int(inner.sum())
+    size = shared + len(names) * count
+    unknowns = np.empty(names.shape, dtype=np.intp)
+    unknowns[:, ~inner] = np.where(outer >= 0, np.searchsorted(distinct, outer), size)
+    unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
+    return Numbering(unknowns, size, shared, inner)
+
+
+def under_tooth(parameters: SensorParameters, mesh: Grid, r: Line) -> Indices:
+    """Numbers on the radial line of the shape functions over the tooth."""
+    return np.unique(r.dofs[inside(mesh.radii, (0.0, parameters.tooth_radius))])
+
+
+def _names(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, part: Part, axis: int) -> Indices:
+    """One integer for each node of the body, the same for joined nodes, -1 for fixed ones."""
+    local = r.dofs.shape[1]
+    shape = (len(part.columns), len(part.rows), local, local)
+    radial = np.broadcast_to(r.dofs[part.columns][:, None, :, None], shape)
+    axial = np.broadcast_to(z.dofs[part.rows][None, :, None, :], shape)
+    # Vertices have the numbers of their grid lines.
+    face, foot = np.searchsorted(mesh.heights, [mesh.face, mesh.base])
+    sheet = np.full(shape, SHEETS.index(part.body.sheet))
+    fixed = (radial == 0) if axis == RADIAL else np.zeros(shape, dtype=bool)
+
+    if axis == AXIAL or parameters.interface == "bonded":
+        covered = np.unique(r.dofs[inside(mesh.radii, (0.0, parameters.sensed_radius))])
+        touching = (axial == face) & np.isin(radial, covered)
+        sheet[touching] = SHEETS.index("object")
+        if parameters.support == "rigid":
+            fixed |= touching & np.isin(radial, under_tooth(parameters, mesh, r))
+    if parameters.support == "rigid":
+        fixed |= axial == foot
+    else:
+        sheet[axial == foot] = SHEETS.index("base")
+        fixed |= axial == 0
+    name: Indices = ((sheet * 2 + axis) * len(np.unique(r.dofs)) + radial) * len(np.unique(z.dofs)) + axial
+    return np.where(fixed, -1, name).reshape(-1, local * local)
