@@ -166,6 +166,7 @@ def assemble(parameters: SensorParameters, mesh: Grid, r: el.Line, z: el.Line, b
         stiffness=np.concatenate(stiffness),
         unknowns=numbering.unknowns,
         inner=numbering.inner,
+        lifted=numbering.lifted,
         size=numbering.size,
         shared=numbering.shared,
         mixed=np.array(mixed, dtype=np.intp),
@@ -190,7 +191,7 @@ def _evaluate(
     elements: Elements,
     solved: Solved,
 ) -> AxisymmetricSolution:
-    internal = elements.internal_forces(solved.displacement, solved.pressure)
+    internal = solved.internal
     displacement = solved.displacement[elements.unknowns]
     by_name = {part.body.name: part for part in bodies}
 
@@ -221,7 +222,7 @@ def _evaluate(
         base_force=base,
         films=films,
         fields={part.body.name: _field(mesh, r, part, _on(displacement, part, r)) for part in bodies},
-        unknowns=elements.size + solved.pressure.size,
+        unknowns=elements.size + elements.dilatation.shape[0] * elements.dilatation.shape[1],
         residual=solved.residual,
     )
 

@@ -35,6 +35,7 @@ class Numbering:
     size: int
     shared: int
     inner: NDArray[np.bool_]
+    lifted: Indices
 
 
 def parts(mesh: Grid) -> list[Part]:
@@ -67,7 +68,8 @@ def number(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, bodies: l
     unknowns = np.empty(names.shape, dtype=np.intp)
     unknowns[:, ~inner] = np.where(outer >= 0, np.searchsorted(distinct, outer), size)
     unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
-    return Numbering(unknowns, size, shared, inner)
+    lifted = np.array([local * local + shape for shape in (0, 1, local, local + 1)])
+    return Numbering(unknowns, size, shared, inner, lifted)
 
 
 def under_tooth(parameters: SensorParameters, mesh: Grid, r: Line) -> Indices:
