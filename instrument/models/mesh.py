@@ -19,6 +19,7 @@ from instrument.models.parameters import SensorParameters
 Array = NDArray[np.float64]
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
+CLOSED = 1e-3  # of the tooth radius: below it a gap is as good as closed
 SMOOTH = math.inf  # no corner at this end
 
 
@@ -83,12 +84,15 @@ def grid(parameters: SensorParameters, layers: int) -> Grid:
     return Grid(tuple(bodies), _radii(p, layers), _heights(p, layers, levels, base, seat, face), face, base)
 
 
+def _gap(p: SensorParameters) -> float:
+    """The gap [m], or what counts as closed: resolving less changes nothing and costs digits."""
+    return max(p.ring_inner_radius - p.tooth_radius, CLOSED * p.tooth_radius)
+
+
 def _radii(p: SensorParameters, layers: int) -> Array:
-    gap = p.ring_inner_radius - p.tooth_radius
     ring = p.ring_outer_radius - p.ring_inner_radius
-    near = [length for length in (gap, p.tooth_radius, ring, p.sensed_thickness, p.sensor_height) if length > 0]
     shrink = GRADING**layers
-    inner = shrink * min(near)
+    inner = shrink * min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height)
     outer = shrink * min(ring, p.sensed_thickness, p.sensor_height)
     corners = {0.0: SMOOTH, p.tooth_radius: inner, p.ring_inner_radius: inner}
     corners |= dict.fromkeys({p.ring_outer_radius, p.sensed_radius}, outer)
@@ -100,10 +104,9 @@ def _radii(p: SensorParameters, layers: int) -> Array:
 def _heights(
     p: SensorParameters, layers: int, levels: Array, base: float, seat: float, face: float
 ) -> Array:
-    gap = p.ring_inner_radius - p.tooth_radius
-    near = [gap or p.tooth_radius, p.tooth_radius, p.sensed_thickness, p.sensor_height]
     shrink = GRADING**layers
-    corners = {face: shrink * min(near), face + p.sensed_thickness: SMOOTH}
+    corner = shrink * min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height)
+    corners = {face: corner, face + p.sensed_thickness: SMOOTH}
     foot = shrink * min(p.sensor_height, p.ring_outer_radius - p.ring_inner_radius)
     if p.support == "elastic":
         corners |= {float(level): SMOOTH for level in levels[:-1]}

@@ -91,6 +91,9 @@ def _names(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, part: Par
     if axis == AXIAL or parameters.interface == "bonded":
         covered = np.unique(r.dofs[inside(mesh.radii, (0.0, parameters.sensed_radius))])
         touching = (axial == face) & np.isin(radial, covered)
+        if part.body.name == "ring" and parameters.ring_inner_radius == parameters.tooth_radius:
+            # The object's node over a closed gap is the tooth's: a force on one node is no force on a ring.
+            touching &= radial != r.dofs[part.columns[0], 0]
         sheet[touching] = SHEETS.index("object")
         if parameters.support == "rigid":
             fixed |= touching & np.isin(radial, under_tooth(parameters, mesh, r))
