@@ -1,0 +1,238 @@
+"""A PVDF film between electrodes: elasticity and electrostatics coupled, as in Appendix I of the thesis.
+
+Axes: 1 along the stretching direction of the film, 2 across it, 3 through the thickness. The film is cut
+into layers; unknowns are its two plane strains, and displacement and potential at the layers' faces:
+
+    [ Kuu  Kuφ ] [u]   [forces ]
+    [ Kφu -Kφφ ] [φ] = [charges]
+
+Kuu is some 1e9 N/m and Kφφ some 1e-10 F: as it stands, the matrix is singular to working precision.
+Symmetric scaling, which is no more than a choice of the unit of voltage, cures it. So does static
+condensation of the potentials: Kuu + Kuφ Kφφ⁻¹ Kφu has mechanical entries only. `film_response` does both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.errors import RangeError, UnknownName
+
+Array = NDArray[np.float64]
+
+EDGES = ("free", "clamped")
+CIRCUITS = ("open", "short")
+
+
+@dataclass(frozen=True, slots=True)
+class FilmMaterial:
+    """A piezoelectric film.
+
+    Attributes:
+        compliance: s11, s22, s33, s23, s13, s12 at constant field [1/Pa].
+        strain: d31, d32, d33 [C/N].
+        permittivity: ε33 at constant stress [F/m].
+        source: where the numbers come from.
+    """
+
+    name: str
+    compliance: tuple[float, float, float, float, float, float]
+    strain: tuple[float, float, float]
+    permittivity: float
+    source: str
+
+    def stiff(self) -> tuple[Array, Array, float]:
+        """Stiffness c [Pa] (3, 3), piezoelectric e = d c [C/m2] (3,), permittivity at constant strain [F/m]."""
+        s11, s22, s33, s23, s13, s12 = self.compliance
+        stiffness = np.linalg.inv(np.array([[s11, s12, s13], [s12, s22, s23], [s13, s23, s33]]))
+        strain = np.array(self.strain)
+        stress = strain @ stiffness
+        return stiffness, stress, self.permittivity - float(stress @ strain)
+
+
+FILM_MATERIALS: Mapping[str, FilmMaterial] = MappingProxyType(
+    {
+        "thesis": FilmMaterial(
+            name="PVDF as the thesis has it",
+            compliance=(0.0820e-8, 0.0820e-8, 0.0945e-8, -0.0350e-8, -0.0350e-8, -0.0265e-8),
+            strain=(19e-12, 2e-12, -20e-12),
+            permittivity=0.7434e-10,
+            source="[T] Appendix I: [s] as printed, its power of ten read as 1e-8 m2/N, and [ε], whose power of"
+            " ten is lost and read as 1e-10 F/m (8.4 ε0); Table 3.2: d31 (18 to 20), d32, d33, the matrix [d]"
+            " of the appendix being lost",
+        ),
+        "manufacturer": FilmMaterial(
+            name="PVDF as its manufacturer has it",
+            compliance=(1 / 3e9, 1 / 3e9, 1 / 3e9, -0.34 / 3e9, -0.34 / 3e9, -0.34 / 3e9),
+            strain=(23e-12, 3e-12, -33e-12),
+            permittivity=106e-12,
+            source="[S] Measurement Specialties, Piezo Film Sensors Technical Manual, table 1: d31, d33, ε, Young"
+            " modulus 2 to 4 GPa; d32 [A], in the proportion to d31 that uniaxial film has; Poisson ratio 0.34"
+            " of Table 3.2 [T]",
+        ),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FilmResponse:
+    """What a film gives under a force.
+
+    Attributes:
+        voltage: of the upper electrode over the lower [V]; 0 in short circuit.
+        charge: that leaves the upper electrode through the short circuit [C]; 0 in open circuit.
+        approach: by which the faces come closer [m].
+        plane_stress: along axes 1 and 2 [Pa].
+    """
+
+    voltage: float
+    charge: float
+    approach: float
+    plane_stress: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class CoupledSystem:
+    """K x = right with the unknowns (plane strains if free, displacements, potentials if not all given).
+
+    Attributes:
+        mechanical: number of unknowns that are not potentials.
+    """
+
+    matrix: Array
+    right: Array
+    mechanical: int
+
+
+def get_film_material(name: str) -> FilmMaterial:
+    """The film material of that name.
+
+    Raises:
+        UnknownName: no such material.
+    """
+    try:
+        return FILM_MATERIALS[name]
+    except KeyError:
+        raise UnknownName("film material", name, FILM_MATERIALS) from None
+
+
+def film_response(
+    material: FilmMaterial,
+    area: float,
+    thickness: float,
+    force: float,
+    edges: str,
+    circuit: str,
+    plane_stress: tuple[float, float] = (0.0, 0.0),
+) -> FilmResponse:
+    """Voltage and charge of a film pressed with `force` [N] between electrodes of `area` [m2].
+
+    Args:
+        edges: "free": the stress along 1 and 2 is `plane_stress` [Pa], as neighbouring plates impose it;
+            "clamped": glued to something rigid, the strain along 1 and 2 is zero.
+        circuit: "open" or "short".
+
+    Raises:
+        RangeError: area, thickness are not positive and finite, force or stress is not finite.
+        UnknownName: no such edges or circuit.
+    """
+    system = coupled_system(material, area, thickness, force, edges, circuit, plane_stress, layers=1)
+    unknowns = solve_condensed(system)
+    stiffness, stress, permittivity = material.stiff()
+    approach = unknowns[system.mechanical - 1]
+    voltage = float(unknowns[-1]) if circuit == "open" else 0.0
+    strains = np.zeros(3)
+    if edges == "free":
+        strains[:2] = unknowns[:2]
+    strains[2] = approach / thickness
+    field = -voltage / thickness
+    stresses = stiffness @ strains - stress * field
+    displacement = float(stress @ strains) + permittivity * field
+    return FilmResponse(
+        voltage=voltage,
+        charge=displacement * area if circuit == "short" else 0.0,
+        approach=-float(approach),
+        plane_stress=(float(stresses[0]), float(stresses[1])),
+    )
+
+
+def coupled_system(
+    material: FilmMaterial,
+    area: float,
+    thickness: float,
+    force: float,
+    edges: str,
+    circuit: str,
+    plane_stress: tuple[float, float],
+    layers: int,
+) -> CoupledSystem:
+    """The coupled matrix in SI units: fields are uniform, so that any number of layers is exact.
+
+    Raises:
+        RangeError, UnknownName: as `film_response`.
+    """
+    for label, value, unit in (("area", area, "m2"), ("thickness", thickness, "m")):
+        if not (0 < value < math.inf):
+            raise RangeError(f"film: {label} {value:g} {unit} is not above 0 and finite; give a positive one")
+    for label, value, unit in (("force", force, "N"), *(("plane stress", t, "Pa") for t in plane_stress)):
+        if not math.isfinite(value):
+            raise RangeError(f"film: {label} {value:g} {unit} is not finite; give a number")
+    if edges not in EDGES:
+        raise UnknownName("edges of a film", edges, EDGES)
+    if circuit not in CIRCUITS:
+        raise UnknownName("circuit of a film", circuit, CIRCUITS)
+
+    stiffness, stress, permittivity = material.stiff()
+    layer = thickness / layers
+    # Electric enthalpy of a layer is a quadratic form in (S1, S2, S3, -E3).
+    form = np.block([[stiffness, stress[:, None]], [stress[None, :], np.array([[-permittivity]])]])
+    size = 2 + 2 * layers
+    matrix = np.zeros((size, size))
+    for index in range(layers):
+        motion = np.zeros((4, size))
+        motion[0, 0] = motion[1, 1] = 1
+        for row, first in ((2, 2), (3, 2 + layers)):
+            motion[row, first + index] = 1 / layer
+            if index:
+                motion[row, first + index - 1] = -1 / layer
+        matrix += area * layer * motion.T @ form @ motion
+    right = np.zeros(size)
+    right[:2] = np.array(plane_stress) * area * thickness
+    right[1 + layers] = -force
+    keep = np.ones(size, dtype=bool)
+    keep[:2] = edges == "free"
+    keep[-1] = circuit == "open"
+    mechanical = int(keep[: 2 + layers].sum())
+    return CoupledSystem(matrix[np.ix_(keep, keep)], right[keep], mechanical)
+
+
+def symmetric_scale(matrix: Array) -> Array:
+    """Factors s that give diag(s) K diag(s) a diagonal of ±1."""
+    scale: Array = 1 / np.sqrt(np.abs(np.diag(matrix)))
+    return scale
+
+
+def solve_scaled(system: CoupledSystem) -> Array:
+    """Solve with unknowns and equations scaled symmetrically."""
+    scale = symmetric_scale(system.matrix)
+    answer: Array = scale * np.linalg.solve(system.matrix * np.outer(scale, scale), scale * system.right)
+    return answer
+
+
+def solve_condensed(system: CoupledSystem) -> Array:
+    """Solve the potentials out first, each block scaled: Kuu + Kuφ Kφφ⁻¹ Kφu is positive definite."""
+    m = system.mechanical
+    scale = symmetric_scale(system.matrix)
+    matrix, right = system.matrix * np.outer(scale, scale), scale * system.right
+    if m == len(right):
+        return scale * np.linalg.solve(matrix, right)
+    carried = np.linalg.solve(matrix[m:, m:], np.column_stack([matrix[m:, :m], right[m:]]))
+    moved = np.linalg.solve(
+        matrix[:m, :m] - matrix[:m, m:] @ carried[:, :-1], right[:m] - matrix[:m, m:] @ carried[:, -1]
+    )
+    return scale * np.concatenate([moved, carried[:, -1] - carried[:, :-1] @ moved])
