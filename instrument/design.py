@@ -1,7 +1,7 @@
-"""What a tactile sensor is: a rigid tooth in a compliant ring, on plates, with films below.
+"""What a tactile sensor is: rigid teeth, each in a compliant ring, on plates, with films below.
 
-One film lies under the tooth, one under the whole base; the ratio of the two forces tells how soft the
-touched object is. Lengths in metres; forces and voltages of the thesis are peak to peak.
+One film lies under each tooth, one under each base; the ratio of the forces on teeth and bases tells how soft
+the touched object is. Lengths in metres; forces and voltages of the thesis are peak to peak.
 """
 
 from __future__ import annotations
@@ -12,6 +12,10 @@ from dataclasses import dataclass, field
 
 from instrument.errors import UnknownName
 from instrument.material import Material
+
+
+# How the names of films begin: under a tooth, under a base.
+FILM_KINDS = ("rigid", "total")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +76,15 @@ class Film:
         channel: channel of the sensor node, from 1.
         sensitivity: voltage per force on the film [V/N].
         scatter: relative standard deviation of the sensitivity from one load set to the next.
+        teeth: numbers of the teeth, from 0, whose force the film takes, alone ("rigid") or with all that stands
+            beside them ("total").
     """
 
     name: str
     channel: int
     sensitivity: float
     scatter: float
+    teeth: tuple[int, ...] = (0,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +92,11 @@ class Design:
     """One sensor: dimensions, materials, films, and what the thesis measured with it.
 
     Attributes:
-        plate_count: base plates below the tooth, with the base film between them.
+        tooth, ring: of every tooth.
+        plate: of every base.
+        plate_count: base plates below a tooth, with the base film between them.
+        teeth: positions (x, y) of the teeth's axes from the corner of the sensor [m]: a lattice, row by row.
+        separate_bases: each tooth has a base of its own.
         films: by channel.
         ratio_scatter: relative standard deviation of the force ratio from one load set to the next.
         thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
@@ -104,6 +115,24 @@ class Design:
     thesis_force_ratio: Mapping[str, float] = field(hash=False)
     thesis_softness_order: tuple[str, ...]
     source: str
+    teeth: tuple[tuple[float, float], ...] = ((5e-3, 5e-3),)
+    separate_bases: bool = False
+
+    @property
+    def columns(self) -> int:
+        """Teeth along the length."""
+        return len({x for x, _ in self.teeth})
+
+    @property
+    def rows(self) -> int:
+        """Teeth along the width."""
+        return len({y for _, y in self.teeth})
+
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Length and width of the plan for each tooth [m]: each stands in the middle of its own."""
+        x, y = self.teeth[0]
+        return 2 * x, 2 * y
 
     @property
     def gap(self) -> float:
@@ -112,12 +141,12 @@ class Design:
 
     @property
     def film_correlation(self) -> float:
-        """Correlation of the scatter of the films "rigid" and "total" that gives the ratio its own scatter.
+        """Correlation of the scatter of a tooth's film and its base's that gives the ratio its own scatter.
 
         The ratio of two quantities of relative scatter a and b and correlation r scatters by
         sqrt(a^2 + b^2 - 2 r a b), to first order.
         """
-        a, b = self.film("rigid").scatter, self.film("total").scatter
+        a, b = (next(film for film in self.films if film.name.startswith(kind)).scatter for kind in FILM_KINDS)
         return (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b)
 
     def film(self, name: str) -> Film:

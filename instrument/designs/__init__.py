@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from instrument.design import Design
+from instrument.designs.array import ARRAY
+from instrument.designs.common_base import COMMON_BASE
+from instrument.designs.different_base import DIFFERENT_BASE
 from instrument.designs.single import SINGLE
 from instrument.errors import UnknownName
 
-DESIGNS: dict[str, Design] = {design.name: design for design in (SINGLE,)}
+DESIGNS: dict[str, Design] = {design.name: design for design in (SINGLE, COMMON_BASE, DIFFERENT_BASE, ARRAY)}
 
 
 def get_design(name: str) -> Design:

@@ -9,7 +9,11 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
+import sys
+import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -30,7 +34,6 @@ class SymmetricSolver:
 
     Args:
         matrix: sparse, shape (n, n).
-        points: shape (d, n), where the unknowns sit; the elimination order is made from them.
         backend: "pardiso", "superlu", or "" for PARDISO where it is installed.
 
     Raises:
@@ -38,7 +41,7 @@ class SymmetricSolver:
         EstimateError: the matrix is singular to working precision.
     """
 
-    def __init__(self, matrix: sparse.csc_array, points: Vector, backend: str = "") -> None:
+    def __init__(self, matrix: sparse.csc_array, backend: str = "") -> None:
         name = backend or next(iter(available()))
         if name not in available():
             raise UnknownName("solver", name, available())
@@ -50,7 +53,7 @@ class SymmetricSolver:
         self._scale = 1 / np.sqrt(diagonal)
         scaling = sparse.diags_array(self._scale)
         scaled = sparse.csc_array(scaling @ matrix @ scaling)
-        self._factor = BACKENDS[name](scaled, points)
+        self._factor = BACKENDS[name](scaled)
 
     def __call__(self, load: Vector) -> tuple[Vector, float]:
         """Solve, and refine once.
@@ -80,79 +83,38 @@ class SymmetricSolver:
         return self._scale * self._factor(self._scale * load)
 
 
-def available() -> dict[str, Callable[[sparse.csc_array, Vector], Factor]]:
+def available() -> dict[str, Callable[[sparse.csc_array], Factor]]:
     """Backends that are installed, the fastest first."""
     installed = importlib.util.find_spec("pypardiso") is not None
     return {name: make for name, make in BACKENDS.items() if name != "pardiso" or installed}
 
 
-def _superlu(matrix: sparse.csc_array, points: Vector) -> Factor:
-    order = nested_dissection(matrix, points)
+def _superlu(matrix: sparse.csc_array) -> Factor:
     factors = splu(
-        sparse.csc_array(matrix[order][:, order]),
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
 
     def solve(load: Vector) -> Vector:
-        solution = np.empty_like(load)
-        solution[order] = factors.solve(load[order])
-        return solution
+        return cast(Vector, factors.solve(load))
 
     return solve
 
 
-def _pardiso(matrix: sparse.csc_array, points: Vector) -> Factor:
-    del points  # PARDISO finds its own order
-    upper = sparse.csr_array(sparse.triu(matrix, format="csr"))
-    upper.sort_indices()
+def _pardiso(matrix: sparse.csc_array) -> Factor:
+    # Without a path pypardiso searches the whole installation for the library, a second each time.
+    for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt.*")):
+        os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
     solver: Any = importlib.import_module("pypardiso").PyPardisoSolver(mtype=2)
-    solver.factorize(sparse.csr_matrix(upper))
-    held = sparse.csr_matrix(upper)
+    upper = sparse.csr_matrix(sparse.triu(matrix, format="csr"))
+    upper.sort_indices()
+    solver.factorize(upper)
 
     def solve(load: Vector) -> Vector:
         solver.set_phase(33)
-        return cast(Vector, solver._call_pardiso(held, np.asfortranarray(load)).reshape(load.shape))
+        return cast(Vector, solver._call_pardiso(upper, np.asfortranarray(load)).reshape(load.shape))
 
+    weakref.finalize(solve, solver.free_memory, everything=True)
     return solve
 
 
-BACKENDS: dict[str, Callable[[sparse.csc_array, Vector], Factor]] = {"pardiso": _pardiso, "superlu": _superlu}
-
-
-def nested_dissection(matrix: sparse.csc_array, points: Vector, leaf: int = 60) -> NDArray[np.intp]:
-    """Elimination order by halving space: each half first, the unknowns that part them last.
-
-    Args:
-        matrix: sparse and symmetric, shape (n, n).
-        points: shape (d, n).
-        leaf: parts of at most this many unknowns are not halved.
-    """
-    graph = sparse.csr_array(matrix)
-    side = np.zeros(graph.shape[0], dtype=np.int8)
-
-    def order(part: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-        if len(part) <= leaf:
-            return [part]
-        best: tuple[NDArray[np.intp], ...] | None = None
-        rows = graph[part]
-        for axis in range(len(points)):
-            middle = np.median(points[axis, part])
-            low = points[axis, part] <= middle
-            if low.all():
-                low = points[axis, part] < middle
-            if low.all() or not low.any():
-                continue
-            side[part] = np.where(low, 1, 2)
-            weight = sparse.csr_array(rows)
-            touches = np.add.reduceat(side[weight.indices] == 2, weight.indptr[:-1]) > 0
-            parting = low & touches
-            side[part] = 0
-            if best is None or parting.sum() < len(best[2]):
-                best = part[low & ~parting], part[~low], part[parting]
-        if best is None or len(best[0]) == 0 or len(best[1]) == 0:
-            return [part]
-        return [*order(best[0]), *order(best[1]), best[2]]
-
-    return np.concatenate(order(np.arange(graph.shape[0])))
+BACKENDS: dict[str, Callable[[sparse.csc_array], Factor]] = {"pardiso": _pardiso, "superlu": _superlu}

@@ -11,98 +11,128 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from instrument.errors import EstimateError, RangeError
-from instrument.models.solid_system import System
+from instrument.errors import RangeError, UnknownName
+from instrument.models.solid_system import RESOLUTIONS, System, symmetry
 
-Interface = Literal["bonded", "frictionless"]
-RingShape = Literal["round", "square"]
+_MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus", "film_modulus")
+_POISSON = ("sensed_poisson", "compliant_poisson", "tooth_poisson", "plate_poisson", "film_poisson")
+_LENGTHS = (
+    "sensed_thickness",
+    "tooth_radius",
+    "ring_inner_radius",
+    "ring_outer_radius",
+    "sensor_height",
+    "plate_thickness",
+    "film_thickness",
+    "cell_length",
+    "cell_width",
+)
+CHOICES = {
+    "interface": ("bonded", "frictionless"),
+    "support": ("elastic", "rigid"),
+    "ring_outline": ("round", "square"),
+    "outline": ("square", "round"),
+    "load": ("pressure", "platen"),
+}
+REFINEMENTS = tuple(range(len(RESOLUTIONS)))
+# Summation over some 1e5 unknowns.
+ROUND_OFF = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
 class SolidParameters:
-    """One sensor under one object. Lengths in metres, moduli in Pa, force in N.
+    """One sensor, or a lattice of them, under one object. Lengths [m], Young moduli [Pa], Poisson ratios.
 
     Attributes:
-        sensed_modulus, sensed_poisson, sensed_thickness: the object.
-        compliant_modulus, compliant_poisson: the rings.
-        plate_modulus: of the two base plates.
-        interface: of the object with tooth and ring.
-        ring_shape: "round", or "square": the compliant part fills its cell around the gap.
-        rigid: tooth, plates and films do not deform; the rings stand on a rigid floor.
+        interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both.
+        support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
+        ring_outline: "round", or "square": the compliant part fills its cell outside the gap.
+        outline: of object and plates: "square", or "round": no wider than the ring; one tooth only.
+        sensor_height: of the tooth, and of the ring above the film below the tooth.
+        film_thickness: of both films; the ring is higher than the tooth by one, so that the face is flat.
         cell_length, cell_width: of the plan, for each tooth.
         columns, rows: teeth along length and width.
-        separate_bases: each tooth has its own plates.
-        load_at: point load at (x, y) from the corner of the object [m]; None is uniform pressure.
+        separate_bases: each tooth has its own plates and base film.
+        load: uniform "pressure" on the object, or a flat rigid "platen" glued to it.
+        load_at: point load instead, at (x, y) from the corner of the object [m].
+        force: in all [N].
 
     Raises:
-        RangeError: a value lies outside its limits.
+        RangeError: a modulus, length or force is not positive and finite, a Poisson ratio is outside (-1, 0.5],
+            parts overlap, or the load is off the object.
+        UnknownName: no such interface, support, outline or load.
     """
 
-    sensed_modulus: float
+    sensed_modulus: float = 1e5
     sensed_poisson: float = 0.3
-    sensed_thickness: float = 3e-3
-    compliant_modulus: float = 24e3
+    sensed_thickness: float = 3e-3  # rubber samples, 5.4.2
+    compliant_modulus: float = 24e3  # 3.1.4
     compliant_poisson: float = 0.49
-    plate_modulus: float = 70e6
-    plate_poisson: float = 0.3
-    interface: Interface = "bonded"
-    ring_shape: RingShape = "round"
-    rigid: bool = False
-    tooth_modulus: float = 4.1e9
+    tooth_modulus: float = 4.1e9  # 3.1.3
     tooth_poisson: float = 0.3
-    film_modulus: float = 2.2e9
+    plate_modulus: float = 70e6  # Table 3.1
+    plate_poisson: float = 0.3
+    film_modulus: float = 2.2e9  # inside the 1.8 to 2.7 GPa of Table 3.2
     film_poisson: float = 0.34
-    tooth_radius: float = 1.4e-3
-    ring_inner_radius: float = 1.5e-3
+    interface: str = "bonded"
+    support: str = "elastic"
+    ring_outline: str = "round"
+    outline: str = "square"
+    tooth_radius: float = 1.4e-3  # 3.1.3
+    ring_inner_radius: float = 1.5e-3  # 3.1.4
     ring_outer_radius: float = 5e-3
-    ring_height: float = 3.88e-3
-    plate_thickness: float = 0.55e-3
-    film_thickness: float = 25e-6
+    sensor_height: float = 3.88e-3
+    plate_thickness: float = 0.55e-3  # Table 3.1
+    film_thickness: float = 25e-6  # 3.1.2
     cell_length: float = 10e-3
     cell_width: float = 10e-3
     columns: int = 1
     rows: int = 1
     separate_bases: bool = False
-    force: float = 1.0
+    load: str = "pressure"
     load_at: tuple[float, float] | None = None
+    force: float = 1.0
 
     def __post_init__(self) -> None:
-        positive = [name for name in self.__slots__ if name.endswith(("_modulus", "_thickness", "_height", "_radius"))]
-        for name in (*positive, "cell_length", "cell_width", "force"):
+        named = [*((n, "Pa") for n in _MODULI), *((n, "m") for n in _LENGTHS), ("force", "N")]
+        for name, unit in named:
             value = getattr(self, name)
             if not (0 < value < math.inf):
-                raise RangeError(f"{name} {value:g} is not above 0 and finite; give a positive one")
-        for name in ("sensed_poisson", "compliant_poisson", "plate_poisson", "tooth_poisson", "film_poisson"):
+                raise RangeError(f"{name} {value:g} {unit} is not above 0 and finite; give a positive one")
+        for name in _POISSON:
             value = getattr(self, name)
             if not (-1 < value <= 0.5):
-                raise RangeError(f"{name} {value:g} is outside (-1, 0.5]; give a Poisson ratio inside")
-        limit = min(self.cell_length, self.cell_width) / 2
-        if not (self.tooth_radius <= self.ring_inner_radius < self.ring_outer_radius <= limit * (1 + 1e-12)):
+                raise RangeError(f"{name} {value:g} is outside (-1, 0.5]; give a Poisson ratio")
+        for kind, valid in CHOICES.items():
+            if getattr(self, kind) not in valid:
+                raise UnknownName(kind, getattr(self, kind), valid)
+        limit = min(self.cell_length, self.cell_width) / 2 * (1 + 1e-12)
+        if not (self.tooth_radius <= self.ring_inner_radius < self.ring_outer_radius <= limit):
             raise RangeError(
-                f"radii of tooth {self.tooth_radius:g}, ring {self.ring_inner_radius:g} to {self.ring_outer_radius:g} "
-                f"and half the cell {limit:g} m do not follow one another; parts overlap"
-            )
-        if self.film_thickness >= self.ring_height:
-            raise RangeError(
-                f"film_thickness {self.film_thickness:g} m leaves no tooth in ring_height {self.ring_height:g} m"
+                f"parts overlap: tooth_radius {self.tooth_radius:g}, ring_inner_radius {self.ring_inner_radius:g}, "
+                f"ring_outer_radius {self.ring_outer_radius:g} and half the cell {limit:g} m must follow in this order"
             )
         if self.columns < 1 or self.rows < 1:
             raise RangeError(f"{self.columns} x {self.rows} teeth: give at least one column and one row")
-        if self.interface not in ("bonded", "frictionless"):
-            raise RangeError(f"interface {self.interface!r} is neither 'bonded' nor 'frictionless'")
-        if self.ring_shape not in ("round", "square"):
-            raise RangeError(f"ring_shape {self.ring_shape!r} is neither 'round' nor 'square'")
+        if self.outline == "round" and (self.columns, self.rows) != (1, 1):
+            raise RangeError(f"outline 'round' holds one tooth, not {self.columns} x {self.rows}; make it 'square'")
         if self.load_at is not None:
-            x, y = self.load_at
-            if not (0 <= x <= self.length and 0 <= y <= self.width):
-                raise RangeError(
-                    f"load at ({x:g}, {y:g}) m is off the object of {self.length:g} x {self.width:g} m; move it inside"
-                )
+            self._require_inside(*self.load_at)
+
+    def _require_inside(self, x: float, y: float) -> None:
+        inside = 0 <= x <= self.length and 0 <= y <= self.width
+        if self.outline == "round":
+            inside = math.hypot(x - self.length / 2, y - self.width / 2) <= self.ring_outer_radius
+        if not inside:
+            raise RangeError(
+                f"load at ({x:g}, {y:g}) m is off the object of {self.length:g} x {self.width:g} m; move it inside"
+            )
 
     @property
     def length(self) -> float:
@@ -115,6 +145,12 @@ class SolidParameters:
         return self.rows * self.cell_width
 
 
+    @property
+    def load_area(self) -> float:
+        """That the object is pressed on [m2]."""
+        return math.pi * self.ring_outer_radius**2 if self.outline == "round" else self.length * self.width
+
+
 @dataclass(frozen=True, slots=True)
 class SolidSolution:
     """What the teeth take.
@@ -124,8 +160,8 @@ class SolidSolution:
         total_force: that reaches the floor [N].
         force_ratio: sum of the tooth forces over the total force.
         unknowns: displacements solved for.
-        residual: relative, of the linear system.
-        seconds: to build, and to factorise and solve.
+        residual: of the linear system, relative to the size of its terms.
+        seconds: to assemble and factorise, and to solve.
     """
 
     tooth_forces: tuple[float, ...]
@@ -137,24 +173,81 @@ class SolidSolution:
 
 
 def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> SolidSolution:
-    """Forces on the teeth on the mesh of one refinement (0, 1, 2, …).
+    """Forces on the teeth, on the mesh of one refinement.
 
     Args:
         solver: "pardiso", "superlu", or "" for the faster that is installed.
 
     Raises:
-        EstimateError: the system is singular to working precision.
+        RangeError: no such refinement.
+        EstimateError: the linear system cannot be solved accurately.
         UnknownName: the solver is not installed.
     """
     start = time.perf_counter()
-    system = System(parameters, refinement, solver)
+    system = _system(parameters, refinement, solver)
     built = time.perf_counter()
     teeth, total, residual = system.forces(parameters.load_at)
     return SolidSolution(
         tooth_forces=tuple(float(force) for force in teeth.ravel()),
         total_force=total,
-        force_ratio=float(np.sum(teeth)) / total,
+        force_ratio=float(teeth.sum()) / total,
         unknowns=system.unknowns,
         residual=residual,
         seconds=(built - start, time.perf_counter() - built),
     )
+
+
+def point_loads(
+    parameters: SolidParameters, places: Sequence[tuple[float, float]], refinement: int, solver: str = ""
+) -> NDArray[np.float64]:
+    """Forces on the teeth under one point load after another, all in one factorisation.
+
+    Args:
+        places: of the load, (x, y) from the corner of the object [m].
+
+    Returns:
+        Shape (places, teeth) [N].
+
+    Raises:
+        RangeError: a place is off the object, or there is no such refinement.
+        EstimateError: the linear system cannot be solved accurately.
+        UnknownName: the solver is not installed.
+    """
+    symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
+    mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
+    system = _system(replace(parameters, load_at=places[0]), refinement, solver, mirrored)
+    return np.array([system.forces(place)[0].ravel() for place in places])
+
+
+def force_ratio(parameters: SolidParameters, tolerance: float, solver: str = "") -> tuple[float, float]:
+    """Sum of the tooth forces over total force, and a bound on its error, by refining until that meets `tolerance`.
+
+    A refinement divides the error by about three. The bound is the last change, or what is left of a series that
+    falls as slowly as the last two changes, where that is more.
+
+    Raises:
+        RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
+    """
+    if not (0 < tolerance < math.inf):
+        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
+    ratios = [solve(parameters, refinement, solver).force_ratio for refinement in REFINEMENTS[:2]]
+    for refinement in REFINEMENTS[2:]:
+        ratios.append(solve(parameters, refinement, solver).force_ratio)
+        before, change = abs(ratios[-2] - ratios[-3]), abs(ratios[-1] - ratios[-2])
+        slowness = min(change / before, 0.9) if before > 0 else 0.5
+        estimate = max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
+        if estimate <= tolerance:
+            return ratios[-1], estimate
+    raise RangeError(
+        f"model 'solid' cannot answer to {tolerance:g}: its best here is {estimate:.1e}; give a larger tolerance"
+    )
+
+
+def _system(
+    parameters: SolidParameters, refinement: int, solver: str, mirrored: tuple[bool, bool] | None = None
+) -> System:
+    if refinement not in REFINEMENTS:
+        raise RangeError(
+            f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these"
+        )
+    return System(parameters, refinement, solver, mirrored)

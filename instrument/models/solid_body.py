@@ -1,8 +1,8 @@
 """Stiffness of one part of the solid model: a plan times a range of heights.
 
-Shape functions are products of a biquadratic one in the plan and a quadratic one along the height, so that
-every matrix in space is a sum of Kronecker products of one in the plan and one along the height. The pressure
-is linear and discontinuous (Q2/P1): it is condensed element by element, and rubber does not lock.
+Shape functions are products of one in the plan and one along the height, both of degree p, so that every matrix
+in space is a sum of Kronecker products of one in the plan and one along the height. The pressure is a
+discontinuous polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and rubber does not lock.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from skfem import Basis, BilinearForm, ElementLineP2, ElementQuad2, MeshLine
+from skfem import Basis, BilinearForm, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, LinearForm, MeshLine
 
 from instrument.models.solid_mesh import Plan
 
 Vector = NDArray[np.float64]
 Sparse = sparse.csr_array
 
-QUADRATURE = 5
 # 2 G e + λ tr e is assembled with λ / G up to this; what is above it comes by iteration on the pressure.
 LAME_RATIO_LIMIT = 1000.0
 
@@ -62,37 +61,39 @@ class PlanMatrices:
     """Matrices in the plan on a selection of its elements, over the nodes of that selection.
 
     Attributes:
-        nodes: names of the nodes in the whole plan, shape (n,).
-        places: shape (2, n).
-        mass, forms: integrals of products of shape functions and their derivatives.
-        pressure: by degree 0 and 1, triples (x derivative, y derivative, value) against orthonormal pressures.
+        nodes: names in the whole plan of the n shape functions that do not vanish on the selection.
+        integrals: of the shape functions.
+        mass, xx, yy, yx, vx, vy: integrals of products of shape functions and their derivatives.
+        pressure: by degree, triples (x derivative, y derivative, value) against orthonormal polynomials.
     """
 
-    def __init__(self, basis: Any, elements: NDArray[np.intp]) -> None:
+    def __init__(self, basis: Any, elements: NDArray[np.intp], degree: int) -> None:
         part = basis.with_elements(elements) if len(elements) < basis.mesh.nelements else basis
         self.nodes = np.unique(basis.element_dofs[:, elements])
-        self.places = basis.doflocs[:, self.nodes]
         pick = self.nodes
 
         def form(function: Any) -> Sparse:
             return sparse.csr_array(BilinearForm(function).assemble(part))[pick][:, pick]
 
+        self.integrals = np.asarray(LinearForm(lambda v, w: v).assemble(part))[pick]
         self.mass = form(lambda u, v, w: u * v)
         self.xx = form(lambda u, v, w: u.grad[0] * v.grad[0])
         self.yy = form(lambda u, v, w: u.grad[1] * v.grad[1])
         self.yx = form(lambda u, v, w: u.grad[0] * v.grad[1])  # row: y derivative, column: x derivative
         self.vx = form(lambda u, v, w: u.grad[0] * v)
         self.vy = form(lambda u, v, w: u.grad[1] * v)
-        self.pressure = _pressures(part, elements, pick)
+        self.pressure = _pressures(part, elements, pick, degree - 1)
 
 
-def _pressures(part: Any, elements: NDArray[np.intp], pick: NDArray[np.intp]) -> list[tuple[Sparse, ...]]:
-    x = part.global_coordinates().value
-    weight = part.dx
+def _pressures(part: Any, elements: NDArray[np.intp], pick: NDArray[np.intp], degree: int) -> list[tuple[Sparse, ...]]:
+    x, weight = part.global_coordinates().value, part.dx
     centre = (x * weight).sum(-1, keepdims=True) / weight.sum(-1)[None, :, None]
-    raw = np.stack([np.ones_like(weight), *(x - centre)])
-    gram = np.einsum("aeq,beq,eq->eab", raw, raw, weight)
-    orthonormal = np.einsum("eab,beq->aeq", np.linalg.inv(np.linalg.cholesky(gram)), raw)
+    size = np.sqrt(((x - centre) ** 2 * weight).sum(-1, keepdims=True) / weight.sum(-1)[None, :, None])
+    a, b = (x - centre) / size
+    # By rising degree, so that the first ones span every lower degree.
+    monomials = np.stack([a ** (k - m) * b**m for k in range(degree + 1) for m in range(k + 1)], axis=-1)
+    root = np.sqrt(weight)[..., None]
+    orthonormal = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 0)
     count = len(elements)
     columns = part.element_dofs if part.element_dofs.shape[1] == count else part.element_dofs[:, elements]
     shapes = [field[0] for field in part.basis]
@@ -103,24 +104,22 @@ def _pressures(part: Any, elements: NDArray[np.intp], pick: NDArray[np.intp]) ->
         np.stack([np.broadcast_to(f.value, weight.shape) for f in shapes]),
     ):
         data = np.einsum("aeq,neq,eq->aen", orthonormal, values, weight)
-        rows = np.broadcast_to(np.arange(3 * count).reshape(3, count, 1), data.shape)
+        rows = np.broadcast_to(np.arange(len(orthonormal) * count).reshape(-1, count, 1), data.shape)
         names = np.broadcast_to(columns.T[None], data.shape)
-        matrix = sparse.csr_array((data.ravel(), (rows.ravel(), names.ravel())), shape=(3 * count, part.N))
+        entries = (data.ravel(), (rows.ravel(), names.ravel()))
+        matrix = sparse.csr_array(entries, shape=(len(orthonormal) * count, part.N))
         total.append(sparse.csr_array(matrix[:, pick]))
-    return [tuple(matrix[: count * size] for matrix in total) for size in (1, 3)]
+    return [tuple(matrix[: count * (k + 1) * (k + 2) // 2] for matrix in total) for k in range(degree + 1)]
 
 
 class HeightMatrices:
-    """Matrices along the height, nodes from the lowest to the highest.
+    """Matrices along the height: the first shape function alone reaches the bottom, the last the top."""
 
-    Attributes:
-        places: shape (n,) [m].
-    """
-
-    def __init__(self, breaks: Vector) -> None:
-        basis = Basis(MeshLine(breaks), ElementLineP2(), intorder=4)
-        order = np.argsort(basis.doflocs[0])
-        self.places = basis.doflocs[0][order]
+    def __init__(self, breaks: Vector, degree: int) -> None:
+        basis = Basis(MeshLine(breaks), ElementLineP2() if degree == 2 else ElementLinePp(degree), intorder=2 * degree)
+        steps = len(breaks) - 1
+        order = np.concatenate([np.arange(steps), np.arange(steps + 1, basis.N), [steps]])
+        self.count = basis.N
 
         def form(function: Any) -> Sparse:
             return sparse.csr_array(BilinearForm(function).assemble(basis))[order][:, order]
@@ -129,27 +128,23 @@ class HeightMatrices:
         self.zz = form(lambda u, v, w: u.grad[0] * v.grad[0])
         self.vz = form(lambda u, v, w: u.grad[0] * v)
         rank = np.argsort(order)
-        length = np.diff(breaks)
-        middle = ((breaks[1:] + breaks[:-1]) / 2)[:, None]
-        z = basis.global_coordinates().value[0]
-        by_element = np.argsort(z[:, 0])
-        z, weight = z[by_element], basis.dx[by_element]
-        legendre = [
-            np.ones_like(z) / np.sqrt(length)[:, None],
-            np.sqrt(12 / length**3)[:, None] * (z - middle),
-        ]
-        names = rank[basis.element_dofs[:, by_element]]
+        z, weight = basis.global_coordinates().value[0], basis.dx
+        low, high = z.min(axis=1), z.max(axis=1)
+        local = (2 * z - (low + high)[:, None]) / (high - low)[:, None]
+        root = np.sqrt(weight)[..., None]
+        powers = np.linalg.qr(root * local[..., None] ** np.arange(degree))[0] / root
+        names = rank[basis.element_dofs]
         self.pressure: list[tuple[Sparse, Sparse]] = []
-        for polynomial in legendre:
+        for polynomial in np.moveaxis(powers, -1, 0):
             pair = []
-            for which in ("value", "grad"):
-                shapes = [field[0].value if which == "value" else field[0].grad[0] for field in basis.basis]
-                values = np.stack([np.broadcast_to(shape, basis.dx.shape)[by_element] for shape in shapes])
+            for shapes in (
+                [field[0].value for field in basis.basis],
+                [field[0].grad[0] for field in basis.basis],
+            ):
+                values = np.stack([np.broadcast_to(shape, weight.shape) for shape in shapes])
                 data = np.einsum("eq,neq,eq->en", polynomial, values, weight)
-                rows = np.broadcast_to(np.arange(len(length))[:, None], data.shape)
-                pair.append(
-                    sparse.csr_array((data.ravel(), (rows.ravel(), names.T.ravel())), shape=(len(length), basis.N))
-                )
+                rows = np.broadcast_to(np.arange(steps)[:, None], data.shape)
+                pair.append(sparse.csr_array((data.ravel(), (rows.ravel(), names.T.ravel())), shape=(steps, basis.N)))
             self.pressure.append((pair[0], pair[1]))
 
 
@@ -165,7 +160,7 @@ class Body:
 
     def __init__(self, plan: PlanMatrices, height: HeightMatrices, material: Elastic) -> None:
         self.plan, self.height, self.material = plan, height, material
-        self.shape = (3, len(plan.nodes), len(height.places))
+        self.shape = (3, len(plan.nodes), height.count)
         kron = sparse.kron
         xx, yy, zz = kron(plan.xx, height.mass), kron(plan.yy, height.mass), kron(plan.mass, height.zz)
         xy = kron(plan.yx, height.mass)
@@ -176,7 +171,7 @@ class Body:
         )
         rows = []
         for level, (value, slope) in enumerate(height.pressure):
-            dx, dy, flat = plan.pressure[1 - level]
+            dx, dy, flat = plan.pressure[-1 - level]
             rows.append(sparse.hstack([kron(dx, value), kron(dy, value), kron(flat, slope)]))
         self.dilatation = sparse.csr_array(sparse.vstack(rows))
         self.stiffness = sparse.csr_array(
@@ -184,6 +179,6 @@ class Body:
         )
 
 
-def plan_basis(plan: Plan) -> Any:
-    """Biquadratic shape functions of a plan."""
-    return Basis(plan.mesh, ElementQuad2(), intorder=QUADRATURE)
+def plan_basis(plan: Plan, degree: int) -> Any:
+    """Shape functions of a plan."""
+    return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)

@@ -7,6 +7,7 @@ mirrored; steps shrink geometrically towards the edges of tooth, gap and ring, w
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,11 +40,13 @@ class Resolution:
         layers: steps that shrink towards each singular edge.
         ratio: of one step to the next.
         sectors: quadrilaterals along an eighth of the circle.
+        degree: of the shape functions, in the plan and along the height.
     """
 
     layers: int
     ratio: float
     sectors: int
+    degree: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +145,7 @@ def _quarter(cell: Cell, resolution: Resolution) -> tuple[Vector, NDArray[np.int
     for inner, outer, towards, label in rings:
         depth = layers if label in (TOOTH, RING) else max(1, layers - 1)
         breaks = graded(0.0, 1.0, depth, ratio, towards)
-        for low, high in zip(breaks, breaks[1:], strict=False):
+        for low, high in itertools.pairwise(breaks):
             for share in ((low + high) / 2, high):
                 curves.append((1 - share) * inner + share * outer)
             region.append(label)
@@ -163,28 +166,32 @@ def _quarter(cell: Cell, resolution: Resolution) -> tuple[Vector, NDArray[np.int
     nine = [[core_name(2 * i + a, 2 * j + b) for a, b in corner] for i in range(m) for j in range(m)]
     labels = [TOOTH] * len(nine)
     for i, label in enumerate(region):
-        for j in range(2 * m):
+        for j in range(m):
             nine.append([ring_name(2 * i + a, 2 * j + b) for a, b in corner])
-            labels.append(label)
+            # From the other axis towards the diagonal: every edge has one direction in both its elements.
+            nine.append([ring_name(2 * i + a, 4 * m - 2 * j - b) for a, b in corner])
+            labels += [label, label]
     return points, layer, (np.array(nine, dtype=np.intp).T, np.array(labels, dtype=np.intp))
 
 
 def locate(basis: Any, point: tuple[float, float]) -> tuple[NDArray[np.intp], Vector]:
     """Nodes of the element around a point of the plan, and the values of their shape functions there."""
     target = np.array(point)
-    corners = basis.mesh.doflocs[:, basis.element_dofs]
+    corners = basis.mesh.doflocs[:, basis.mesh.dofs.element_dofs]
+    mapping = basis.mesh.elem()
     slack = 0.05 * (corners.max(axis=(1, 2)) - corners.min(axis=(1, 2)))[:, None]
     near = ((corners.min(axis=1) - slack <= target[:, None]) & (corners.max(axis=1) + slack >= target[:, None])).all(0)
     best, nodes, values = np.inf, np.empty(0, dtype=np.intp), np.empty(0)
     for element in np.flatnonzero(near):
         local = np.array([0.5, 0.5])
-        places = basis.mesh.doflocs[:, basis.element_dofs[:, element]]
+        places = basis.mesh.doflocs[:, basis.mesh.dofs.element_dofs[:, element]]
         for _ in range(30):
-            pairs = [basis.elem.lbasis(local[:, None], i) for i in range(9)]
+            pairs = [mapping.lbasis(local[:, None], i) for i in range(9)]
             shape = np.array([np.ravel(pair[0])[0] for pair in pairs])
             slope = np.array([np.ravel(pair[1]) for pair in pairs])
             local = np.clip(local - np.linalg.lstsq(places @ slope, places @ shape - target, rcond=None)[0], -0.5, 1.5)
         off = float(np.max(np.abs(local - 0.5)) - 0.5)
         if off < best:
-            best, nodes, values = off, basis.element_dofs[:, element], shape
+            best, nodes = off, basis.element_dofs[:, element]
+            values = np.array([np.ravel(basis.elem.lbasis(local[:, None], i)[0])[0] for i in range(len(nodes))])
     return nodes, values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from scipy import sparse
 from instrument.errors import EstimateError
 from instrument.models.linear_solver import SymmetricSolver
 from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
-from instrument.models.solid_mesh import OVERHANG, RING, TOOTH, Cell, Resolution, graded, locate, plan_mesh
+from instrument.models.solid_mesh import GAP, OVERHANG, RING, TOOTH, Cell, Resolution, graded, locate, plan_mesh
 
 if TYPE_CHECKING:
     from instrument.models.solid import SolidParameters
@@ -22,13 +23,16 @@ Names = NDArray[np.intp]
 
 HELD, UNNAMED = -1, -2
 ALL, NORMAL = (0, 1, 2), (2,)
+# By refinement. Layers and degree rise together: more layers alone leave the error of the wide steps between
+# the edges, a higher degree alone that of the edges.
+RESOLUTIONS = (
+    Resolution(layers=2, ratio=0.2, sectors=1, degree=2),
+    Resolution(layers=2, ratio=0.2, sectors=1, degree=3),
+    Resolution(layers=3, ratio=0.2, sectors=2, degree=3),
+    Resolution(layers=4, ratio=0.2, sectors=2, degree=3),
+)
 PRESSURE_STEPS = 60
 PRESSURE_LIMIT = 1e-10
-
-
-def resolution(refinement: int) -> Resolution:
-    """The mesh of a refinement."""
-    return Resolution(layers=refinement + 1, ratio=0.3, sectors=1 + (refinement + 1) // 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +47,16 @@ class Part:
         return np.append(solution, 0.0)[self.names.ravel()]
 
 
+# A part below, and the displacements that it shares.
+Join = tuple[Part, tuple[int, ...]]
+
+
 class System:
     """Assembled and factorised for one sensor; any number of loads on its planes of symmetry.
 
     Args:
-        load_at: loads off a plane of symmetry need the whole of that direction.
+        mirrored: whether half of the length, and of the width, stands for the whole; every load must allow it.
+            None finds out from the parameters' own load.
 
     Raises:
         EstimateError: the system is singular to working precision.
@@ -58,12 +67,14 @@ class System:
         self, parameters: SolidParameters, refinement: int, solver: str = "", mirrored: tuple[bool, bool] | None = None
     ) -> None:
         self._parameters = parameters
-        self._resolution = resolution(refinement)
+        self._resolution = RESOLUTIONS[refinement]
         self._mirrored = symmetry(parameters) if mirrored is None else mirrored
         self._plan = plan_mesh(_cell(parameters), self._quarters(), self._resolution)
-        self._basis = plan_basis(self._plan)
+        self._basis = plan_basis(self._plan, self._resolution.degree)
+        # Coefficients of the function 1: hierarchical shape functions add nothing to the corners'.
+        corner = np.arange(self._basis.N) < self._plan.mesh.nvertices
+        self._one = np.where(corner | (self._resolution.degree == 2), 1.0, 0.0)
         self._matrices: dict[bytes, PlanMatrices] = {}
-        self._points: list[Vector] = []
         self._parts: list[Part] = []
         self.unknowns = 0
         self._build()
@@ -80,22 +91,23 @@ class System:
         teeth = np.zeros(p.rows * p.columns)
         total = 0.0
         for part, pressure in zip(self._parts, pressures, strict=True):
-            if part is not self._tooth_part and part not in self._floor_parts:
+            at_floor = any(part is floor for floor in self._floor_parts)
+            if part is not self._tooth_part and not at_floor:
                 continue
             body = part.body
             force = body.stiffness @ part.displacement(solution) + body.dilatation.T @ pressure
-            below = force.reshape(body.shape)[2, :, 0]
+            below = force.reshape(body.shape)[2, :, 0] * self._one[body.plan.nodes]
             if part is self._tooth_part:
-                stands = self._stands(body)
+                stands = self._over_teeth(body)
                 np.add.at(teeth, cell_of[body.plan.nodes[stands]], below[stands])
-            if part in self._floor_parts:
+            if at_floor:
                 total += share * below.sum()
         grid = teeth.reshape(p.rows, p.columns)
         if self._mirrored[0]:
             grid = grid + grid[:, ::-1]
         if self._mirrored[1]:
             grid = grid + grid[::-1]
-        return grid, total + (grid.sum() if p.rigid else 0.0), residual
+        return grid, total + (grid.sum() if p.support == "rigid" else 0.0), residual
 
     def _quarters(self) -> dict[tuple[int, int], tuple[float, float, int]]:
         p = self._parameters
@@ -106,92 +118,107 @@ class System:
         }
 
     def _build(self) -> None:
+        """Parts from below: plates and films, tooth, ring, object. The sensor's face is at height 0."""
         p, layers, ratio = self._parameters, self._resolution.layers, self._resolution.ratio
-        plan = self._plan
-        everywhere, tooth, ring = plan.region >= 0, plan.region == TOOTH, plan.region == RING
-        if p.ring_shape == "square":
-            ring = ring | (plan.region == OVERHANG)
+        region = self._plan.region
+        everywhere = region != OVERHANG if p.outline == "round" else region >= 0
+        ring = everywhere & (region != TOOTH) & (region != GAP) if p.ring_outline == "square" else region == RING
+        foot = -p.sensor_height - p.film_thickness
+        joint = ALL if p.interface == "bonded" else NORMAL
         compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
-        both = HeightMatrices(graded(-p.ring_height, 0.0, layers, ratio, "both"))
-        tooth_below: list[tuple[Part, tuple[int, ...]]] = []
-        if p.rigid:
-            rings = [self._add(ring, both, compliant, [], floor=True)]
-            self._floor_parts = rings
+        ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
+        if p.support == "rigid":
+            self._floor_parts = [self._add(ring, ring_heights, compliant, floor=True)]
+            below = [(self._floor_parts[0], joint)]
         else:
-            sheet = HeightMatrices(np.array([0.0, p.film_thickness]) - p.ring_height)
-            plexiglas, film = Elastic(p.plate_modulus, p.plate_poisson), Elastic(p.film_modulus, p.film_poisson)
+            plates = self._plates(everywhere, foot)
             steps = max(1, layers - 1)
-            top = graded(-p.plate_thickness, 0.0, steps, ratio, "end") - p.ring_height
-            bottom = np.array([-p.plate_thickness, 0.0]) + top[0] - p.film_thickness
-            base_sheet = np.array([-p.film_thickness, 0.0]) + top[0]
-            groups = [plan.cell == k for k in np.unique(plan.cell)] if p.separate_bases else [everywhere]
-            upper, self._floor_parts = [], []
-            for group in groups:
-                lower = self._add(group, HeightMatrices(bottom), plexiglas, [], floor=True, base=True)
-                between = self._add(group, HeightMatrices(base_sheet), film, [(lower, ALL)], base=True)
-                upper.append((self._add(group, HeightMatrices(top), plexiglas, [(between, ALL)], base=True), ALL))
-                self._floor_parts.append(lower)
-            disc = self._add(tooth, sheet, film, upper)
+            sheet = self._heights(np.array([foot, -p.sensor_height]))
+            tall = self._heights(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
+            self._tooth_part = self._add(region == TOOTH, sheet, Elastic(p.film_modulus, p.film_poisson), plates)
             phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
-            tall = HeightMatrices(graded(p.film_thickness - p.ring_height, 0.0, steps, ratio, "both"))
-            tooth_below = [(self._add(tooth, tall, phenolic, [(disc, ALL)]), ALL)]
-            rings = [self._add(ring, both, compliant, upper)]
-            self._tooth_part = disc
-        joined = ALL if p.interface == "bonded" else NORMAL
-        below = [(part, joined) for part, _ in tooth_below] + [(part, joined) for part in rings]
-        towards = "start" if p.load_at is None else "both"
-        heights = HeightMatrices(graded(0.0, p.sensed_thickness, layers + (p.load_at is None), ratio, towards))
+            tooth = self._add(region == TOOTH, tall, phenolic, [(self._tooth_part, ALL)])
+            below = [(tooth, joint), (self._add(ring, ring_heights, compliant, plates), joint)]
+        if p.load_at is None:
+            heights = graded(0.0, p.sensed_thickness, layers + 1, ratio, "start")
+        else:
+            heights = graded(0.0, p.sensed_thickness, layers, ratio, "both")
         self._object = self._add(
-            everywhere, heights, Elastic(p.sensed_modulus, p.sensed_poisson), below, stands=joined if p.rigid else ()
+            everywhere,
+            self._heights(heights),
+            Elastic(p.sensed_modulus, p.sensed_poisson),
+            below,
+            on_teeth=joint if p.support == "rigid" else (),
+            slides=p.interface == "frictionless",
+            platen=p.load == "platen" and p.load_at is None,
         )
-        if p.rigid:
+        if p.support == "rigid":
             self._tooth_part = self._object
+
+    def _heights(self, breaks: Vector) -> HeightMatrices:
+        return HeightMatrices(breaks, self._resolution.degree)
+
+    def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
+        """Plate, film and plate below `top`, in one stack or one for each cell; the uppermost of each stack."""
+        p, plan = self._parameters, self._plan
+        plexiglas, film = Elastic(p.plate_modulus, p.plate_poisson), Elastic(p.film_modulus, p.film_poisson)
+        steps = max(1, self._resolution.layers - 1)
+        upper = self._heights(top + graded(-p.plate_thickness, 0.0, steps, self._resolution.ratio, "end"))
+        film_top = top - p.plate_thickness
+        sheet = self._heights(np.array([film_top - p.film_thickness, film_top]))
+        lower = self._heights(film_top - p.film_thickness + np.array([-p.plate_thickness, 0.0]))
+        stacks = [plan.cell == k for k in np.unique(plan.cell)] if p.separate_bases else [everywhere]
+        self._floor_parts = []
+        uppermost: list[Join] = []
+        for stack in stacks:
+            floor = self._add(stack, lower, plexiglas, floor=True, base=True)
+            between = self._add(stack, sheet, film, [(floor, ALL)], base=True)
+            uppermost.append((self._add(stack, upper, plexiglas, [(between, ALL)], base=True), ALL))
+            self._floor_parts.append(floor)
+        return uppermost
 
     def _add(
         self,
         elements: NDArray[np.bool_],
         height: HeightMatrices,
         material: Elastic,
-        below: list[tuple[Part, tuple[int, ...]]],
+        below: Sequence[Join] = (),
+        *,
         floor: bool = False,
         base: bool = False,
-        stands: tuple[int, ...] = (),
+        on_teeth: tuple[int, ...] = (),
+        slides: bool = False,
+        platen: bool = False,
     ) -> Part:
-        """One more part, on the parts below, on the floor, or (`stands`) on rigid teeth."""
+        """One more part, on the parts below, on the floor, or with some displacements held on rigid teeth."""
         key = elements.tobytes()
         if key not in self._matrices:
-            self._matrices[key] = PlanMatrices(self._basis, np.flatnonzero(elements))
+            self._matrices[key] = PlanMatrices(self._basis, np.flatnonzero(elements), self._resolution.degree)
         body = Body(self._matrices[key], height, material)
         names = np.full(body.shape, UNNAMED, dtype=np.intp)
         self._hold_symmetry(names, body, base)
         if floor:
             names[:, :, 0] = HELD
-        for axis in stands:
-            names[axis, self._stands(body), 0] = HELD
+        for axis in on_teeth:
+            names[axis, self._over_teeth(body), 0] = HELD
         for part, axes in below:
             _, mine, its = np.intersect1d(body.plan.nodes, part.body.plan.nodes, return_indices=True)
             for axis in axes:
                 free = names[axis, mine, 0] == UNNAMED
                 names[axis, mine[free], 0] = part.names[axis, its[free], -1]
-        if below or stands:
+        if slides:
             self._hold_sliding(names, body)
+        if platen:
+            names[2, :, -1] = self.unknowns
+            self.unknowns += 1
         new = names == UNNAMED
         names[new] = self.unknowns + np.arange(new.sum())
         self.unknowns += int(new.sum())
-        places = np.broadcast_to(
-            np.stack(
-                [
-                    *np.broadcast_arrays(body.plan.places[0][:, None], body.plan.places[1][:, None], height.places),
-                ]
-            )[:, None],
-            (3, *body.shape),
-        )
-        self._points.append(places[:, new])
         part = Part(body, names)
         self._parts.append(part)
         return part
 
-    def _stands(self, body: Body) -> NDArray[np.bool_]:
+    def _over_teeth(self, body: Body) -> NDArray[np.bool_]:
         """Nodes of the plan of a body that lie over a tooth."""
         over = np.unique(self._basis.element_dofs[:, self._plan.region == TOOTH])
         return np.isin(body.plan.nodes, over)
@@ -202,15 +229,16 @@ class System:
         for axis, (size, cells) in enumerate(lattice):
             cut_between = base and p.separate_bases and cells % 2 == 0
             if self._mirrored[axis] and not cut_between:
-                names[axis, np.abs(body.plan.places[axis] - size / 2) < 1e-9 * size] = HELD
+                middle = np.flatnonzero(
+                    (np.abs(self._plan.mesh.p[axis, self._plan.mesh.facets] - size / 2) < 1e-9 * size).all(axis=0)
+                )
+                names[axis, np.isin(body.plan.nodes, self._basis.get_dofs(middle).flatten())] = HELD
 
     def _hold_sliding(self, names: Names, body: Body) -> None:
         """Hold what nothing else holds of an object that slides: translation, and rotation about z."""
-        if self._parameters.interface == "bonded" or body.material != Elastic(
-            self._parameters.sensed_modulus, self._parameters.sensed_poisson
-        ):
-            return
-        far = int(np.argmax(body.plan.places[0]))
+        # The first nodes are the corners of the mesh.
+        corners = self._plan.mesh.p[0, body.plan.nodes[body.plan.nodes < self._plan.mesh.nvertices]]
+        far = int(np.argmax(corners))
         if not self._mirrored[0]:
             names[0, 0, -1] = HELD
         if not self._mirrored[1]:
@@ -229,13 +257,13 @@ class System:
             columns.append(column[free])
             values.append(matrix.data[free])
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        matrix = sparse.csc_array(entries, shape=(self.unknowns, self.unknowns))
-        return SymmetricSolver(matrix, np.concatenate(self._points, axis=1), solver)
+        stiffness = sparse.csc_array(entries, shape=(self.unknowns, self.unknowns))
+        return SymmetricSolver(stiffness, solver)
 
     def _load(self, load_at: tuple[float, float] | None) -> Vector:
         p, body = self._parameters, self._object.body
         if load_at is None:
-            weights = np.asarray(body.plan.mass.sum(axis=1)).ravel() / (p.length * p.width)
+            weights = body.plan.integrals / p.load_area
         else:
             nodes, values = locate(self._basis, load_at)
             weights = np.zeros(len(body.plan.nodes))
