@@ -235,4 +235,5 @@ def solve_condensed(system: CoupledSystem) -> Array:
     moved = np.linalg.solve(
         matrix[:m, :m] - matrix[:m, m:] @ carried[:, :-1], right[:m] - matrix[:m, m:] @ carried[:, -1]
     )
-    return scale * np.concatenate([moved, carried[:, -1] - carried[:, :-1] @ moved])
+    answer: Array = scale * np.concatenate([moved, carried[:, -1] - carried[:, :-1] @ moved])
+    return answer

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def grid(parameters: SensorParameters, layers: int) -> Grid:
     if elastic:
         tooth, plate = (0.0, p.tooth_radius), (0.0, p.plate_radius)
         film, plexiglas = (p.film_modulus, p.film_poisson), (p.plate_modulus, p.plate_poisson)
-        heights = [(float(low), float(high)) for low, high in zip(levels, levels[1:], strict=False)]
+        heights = [(float(low), float(high)) for low, high in pairwise(levels)]
         bodies += [
             Body("tooth", "tooth", tooth, (seat, face), p.tooth_modulus, p.tooth_poisson),
             Body("tooth film", "tooth", tooth, (base, seat), *film),
@@ -101,9 +102,7 @@ def _radii(p: SensorParameters, layers: int) -> Array:
     return _line(corners, max(p.tooth_radius, p.ring_outer_radius / 2))
 
 
-def _heights(
-    p: SensorParameters, layers: int, levels: Array, base: float, seat: float, face: float
-) -> Array:
+def _heights(p: SensorParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
     shrink = GRADING**layers
     corner = shrink * min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height)
     corners = {face: corner, face + p.sensed_thickness: SMOOTH}
@@ -119,10 +118,7 @@ def _heights(
 def _line(corners: dict[float, float], longest: float) -> Array:
     """Grid lines through all corners, with elements of the given size at each and none above `longest`."""
     ends = sorted(corners)
-    pieces = [
-        _interval(low, high, corners[low], corners[high], longest)
-        for low, high in zip(ends, ends[1:], strict=False)
-    ]
+    pieces = [_interval(low, high, corners[low], corners[high], longest) for low, high in pairwise(ends)]
     return np.concatenate([[ends[0]], *pieces])
 
 
@@ -138,11 +134,10 @@ def _interval(low: float, high: float, size_low: float, size_high: float, longes
         parts = np.append(parts, length - _distances(size_high, reach))
     # Distances to one corner can meet those to the other up to rounding.
     parts = np.unique(parts)
-    parts = parts[np.append(True, np.diff(parts) > 1e-9 * length * min(1.0, size_low / length, size_high / length))]
+    least = 1e-9 * min(length, size_low, size_high)
+    parts = parts[np.append(True, np.diff(parts) > least)]
     parts[-1] = length
-    cut = [
-        np.linspace(a, b, math.ceil((b - a) / longest) + 1)[1:] for a, b in zip(parts, parts[1:], strict=False)
-    ]
+    cut = [np.linspace(a, b, math.ceil((b - a) / longest) + 1)[1:] for a, b in pairwise(parts)]
     lines = low + np.concatenate(cut)
     lines[-1] = high
     return lines

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from types import MappingProxyType
 
 from instrument.errors import RangeError, UnknownName
@@ -86,7 +87,7 @@ class SensorParameters:
             if value not in valid:
                 raise UnknownName(kind, value, valid)
         order = ("tooth_radius", "ring_inner_radius", "ring_outer_radius", "plate_radius")
-        for inner, outer in zip(order, order[1:], strict=False):
+        for inner, outer in pairwise(order):
             low, high = getattr(self, inner), getattr(self, outer)
             if low > high or (low == high and inner == "ring_inner_radius"):
                 raise RangeError(

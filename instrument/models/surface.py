@@ -64,8 +64,8 @@ class ResponseSurface:
             )
         low, high = math.log10(self.lowest), math.log10(self.highest)
         place = (2 * np.log10(ratios) - (low + high)) / (high - low)
-        value = np.polynomial.chebyshev.chebval(place, self.coefficients)
-        return float(value) if np.ndim(modulus_ratio) == 0 else value
+        value = np.polynomial.chebyshev.chebval(place, self.coefficients).astype(np.float64)
+        return value if isinstance(modulus_ratio, np.ndarray) else float(value)
 
     def save(self, path: Path) -> None:
         """Write to an `.npz` file.
@@ -142,7 +142,8 @@ def load(path: Path, parameters: SensorParameters, refinement: int = REFINEMENT)
         ConfigError: no such file, it is corrupt, or it belongs to another design or code version.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # np.load leaves a file that it opened itself open when it turns out to be cut off.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             lowest, highest, bound = (float(value) for value in stored["limits"])
             surface = ResponseSurface(
                 coefficients=np.asarray(stored["coefficients"], dtype=np.float64),

@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from instrument.errors import RangeError, UnknownName
+from instrument.models import axisymmetric, condensed, elements, mesh, numbering
+from instrument.models.axisymmetric import force_ratio, solve, solve_on
+from instrument.models.parameters import SensorParameters, get_parameters
+
+CASE_A = get_parameters("physical")
+IDENTIFIED = get_parameters("identified")
+# Degree 8 with 7 layers, in displacement-pressure and in plain displacement form: they differ by 1e-9.
+CASE_A_RATIO = 0.4245278
+TABLE_A2_1 = Path(__file__).parents[1] / "data" / "thesis" / "table_A2_1.csv"
+
+
+def plain_linear_ratio(parameters: SensorParameters, layers: int) -> float:
+    """Bilinear displacement elements on the same mesh; rigid support, bonded object as wide as the ring."""
+    from scipy.sparse.linalg import spsolve
+    from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
+
+    grid = mesh.grid(parameters, layers)
+    heights = grid.heights[grid.heights >= grid.base]
+    full = MeshQuad.init_tensor(grid.radii, heights)
+    middle_r, middle_z = full.p[:, full.t].mean(axis=1)
+    is_object = middle_z > grid.face
+    kept = np.flatnonzero(is_object | (middle_r > parameters.ring_inner_radius))
+    part = full.restrict(kept)
+    shear, lame = np.empty(len(kept)), np.empty(len(kept))
+    for mask, modulus, nu in (
+        (is_object[kept], parameters.sensed_modulus, parameters.sensed_poisson),
+        (~is_object[kept], parameters.compliant_modulus, parameters.compliant_poisson),
+    ):
+        shear[mask] = modulus / (2 * (1 + nu))
+        lame[mask] = shear[mask] * 2 * nu / (1 - 2 * nu)
+    basis = Basis(part, ElementVector(ElementQuad1()), intorder=4)
+    tall = np.ones(basis.X.shape[1])
+
+    def work(u, v, w):  # type: ignore[no-untyped-def]
+        r, g, lam = w.x[0], np.outer(shear, tall), np.outer(lame, tall)
+        hoop_u, hoop_v = u[0] / r, v[0] / r
+        rr_u, zz_u, rr_v, zz_v = u.grad[0, 0], u.grad[1, 1], v.grad[0, 0], v.grad[1, 1]
+        slip_u, slip_v = u.grad[0, 1] + u.grad[1, 0], v.grad[0, 1] + v.grad[1, 0]
+        dilatation = (rr_u + hoop_u + zz_u) * (rr_v + hoop_v + zz_v)
+        return r * (
+            2 * g * (rr_u * rr_v + hoop_u * hoop_v + zz_u * zz_v) + g * slip_u * slip_v + lam * dilatation
+        )
+
+    stiffness = BilinearForm(work).assemble(basis)
+    r, z = part.p
+    radial, axial = basis.nodal_dofs
+    load = np.zeros(basis.N)
+    top = np.flatnonzero(z == z.max())
+    top = top[np.argsort(r[top])]
+    for a, b in itertools.pairwise(top):
+        width = r[b] - r[a]
+        load[axial[a]] -= width * (2 * r[a] + r[b]) / 6
+        load[axial[b]] -= width * (r[a] + 2 * r[b]) / 6
+    held = (z == z.min()) | ((z == grid.face) & (r <= parameters.tooth_radius))
+    fixed = np.concatenate([radial[held], axial[held], radial[r == 0]])
+    answer = condense(stiffness, load, D=np.unique(fixed))
+    displacement = np.zeros(basis.N)
+    displacement[answer[3]] = spsolve(answer[0].tocsc(), answer[1])
+    tooth = axial[(z == grid.face) & (r <= parameters.tooth_radius)]
+    return float((stiffness @ displacement)[tooth].sum() / -load.sum())
+
+
+def test_case_a_has_the_converged_ratio() -> None:
+    assert solve(CASE_A, 4).force_ratio == pytest.approx(CASE_A_RATIO, abs=1e-6)
+
+
+def test_the_error_falls_at_least_five_times_a_refinement() -> None:
+    errors = [abs(solve(CASE_A, refinement).force_ratio - CASE_A_RATIO) for refinement in (1, 2, 3)]
+    assert errors[0] < 5e-4
+    assert all(finer < coarser / 5 for coarser, finer in itertools.pairwise(errors))
+
+
+def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
+    blunt = [abs(solve_on(CASE_A, degree, layers=0).force_ratio - CASE_A_RATIO) for degree in (4, 5)]
+    graded = abs(solve_on(CASE_A, 5, layers=4).force_ratio - CASE_A_RATIO)
+    assert blunt[1] > blunt[0] / 3
+    assert graded < blunt[1] / 20
+
+
+def test_the_bound_is_never_below_the_error_of_random_settings() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        tooth, gap, ring = (
+            1.4e-3 * 10 ** rng.uniform(-0.5, 0.3),
+            10 ** rng.uniform(-5, -3.5),
+            10 ** rng.uniform(-3, -2),
+        )
+        parameters = SensorParameters(
+            sensed_modulus=24e3 * 10 ** rng.uniform(-1, 5),
+            sensed_poisson=float(rng.choice([0.0, 0.3, 0.49, 0.5])),
+            sensed_thickness=10 ** rng.uniform(-3.5, -2),
+            sensed_radius=tooth + gap + ring * rng.uniform(0.5, 1.3),
+            compliant_poisson=float(rng.choice([0.0, 0.3, 0.49, 0.5])),
+            interface=str(rng.choice(["bonded", "frictionless"])),
+            support=str(rng.choice(["elastic", "rigid"])),
+            tooth_radius=tooth,
+            ring_inner_radius=tooth + gap,
+            ring_outer_radius=tooth + gap + ring,
+            plate_radius=tooth + gap + ring,
+        )
+        ratio, bound = force_ratio(parameters, 1e-2)
+        assert abs(ratio - solve(parameters, 3).force_ratio) < bound <= 1e-2
+
+
+def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
+    with TABLE_A2_1.open(newline="") as file:
+        rows = [
+            (float(row["sensed_modulus_Pa"]), float(row["force_ratio_best"])) for row in csv.DictReader(file)
+        ]
+    assert len(rows) == 48
+    for modulus, printed in rows:
+        ratio = solve(replace(IDENTIFIED, sensed_modulus=modulus), 1).force_ratio
+        assert ratio == pytest.approx(printed, abs=0.008), f"{modulus:g} Pa"
+
+
+def test_case_a_reads_higher_than_the_first_row_of_table_a2_1() -> None:
+    assert solve(replace(CASE_A, sensed_modulus=14.9e3), 1).force_ratio > 0.1417 + 0.03
+
+
+def test_one_material_without_gap_carries_the_tooth_s_share_of_the_area() -> None:
+    one = SensorParameters(
+        **{f"{part}_modulus": 1e6 for part in ("sensed", "compliant", "tooth", "plate", "film")},  # type: ignore[arg-type]
+        **{f"{part}_poisson": 0.0 for part in ("sensed", "compliant", "tooth", "plate", "film")},  # type: ignore[arg-type]
+        ring_inner_radius=1.4e-3,
+    )
+    solution = solve(one, 1)
+    # The object's node over the slit belongs to the tooth alone, which costs 1e-7 on this mesh.
+    assert solution.force_ratio == pytest.approx((1.4 / 5) ** 2, rel=2e-7)
+    assert solution.films["base"].normal_stress == pytest.approx(-1 / (math.pi * 5e-3**2), rel=1e-11)
+    for film in solution.films.values():
+        assert film.normal_stress == pytest.approx(-1 / (math.pi * 5e-3**2), rel=2e-7)
+        assert abs(film.plane_stress) < 1e-6 * abs(film.normal_stress)
+
+
+def uniform_strain(
+    points_r: NDArray[np.float64], points_z: NDArray[np.float64], degree: int
+) -> NDArray[np.float64]:
+    """Element unknowns of u = -0.3 r, w = z + 10 µm on one rectangle."""
+    unknowns = np.zeros((2, degree + 1, degree + 1))
+    unknowns[0, :2, :2] = -0.3 * points_r[:, None]
+    unknowns[1, :2, :2] = points_z[None, :] + 1e-5
+    return unknowns.ravel()
+
+
+def test_both_forms_agree_on_a_uniform_strain_of_an_element_four_hundred_times_as_wide_as_high() -> None:
+    degree, shear, lame = 4, 1e4, 3e5
+    points_r, points_z = np.array([1e-3, 11e-3]), np.array([0, 25e-6])
+    r, z = elements.line(points_r, degree, radial=True), elements.line(points_z, degree, radial=False)
+    only = np.array([0])
+    strain = uniform_strain(points_r, points_z, degree)
+    plain = elements.stiffness(r, z, only, only, shear, lame)[0] @ strain
+    spread = elements.dilatation(r, z, only, only)[0]
+    mixed = elements.stiffness(r, z, only, only, shear, 0.0)[0] @ strain + lame * spread.T @ (spread @ strain)
+    assert mixed == pytest.approx(plain, abs=1e-9 * np.abs(plain).max())
+    volume = (11e-3**2 - 1e-3**2) / 2 * 25e-6
+    energy = volume * (2 * shear * (2 * 0.3**2 + 1) + lame * 0.4**2)
+    assert float(strain @ plain) == pytest.approx(energy, rel=1e-9)
+
+
+@pytest.mark.parametrize("nu", [0.49, 0.499, 0.4999, 0.499999, 0.5])
+def test_rubber_up_to_poisson_ratio_one_half_keeps_its_accuracy(nu: float) -> None:
+    rubber = replace(CASE_A, sensed_poisson=nu, compliant_poisson=nu)
+    coarse, fine = solve(rubber, 1), solve(rubber, 2)
+    assert abs(fine.force_ratio - coarse.force_ratio) < 1.5e-3
+    assert fine.imbalance < 1e-10
+
+
+def test_the_ratio_is_continuous_up_to_poisson_ratio_one_half() -> None:
+    near, limit = (solve(replace(CASE_A, compliant_poisson=nu), 2).force_ratio for nu in (0.499999, 0.5))
+    assert 0 < abs(near - limit) < 1e-5
+
+
+def test_plain_linear_elements_lock_where_the_shipped_ones_do_not() -> None:
+    rigid = replace(IDENTIFIED, interface="bonded", sensed_modulus=240e3, sensed_radius=5e-3)
+    error = {}
+    for nu in (0.3, 0.4999):
+        rubber = replace(rigid, sensed_poisson=nu, compliant_poisson=nu)
+        exact = solve(rubber, 3).force_ratio
+        error[nu] = (abs(plain_linear_ratio(rubber, 1) - exact), abs(solve(rubber, 1).force_ratio - exact))
+    assert error[0.4999][0] > 0.15 > 0.03 > error[0.3][0]
+    assert error[0.4999][1] < 1e-3
+
+
+@pytest.mark.parametrize("modulus", [1.49e4, 140e6, 140e9])
+def test_forces_balance_at_any_modulus_of_the_object(modulus: float) -> None:
+    assert solve(replace(CASE_A, sensed_modulus=modulus), 2).imbalance < 1e-10
+
+
+def test_without_the_rigid_motion_apart_a_stiff_object_unbalances_the_forces() -> None:
+    hard = replace(CASE_A, sensed_modulus=140e12, compliant_poisson=0.3)
+    grid = mesh.grid(hard, 2)
+    r, z = elements.line(grid.radii, 4, radial=True), elements.line(grid.heights, 4, radial=False)
+    system = axisymmetric.assemble(hard, grid, r, z, numbering.parts(grid))
+    rng = np.random.default_rng(1)
+    load = np.append(rng.normal(size=system.size), 0.0) * (np.arange(system.size + 1) < system.shared)
+    solved = condensed.solve(system, load)
+    shipped = np.abs(load - system.gather(solved.internal)).max()
+    plainly = system.internal_forces(
+        solved.displacement[system.unknowns], np.zeros(system.dilatation.shape[:2])
+    )
+    assert np.abs(load - system.gather(plainly)).max() > 30 * shipped
+
+
+def test_the_ratio_is_continuous_as_the_gap_closes() -> None:
+    ratios = [
+        solve(replace(CASE_A, ring_inner_radius=1.4e-3 + gap), 2).force_ratio for gap in (1e-4, 1e-6, 1e-9, 0)
+    ]
+    assert ratios[0] < ratios[1] < ratios[2]
+    assert ratios[3] == pytest.approx(ratios[2], abs=3e-5)
+
+
+@pytest.mark.parametrize("thickness", [10e-6, 100e-3])
+def test_an_object_of_ten_micrometres_or_a_hundred_millimetres_is_resolved(thickness: float) -> None:
+    thick = replace(CASE_A, sensed_thickness=thickness)
+    assert solve(thick, 2).force_ratio == pytest.approx(solve(thick, 1).force_ratio, abs=1e-3)
+
+
+def test_a_thin_soft_object_passes_its_load_straight_down() -> None:
+    thin = replace(CASE_A, sensed_thickness=10e-6)
+    assert solve(thin, 1).force_ratio == pytest.approx((1.45 / 5) ** 2, abs=5e-3)
+
+
+@pytest.mark.parametrize("ring", [1.4e-5, 43e-3])
+def test_area_ratios_from_a_hundredth_to_a_thousand_are_resolved(ring: float) -> None:
+    outer = 1.5e-3 + ring
+    wide = replace(CASE_A, ring_outer_radius=outer, plate_radius=max(outer, 2e-3), sensed_radius=outer)
+    coarse, fine = solve(wide, 1), solve(wide, 2)
+    assert 0 < fine.force_ratio < 1
+    assert fine.force_ratio == pytest.approx(coarse.force_ratio, abs=1e-3)
+    assert fine.imbalance < 1e-9
+
+
+def test_refinement_stops_before_rounding_passes_the_discretisation_error() -> None:
+    for refinement in axisymmetric.REFINEMENTS[:4]:
+        solution = solve(CASE_A, refinement)
+        assert solution.imbalance < 1e-10 < abs(solution.force_ratio - CASE_A_RATIO)
+
+
+def test_displacements_are_sampled_over_every_body() -> None:
+    solution = solve(CASE_A, 1)
+    assert set(solution.fields) == {
+        "object", "ring", "tooth", "tooth film", "upper plate", "base film", "lower plate"
+    }  # fmt: skip
+    lower = solution.fields["lower plate"]
+    assert not lower.axial[:, 0].any()
+    ring, body = solution.fields["ring"], solution.fields["object"]
+    assert ring.axial[-1, -1] == pytest.approx(body.axial[-1, 0], rel=1e-12)
+    assert body.axial.max() < 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"sensed_modulus": 0.0}, "sensed_modulus 0 Pa is not above 0"),
+        ({"sensed_thickness": math.nan}, "sensed_thickness nan m"),
+        ({"compliant_modulus": math.inf}, "compliant_modulus inf Pa"),
+        ({"sensed_poisson": 0.51}, r"sensed_poisson 0.51 is outside \(-1, 0.5\]"),
+        ({"compliant_poisson": -1.0}, "compliant_poisson -1 is outside"),
+        ({"tooth_radius": 1.6e-3}, "parts overlap: tooth_radius 0.0016 m"),
+        ({"ring_outer_radius": 1.5e-3}, "parts overlap: ring_inner_radius"),
+        ({"sensed_radius": 1.5e-3}, "does not reach the ring"),
+    ],
+)
+def test_a_value_outside_its_limits_is_refused(wrong: dict[str, float], message: str) -> None:
+    with pytest.raises(RangeError, match=message):
+        replace(CASE_A, **wrong)  # type: ignore[arg-type]
+
+
+def test_an_unknown_interface_or_set_is_refused() -> None:
+    with pytest.raises(UnknownName, match="bonded"):
+        replace(CASE_A, interface="glued")
+    with pytest.raises(UnknownName, match="physical"):
+        get_parameters("fysical")
+
+
+def test_a_tolerance_that_no_mesh_meets_is_refused_with_the_best_there_is() -> None:
+    with pytest.raises(RangeError, match="its best here is"):
+        force_ratio(IDENTIFIED, 1e-13)
+    with pytest.raises(RangeError, match="tolerance nan"):
+        force_ratio(IDENTIFIED, math.nan)
+    with pytest.raises(RangeError, match="refinement 9"):
+        solve(IDENTIFIED, 9)
