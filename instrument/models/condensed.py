@@ -155,9 +155,9 @@ class _Factorised:
         self._elements = elements
         self._inner, self._outer = elements.unknowns[:, inner], elements.unknowns[:, outer]
         coupling = matrix[:, inner[:, None], outer]
-        self._inverse: Array = np.linalg.inv(matrix[:, inner[:, None], inner])
-        self._eliminated: Array = np.matmul(self._inverse, coupling)
-        condensed = matrix[:, outer[:, None], outer] - coupling.transpose(0, 2, 1) @ self._eliminated
+        self._inverse = np.linalg.inv(matrix[:, inner[:, None], inner]).astype(np.float64, copy=False)
+        self._eliminated: Array = self._inverse @ coupling
+        condensed: Array = matrix[:, outer[:, None], outer] - coupling.transpose(0, 2, 1) @ self._eliminated
         condensed = (condensed + condensed.transpose(0, 2, 1)) / 2
 
         rows = np.repeat(self._outer, len(outer), axis=1).ravel()
