@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from instrument.errors import UnknownName
 from instrument.material import Material
 
-
 # How the names of films begin: under a tooth, under a base.
 FILM_KINDS = ("rigid", "total")
 

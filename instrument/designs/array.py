@@ -36,7 +36,13 @@ def array_of(count: int) -> Design:
         film_sheet=FilmSheet(disc_radius=1.4e-3, length=length, width=width, thickness=25e-6, material=PVDF),
         films=(
             *(
-                Film(name=f"rigid_{k + 1}", channel=k + 1, sensitivity=rigid.sensitivity, scatter=rigid.scatter, teeth=(k,))
+                Film(
+                    name=f"rigid_{k + 1}",
+                    channel=k + 1,
+                    sensitivity=rigid.sensitivity,
+                    scatter=rigid.scatter,
+                    teeth=(k,),
+                )
                 for k in range(count)
             ),
             Film(

@@ -53,6 +53,7 @@ class SymmetricSolver:
         self._scale = 1 / np.sqrt(diagonal)
         scaling = sparse.diags_array(self._scale)
         scaled = sparse.csc_array(scaling @ matrix @ scaling)
+        self._norm = float(abs(scaled).sum(axis=1).max())
         self._factor = BACKENDS[name](scaled)
 
     def __call__(self, load: Vector) -> tuple[Vector, float]:
@@ -62,16 +63,16 @@ class SymmetricSolver:
             load: shape (n,).
 
         Returns:
-            Solution, and its residual relative to |A| |x| + |b|, the largest of its entries.
+            Solution, and its residual relative to |A| |x| + |b|, all of the scaled system, by largest entries.
 
         Raises:
             EstimateError: the residual stays above RESIDUAL_LIMIT.
         """
         solution = self._solve(load)
         solution += self._solve(load - self.matrix @ solution)
-        left = np.abs(load - self.matrix @ solution)
-        size = abs(self.matrix) @ np.abs(solution) + np.abs(load)
-        residual = float(np.max(left * self._scale) / np.max(size * self._scale))
+        left = np.max(np.abs(load - self.matrix @ solution) * self._scale)
+        size = self._norm * np.max(np.abs(solution / self._scale)) + np.max(np.abs(load * self._scale))
+        residual = float(left / size)
         if not residual <= RESIDUAL_LIMIT:
             raise EstimateError(
                 f"residual {residual:.1e} of the stiffness system is above {RESIDUAL_LIMIT:g}: it is singular to "
@@ -80,7 +81,8 @@ class SymmetricSolver:
         return solution, residual
 
     def _solve(self, load: Vector) -> Vector:
-        return self._scale * self._factor(self._scale * load)
+        solution: Vector = self._scale * self._factor(self._scale * load)
+        return solution
 
 
 def available() -> dict[str, Callable[[sparse.csc_array], Factor]]:
@@ -90,9 +92,7 @@ def available() -> dict[str, Callable[[sparse.csc_array], Factor]]:
 
 
 def _superlu(matrix: sparse.csc_array) -> Factor:
-    factors = splu(
-        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def solve(load: Vector) -> Vector:
         return cast(Vector, factors.solve(load))

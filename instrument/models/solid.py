@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.design import Design
 from instrument.errors import RangeError, UnknownName
 from instrument.models.solid_system import RESOLUTIONS, System, symmetry
 
@@ -144,7 +145,6 @@ class SolidParameters:
         """Of the object along y [m]."""
         return self.rows * self.cell_width
 
-
     @property
     def load_area(self) -> float:
         """That the object is pressed on [m2]."""
@@ -170,6 +170,48 @@ class SolidSolution:
     unknowns: int
     residual: float
     seconds: tuple[float, float]
+
+
+def of_design(design: Design) -> SolidParameters:
+    """Dimensions and materials of a design, under the default object over the whole of it."""
+    length, width = design.cell
+    return SolidParameters(
+        compliant_modulus=design.ring.material.modulus,
+        compliant_poisson=design.ring.material.poisson,
+        tooth_modulus=design.tooth.material.modulus,
+        tooth_poisson=design.tooth.material.poisson,
+        plate_modulus=design.plate.material.modulus,
+        plate_poisson=design.plate.material.poisson,
+        film_modulus=design.film_sheet.material.modulus,
+        film_poisson=design.film_sheet.material.poisson,
+        tooth_radius=design.tooth.radius,
+        ring_inner_radius=design.ring.inner_radius,
+        ring_outer_radius=design.ring.outer_radius,
+        sensor_height=design.tooth.height,
+        plate_thickness=design.plate.thickness,
+        film_thickness=design.film_sheet.thickness,
+        cell_length=length,
+        cell_width=width,
+        columns=design.columns,
+        rows=design.rows,
+        separate_bases=design.separate_bases,
+    )
+
+
+def identified(design: Design) -> SolidParameters:
+    """The one set that was fitted to Tables A2.1 and A2.3 together: effective values, not physical ones.
+
+    The rings fill their cells: round rings fit A2.1 alone, and miss A2.3 by up to 0.22.
+    """
+    return replace(
+        of_design(design),
+        sensed_thickness=3.6e-3,
+        sensed_poisson=0.05,
+        compliant_poisson=0.455,
+        interface="frictionless",
+        support="rigid",
+        ring_outline="square",
+    )
 
 
 def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> SolidSolution:
@@ -247,7 +289,5 @@ def _system(
     parameters: SolidParameters, refinement: int, solver: str, mirrored: tuple[bool, bool] | None = None
 ) -> System:
     if refinement not in REFINEMENTS:
-        raise RangeError(
-            f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these"
-        )
+        raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
     return System(parameters, refinement, solver, mirrored)

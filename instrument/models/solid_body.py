@@ -86,7 +86,7 @@ class PlanMatrices:
 
 
 def _pressures(part: Any, elements: NDArray[np.intp], pick: NDArray[np.intp], degree: int) -> list[tuple[Sparse, ...]]:
-    x, weight = part.global_coordinates().value, part.dx
+    x, weight = np.asarray(part.global_coordinates()), part.dx
     centre = (x * weight).sum(-1, keepdims=True) / weight.sum(-1)[None, :, None]
     size = np.sqrt(((x - centre) ** 2 * weight).sum(-1, keepdims=True) / weight.sum(-1)[None, :, None])
     a, b = (x - centre) / size
@@ -101,7 +101,7 @@ def _pressures(part: Any, elements: NDArray[np.intp], pick: NDArray[np.intp], de
     for values in (
         np.stack([f.grad[0] for f in shapes]),
         np.stack([f.grad[1] for f in shapes]),
-        np.stack([np.broadcast_to(f.value, weight.shape) for f in shapes]),
+        np.stack([np.broadcast_to(np.asarray(f), weight.shape) for f in shapes]),
     ):
         data = np.einsum("aeq,neq,eq->aen", orthonormal, values, weight)
         rows = np.broadcast_to(np.arange(len(orthonormal) * count).reshape(-1, count, 1), data.shape)
@@ -128,7 +128,7 @@ class HeightMatrices:
         self.zz = form(lambda u, v, w: u.grad[0] * v.grad[0])
         self.vz = form(lambda u, v, w: u.grad[0] * v)
         rank = np.argsort(order)
-        z, weight = basis.global_coordinates().value[0], basis.dx
+        z, weight = np.asarray(basis.global_coordinates())[0], basis.dx
         low, high = z.min(axis=1), z.max(axis=1)
         local = (2 * z - (low + high)[:, None]) / (high - low)[:, None]
         root = np.sqrt(weight)[..., None]
@@ -138,7 +138,7 @@ class HeightMatrices:
         for polynomial in np.moveaxis(powers, -1, 0):
             pair = []
             for shapes in (
-                [field[0].value for field in basis.basis],
+                [np.asarray(field[0]) for field in basis.basis],
                 [field[0].grad[0] for field in basis.basis],
             ):
                 values = np.stack([np.broadcast_to(shape, weight.shape) for shape in shapes])

@@ -1,0 +1,220 @@
+"""The parts of the solid model: their meshes, how they are joined, and where they are held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
+from instrument.models.solid_mesh import GAP, OVERHANG, RING, TOOTH, Cell, Resolution, graded, plan_mesh
+
+if TYPE_CHECKING:
+    from instrument.models.solid import SolidParameters
+
+Vector = NDArray[np.float64]
+Names = NDArray[np.intp]
+
+HELD, UNNAMED = -1, -2
+ALL, NORMAL = (0, 1, 2), (2,)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A body with the names of its unknowns, shape (3, nodes of the plan, heights), HELD where fixed."""
+
+    body: Body
+    names: Names
+
+    def displacement(self, solution: Vector) -> Vector:
+        """Shape (3 n,), zero where held."""
+        return np.append(solution, 0.0)[self.names.ravel()]
+
+
+# A part below, and the displacements that it shares.
+Join = tuple[Part, tuple[int, ...]]
+
+
+class Stack:
+    """All parts of one sensor, with one set of names for their unknowns.
+
+    Attributes:
+        parts: from below.
+        object: the sensed object.
+        tooth: the part whose lower side carries the teeth's forces: their films, or the object on rigid teeth.
+        floor: parts that stand on the floor.
+        basis: shape functions of the plan.
+        one: coefficients of the function 1 in the plan.
+        unknowns: how many there are.
+    """
+
+    def __init__(self, parameters: SolidParameters, resolution: Resolution, mirrored: tuple[bool, bool]) -> None:
+        self._parameters = parameters
+        self._resolution = resolution
+        self._mirrored = mirrored
+        self.plan = plan_mesh(_cell(parameters), self._quarters(), resolution)
+        self.basis = plan_basis(self.plan, resolution.degree)
+        # Hierarchical shape functions add nothing to the corners'.
+        corner = np.arange(self.basis.N) < self.plan.mesh.nvertices
+        self.one = np.where(corner | (resolution.degree == 2), 1.0, 0.0)
+        self._matrices: dict[bytes, PlanMatrices] = {}
+        self.parts: list[Part] = []
+        self.unknowns = 0
+        self._build()
+
+    def over_teeth(self, body: Body) -> NDArray[np.bool_]:
+        """Nodes of the plan of a body that lie over a tooth."""
+        over = np.unique(self.basis.element_dofs[:, self.plan.region == TOOTH])
+        return np.isin(body.plan.nodes, over)
+
+    def cell_of_node(self) -> Names:
+        """Number of the cell of every node of a tooth."""
+        cells = np.full(self.basis.N, -1, dtype=np.intp)
+        inside = self.plan.region == TOOTH
+        cells[self.basis.element_dofs[:, inside]] = self.plan.cell[inside]
+        return cells
+
+    def _quarters(self) -> dict[tuple[int, int], tuple[float, float, int]]:
+        p = self._parameters
+        return {
+            (i, j): ((i // 2 + 0.5) * p.cell_length, (j // 2 + 0.5) * p.cell_width, j // 2 * p.columns + i // 2)
+            for i in range(p.columns if self._mirrored[0] else 0, 2 * p.columns)
+            for j in range(p.rows if self._mirrored[1] else 0, 2 * p.rows)
+        }
+
+    def _build(self) -> None:
+        """Parts from below: plates and films, tooth, ring, object. The sensor's face is at height 0."""
+        p, layers, ratio = self._parameters, self._resolution.layers, self._resolution.ratio
+        region = self.plan.region
+        everywhere = region != OVERHANG if p.outline == "round" else region >= 0
+        ring = everywhere & (region != TOOTH) & (region != GAP) if p.ring_outline == "square" else region == RING
+        foot = -p.sensor_height - p.film_thickness
+        joint = ALL if p.interface == "bonded" else NORMAL
+        compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
+        ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
+        if p.support == "rigid":
+            self.floor = [self._add(ring, ring_heights, compliant, floor=True)]
+            below = [(self.floor[0], joint)]
+        else:
+            plates = self._plates(everywhere, foot)
+            steps = max(1, layers - 1)
+            sheet = self._heights(np.array([foot, -p.sensor_height]))
+            tall = self._heights(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
+            self.tooth = self._add(region == TOOTH, sheet, Elastic(p.film_modulus, p.film_poisson), plates)
+            phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
+            tooth = self._add(region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
+            below = [(tooth, joint), (self._add(ring, ring_heights, compliant, plates), joint)]
+        if p.load_at is None:
+            heights = graded(0.0, p.sensed_thickness, layers + 1, ratio, "start")
+        else:
+            heights = graded(0.0, p.sensed_thickness, layers, ratio, "both")
+        self.object = self._add(
+            everywhere,
+            self._heights(heights),
+            Elastic(p.sensed_modulus, p.sensed_poisson),
+            below,
+            on_teeth=joint if p.support == "rigid" else (),
+            slides=p.interface == "frictionless",
+            platen=p.load == "platen" and p.load_at is None,
+        )
+        if p.support == "rigid":
+            self.tooth = self.object
+
+    def _heights(self, breaks: Vector) -> HeightMatrices:
+        return HeightMatrices(breaks, self._resolution.degree)
+
+    def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
+        """Plate, film and plate below `top`, in one stack or one for each cell; the uppermost of each stack."""
+        p, plan = self._parameters, self.plan
+        plexiglas, film = Elastic(p.plate_modulus, p.plate_poisson), Elastic(p.film_modulus, p.film_poisson)
+        steps = max(1, self._resolution.layers - 1)
+        upper = self._heights(top + graded(-p.plate_thickness, 0.0, steps, self._resolution.ratio, "end"))
+        film_top = top - p.plate_thickness
+        sheet = self._heights(np.array([film_top - p.film_thickness, film_top]))
+        lower = self._heights(film_top - p.film_thickness + np.array([-p.plate_thickness, 0.0]))
+        stacks = [plan.cell == k for k in np.unique(plan.cell)] if p.separate_bases else [everywhere]
+        self.floor = []
+        uppermost: list[Join] = []
+        for stack in stacks:
+            floor = self._add(stack, lower, plexiglas, floor=True, base=True)
+            between = self._add(stack, sheet, film, [(floor, ALL)], base=True)
+            uppermost.append((self._add(stack, upper, plexiglas, [(between, ALL)], base=True), ALL))
+            self.floor.append(floor)
+        return uppermost
+
+    def _add(
+        self,
+        elements: NDArray[np.bool_],
+        height: HeightMatrices,
+        material: Elastic,
+        below: Sequence[Join] = (),
+        *,
+        floor: bool = False,
+        base: bool = False,
+        on_teeth: tuple[int, ...] = (),
+        slides: bool = False,
+        platen: bool = False,
+    ) -> Part:
+        """One more part, on the parts below, on the floor, or with some displacements held on rigid teeth."""
+        key = elements.tobytes()
+        if key not in self._matrices:
+            self._matrices[key] = PlanMatrices(self.basis, np.flatnonzero(elements), self._resolution.degree)
+        body = Body(self._matrices[key], height, material)
+        names = np.full(body.shape, UNNAMED, dtype=np.intp)
+        self._hold_symmetry(names, body, base)
+        if floor:
+            names[:, :, 0] = HELD
+        for axis in on_teeth:
+            names[axis, self.over_teeth(body), 0] = HELD
+        for part, axes in below:
+            _, mine, its = np.intersect1d(body.plan.nodes, part.body.plan.nodes, return_indices=True)
+            for axis in axes:
+                free = names[axis, mine, 0] == UNNAMED
+                names[axis, mine[free], 0] = part.names[axis, its[free], -1]
+        if slides:
+            self._hold_sliding(names, body)
+        if platen:
+            names[2, :, -1] = self.unknowns
+            self.unknowns += 1
+        new = names == UNNAMED
+        names[new] = self.unknowns + np.arange(new.sum())
+        self.unknowns += int(new.sum())
+        part = Part(body, names)
+        self.parts.append(part)
+        return part
+
+    def _hold_symmetry(self, names: Names, body: Body, base: bool) -> None:
+        p = self._parameters
+        lattice = ((p.length, p.columns), (p.width, p.rows))
+        for axis, (size, cells) in enumerate(lattice):
+            cut_between = base and p.separate_bases and cells % 2 == 0
+            if self._mirrored[axis] and not cut_between:
+                middle = np.flatnonzero(
+                    (np.abs(self.plan.mesh.p[axis, self.plan.mesh.facets] - size / 2) < 1e-9 * size).all(axis=0)
+                )
+                names[axis, np.isin(body.plan.nodes, self.basis.get_dofs(middle).flatten())] = HELD
+
+    def _hold_sliding(self, names: Names, body: Body) -> None:
+        """Hold what nothing else holds of an object that slides: translation, and rotation about z."""
+        # The first nodes are the corners of the mesh.
+        corners = self.plan.mesh.p[0, body.plan.nodes[body.plan.nodes < self.plan.mesh.nvertices]]
+        far = int(np.argmax(corners))
+        if not self._mirrored[0]:
+            names[0, 0, -1] = HELD
+        if not self._mirrored[1]:
+            names[1, 0, -1] = HELD
+        if not any(self._mirrored):
+            names[1, far, -1] = HELD
+
+
+def _cell(parameters: SolidParameters) -> Cell:
+    return Cell(
+        half_length=parameters.cell_length / 2,
+        half_width=parameters.cell_width / 2,
+        tooth_radius=parameters.tooth_radius,
+        inner_radius=parameters.ring_inner_radius,
+        outer_radius=parameters.ring_outer_radius,
+    )

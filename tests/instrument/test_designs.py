@@ -1,0 +1,44 @@
+"""The designs: what their numbers must satisfy, whatever they are."""
+
+from __future__ import annotations
+
+import pytest
+
+from instrument.design import Design
+from instrument.designs import DESIGNS, get_design
+from instrument.designs.array import array_of
+from instrument.errors import RangeError
+from instrument.models.solid import of_design
+from instrument.sample import SAMPLES
+
+
+@pytest.mark.parametrize("design", DESIGNS.values(), ids=lambda design: design.name)
+def test_parts_of_a_design_do_not_overlap(design: Design) -> None:
+    parameters = of_design(design)
+    assert parameters.columns * parameters.rows == len(design.teeth)
+    bases = len(design.teeth) if design.separate_bases else 1
+    area = bases * design.plate.length * design.plate.width
+    assert parameters.length * parameters.width == pytest.approx(area, rel=1e-12)
+
+
+@pytest.mark.parametrize("design", DESIGNS.values(), ids=lambda design: design.name)
+def test_every_tooth_has_its_film_and_every_film_its_channel(design: Design) -> None:
+    assert [film.channel for film in design.films] == list(range(1, len(design.films) + 1))
+    rigid = [film.teeth for film in design.films if film.name.startswith("rigid")]
+    assert rigid == [(k,) for k in range(len(design.teeth))]
+    total = [tooth for film in design.films if film.name.startswith("total") for tooth in film.teeth]
+    assert sorted(total) == list(range(len(design.teeth)))
+
+
+@pytest.mark.parametrize("name", ["single", "common_base", "different_base"])
+def test_measured_designs_order_the_samples_by_hardness(name: str) -> None:
+    design = get_design(name)
+    assert set(design.thesis_force_ratio) == set(design.thesis_softness_order) == set(SAMPLES)
+    assert design.thesis_force_ratio["1"] == max(design.thesis_force_ratio.values())
+    assert design.thesis_force_ratio["2"] == min(design.thesis_force_ratio.values())
+
+
+@pytest.mark.parametrize("count", [8, 11, 22])
+def test_an_array_of_another_size_is_refused(count: int) -> None:
+    with pytest.raises(RangeError, match=f"array of {count} teeth"):
+        array_of(count)

@@ -1,0 +1,217 @@
+"""The solid model against exact solutions, against the round model, and against Tables A2.3 and A2.7."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from instrument.designs import get_design
+from instrument.errors import EstimateError, RangeError, UnknownName
+from instrument.models import axisymmetric, linear_solver
+from instrument.models.parameters import SensorParameters
+from instrument.models.solid import SolidParameters, force_ratio, identified, of_design, point_loads, solve
+from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
+from instrument.models.solid_mesh import Cell, Plan, Resolution, graded, plan_mesh
+from instrument.models.solid_system import System
+
+THESIS = Path(__file__).parents[1] / "data" / "thesis"
+COARSE = SolidParameters(interface="frictionless", support="rigid")
+PAIR = replace(COARSE, cell_length=12e-3, cell_width=12e-3, columns=2)
+
+
+def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[Plan, PlanMatrices]:
+    """A whole cell of 12 x 12 mm around the origin."""
+    cell = Cell(6e-3, 6e-3, 1.4e-3, 1.5e-3, 5e-3)
+    quarters = {(i, j): (0.0, 0.0, 0) for i in (0, 1) for j in (0, 1)}
+    plan = plan_mesh(cell, quarters, Resolution(layers=2, ratio=0.3, sectors=sectors, degree=degree))
+    return plan, PlanMatrices(plan_basis(plan, degree), np.arange(plan.mesh.nelements), degree)
+
+
+def table(name: str) -> list[dict[str, str]]:
+    with (THESIS / name).open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("poisson", [-0.5, 0.0, 0.3, 0.49])
+def test_a_homogeneous_strain_has_the_exact_energy(poisson: float) -> None:
+    plan, matrices = unit_cell()
+    x, y = plan_basis(plan, 2).doflocs
+    breaks = graded(0.0, 2e-3, 2, 0.3, "both")
+    body = Body(matrices, HeightMatrices(breaks, 2), Elastic(1e5, poisson))
+    z = np.concatenate([breaks[:-1], (breaks[1:] + breaks[:-1]) / 2, breaks[-1:]])
+    strain = np.array([[1e-3, 4e-4, -2e-4], [4e-4, -5e-4, 3e-4], [-2e-4, 3e-4, 7e-4]])
+    places = np.stack(np.broadcast_arrays(x[:, None], y[:, None], z)).reshape(3, -1)
+    displacement = (strain @ places).ravel()
+    shear, lame = 1e5 / (2 * (1 + poisson)), 1e5 * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    density = shear * np.sum(strain**2) + lame / 2 * np.trace(strain) ** 2
+    energy = displacement @ (body.stiffness @ displacement) / 2
+    assert energy == pytest.approx(density * 12e-3**2 * 2e-3, rel=1e-10)
+
+
+def test_rigid_motions_cost_no_energy() -> None:
+    _, matrices = unit_cell()
+    body = Body(matrices, HeightMatrices(np.array([0.0, 1e-3]), 2), Elastic(1e5, 0.3))
+    for axis in range(3):
+        motion = np.zeros(body.shape)
+        motion[axis] = 1.0
+        assert np.abs(body.stiffness @ motion.ravel()).max() < 1e-9 * abs(body.stiffness).max()
+
+
+@pytest.mark.parametrize("sectors, limit", [(1, 1e-3), (2, 1e-4), (3, 2e-5)])
+def test_curved_elements_have_the_area_of_the_circle(sectors: int, limit: float) -> None:
+    plan, _ = unit_cell(sectors)
+    areas = plan_basis(plan, 2).dx.sum(axis=1)
+    assert areas[plan.region == 0].sum() == pytest.approx(math.pi * 1.4e-3**2, rel=limit)
+    assert areas.sum() == pytest.approx(12e-3**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        COARSE,
+        SolidParameters(),
+        replace(PAIR, support="elastic", separate_bases=True),
+        replace(COARSE, load="platen"),
+        replace(COARSE, sensed_modulus=1.49e4),
+        replace(COARSE, sensed_modulus=140e9),
+    ],
+)
+def test_forces_balance(parameters: SolidParameters) -> None:
+    solution = solve(parameters, 0)
+    assert solution.total_force == pytest.approx(1.0, abs=1e-10)
+    assert solution.residual < 1e-12
+
+
+def test_a_very_hard_object_stands_on_the_tooth_alone() -> None:
+    assert solve(replace(COARSE, sensed_modulus=1e12), 0).force_ratio == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_very_soft_thin_object_presses_like_water() -> None:
+    """Every point then carries what lies above it, and each side of the gap half of what lies above the gap."""
+    soft = replace(COARSE, sensed_modulus=1.0, sensed_thickness=1e-4, sensed_poisson=0.0)
+    share = math.pi * 1.45e-3**2 / 10e-3**2
+    assert solve(soft, 1).force_ratio == pytest.approx(share, rel=1e-2)
+
+
+def test_the_ratio_rises_with_the_object_s_modulus() -> None:
+    ratios = [solve(replace(COARSE, sensed_modulus=modulus), 0).force_ratio for modulus in np.geomspace(1e3, 1e8, 4)]
+    assert all(np.diff(ratios) > 0)
+
+
+def test_the_whole_sensor_gives_what_its_quarter_gives() -> None:
+    centre = (12e-3, 6e-3)
+    quarter = solve(replace(PAIR, load_at=centre), 0).tooth_forces
+    whole = point_loads(PAIR, [centre, (11e-3, 5e-3)], 0)[0]
+    assert whole == pytest.approx(quarter, rel=1e-8)
+
+
+def test_mirrored_loads_give_mirrored_forces() -> None:
+    left, right = point_loads(PAIR, [(4e-3, 6e-3), (20e-3, 6e-3)], 0)
+    assert left == pytest.approx(right[::-1], rel=1e-8)
+    assert left[0] > left[1]
+
+
+def test_a_load_here_moves_there_as_a_load_there_moves_here() -> None:
+    system = System(SolidParameters(interface="frictionless"), 0, mirrored=(False, True))
+    here, there = system.load((2e-3, 5e-3)), system.load((8.5e-3, 5e-3))
+    assert there @ system.solve(here)[0] == pytest.approx(here @ system.solve(there)[0], rel=1e-9)
+
+
+def test_an_array_is_symmetric() -> None:
+    design = get_design("array")
+    soft = replace(of_design(design), support="rigid", interface="frictionless")
+    forces = np.array(solve(soft, 0).tooth_forces).reshape(design.rows, design.columns)
+    assert forces == pytest.approx(forces[::-1, ::-1], rel=1e-9)
+    assert forces.sum() < 1
+
+
+@pytest.mark.parametrize("poisson", [0.4999, 0.499999, 0.5])
+def test_rubber_does_not_lock(poisson: float) -> None:
+    almost = solve(replace(COARSE, compliant_poisson=0.498), 0).force_ratio
+    assert solve(replace(COARSE, compliant_poisson=poisson), 0).force_ratio == pytest.approx(almost, rel=5e-3)
+
+
+def test_a_round_sensor_agrees_with_the_round_model() -> None:
+    """Reference case A: 0.424525, by the axisymmetric model at degree 7."""
+    assert solve(SolidParameters(outline="round"), 1).force_ratio == pytest.approx(0.424525, abs=1e-3)
+
+
+def test_the_error_estimate_covers_the_distance_to_the_round_model() -> None:
+    common = SensorParameters(interface="frictionless", support="rigid")
+    ratio, estimate = force_ratio(replace(COARSE, outline="round"), 5e-3)
+    assert abs(ratio - axisymmetric.force_ratio(common, 1e-5)[0]) <= estimate <= 5e-3
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1e-7, 0.0])
+def test_a_closed_gap_is_no_singular_case(gap: float) -> None:
+    closed = solve(replace(COARSE, ring_inner_radius=COARSE.tooth_radius + gap), 0)
+    assert closed.residual < 1e-12
+    assert closed.total_force == pytest.approx(1.0, abs=1e-9)
+    assert closed.force_ratio == pytest.approx(solve(COARSE, 0).force_ratio, abs=0.03)
+
+
+@pytest.mark.parametrize("modulus", ["14900", "102700", "720000", "140000000000"])
+def test_table_A2_3_is_met_by_the_identified_set(modulus: str) -> None:
+    row = next(row for row in table("table_A2_3.csv") if row["sensed_modulus_Pa"] == modulus)
+    parameters = replace(identified(get_design("common_base")), sensed_modulus=float(modulus))
+    assert solve(parameters, 0).force_ratio == pytest.approx(float(row["force_ratio_best"]), abs=0.015)
+
+
+def test_table_A2_7_is_met_between_the_teeth_and_not_above_one() -> None:
+    """430 kPa is the modulus at which Table A2.3 has the 0.4864 that A2.7 has for every load beside a tooth."""
+    parameters = replace(identified(get_design("common_base")), sensed_modulus=430e3)
+    middle, over = point_loads(parameters, [(12e-3, 6e-3), (18e-3, 6e-3)], 0)
+    rows = table("table_A2_7.csv")
+    assert middle == pytest.approx([float(rows[12][f"force_pvdf{k}_N"]) for k in (1, 3)], abs=0.005)
+    assert over[1] < float(rows[18]["force_pvdf1_N"]) - 0.1
+
+
+@pytest.mark.parametrize("backend", sorted(linear_solver.available()))
+def test_every_solver_gives_the_same_ratio(backend: str) -> None:
+    reference = solve(COARSE, 0, "superlu").force_ratio
+    assert solve(COARSE, 0, backend).force_ratio == pytest.approx(reference, rel=1e-10)
+
+
+def test_a_part_that_nothing_holds_is_refused() -> None:
+    with pytest.raises(EstimateError, match="hold every part"):
+        linear_solver.SymmetricSolver(sparse.csc_array(np.diag([1.0, 0.0])), "superlu")
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"sensed_modulus": 0.0}, "sensed_modulus 0 Pa"),
+        ({"sensed_modulus": math.nan}, "sensed_modulus nan"),
+        ({"sensed_thickness": math.inf}, "sensed_thickness inf"),
+        ({"sensed_poisson": 0.51}, "outside \\(-1, 0.5\\]"),
+        ({"tooth_radius": 2e-3}, "overlap"),
+        ({"ring_outer_radius": 6e-3}, "overlap"),
+        ({"columns": 0}, "at least one"),
+        ({"load_at": (11e-3, 5e-3)}, "off the object"),
+        ({"outline": "round", "columns": 2}, "holds one tooth"),
+    ],
+)
+def test_impossible_parameters_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(RangeError, match=message):
+        replace(SolidParameters(), **change)  # type: ignore[arg-type]
+
+
+def test_an_unknown_choice_is_refused() -> None:
+    with pytest.raises(UnknownName, match="bonded"):
+        replace(SolidParameters(), interface="glued")
+
+
+def test_a_tolerance_that_the_model_cannot_meet_is_refused_before_it_is_tried() -> None:
+    with pytest.raises(RangeError, match="tolerance 0"):
+        force_ratio(COARSE, 0.0)
+
+
+def test_an_unknown_refinement_is_refused() -> None:
+    with pytest.raises(RangeError, match="refinement 9"):
+        solve(COARSE, 9)
