@@ -18,7 +18,7 @@ from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import BenchDescription
-from instrument.errors import BenchError, PalpateError
+from instrument.errors import BenchError
 from instrument.operator import Operator
 
 
@@ -84,10 +84,14 @@ class Bench:
             for link in self._links:
                 link.open()
                 stack.callback(link.close)
-            for device in self.devices:
-                device.connect()
+            self.amplifier.connect()
+            self.amplifier.disable()  # a bench that was left driving stops, whatever cannot be opened next
+            self.generator.connect()
             stack.push(self._make_safe)
-            self.amplifier.disable()
+            self.indicator.connect()
+            self.positioner.connect()
+            for node in self.nodes:
+                node.connect()
             self.generator.output(False)
             self.generator.sine(10.0, 0.0)
             self.amplifier.set(watchdog=self.description.watchdog)
@@ -115,14 +119,14 @@ class Bench:
         self.amplifier.disable()
 
     def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Switch off by every means there is, whatever fails; further signals wait until it is done."""
+        """Switch off by every means there is, whatever fails; signals meanwhile are ignored."""
         self.clock.watching = False
         failures: list[str] = []
         with _signals_held():
             for step in (self.amplifier.disable, lambda: self.generator.output(False), self._zero):
                 try:
                     step()
-                except PalpateError as failure:
+                except Exception as failure:  # of a defect too: the next means must still be tried
                     failures.append(str(failure))
         if failures:
             message = (

@@ -8,12 +8,20 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, PlainSerializer
 
 from instrument.errors import QuantityError
+
+
+# Only the unit goes to pint: of a whole text it would also evaluate powers, such as 9**9**9.
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>(?:[A-Za-zµμΩ°%]+(?:/[A-Za-zµμΩ°%]+)?)?)\s*",
+    re.ASCII,
+)
 
 
 @functools.cache
@@ -36,19 +44,17 @@ def parse(text: str, unit: str) -> float:
     """
     import pint
 
-    registry = _registry()
     example = f"write for example {_example(unit)!r}"
-    try:
-        quantity = registry.Quantity(text.strip())
-        value = float(quantity.magnitude)
-    except (pint.PintError, ValueError, TypeError, ArithmeticError, AttributeError, AssertionError):
-        raise QuantityError(f"{text!r} is not a quantity; {example}") from None
-    except Exception as error:  # pint lets errors of its tokenizer through
-        if type(error).__module__.split(".")[0] in ("pint", "tokenize", "builtins"):
-            raise QuantityError(f"{text!r} is not a quantity; {example}") from None
-        raise
+    found = _QUANTITY.fullmatch(text)
+    if found is None:
+        raise QuantityError(f"{text[:100]!r} is not a quantity; {example}")
+    value = float(found["number"])
     if not math.isfinite(value):
         raise QuantityError(f"{text!r} is not finite; {example}")
+    try:
+        quantity = _registry().Quantity(value, found["unit"])
+    except pint.UndefinedUnitError:
+        raise QuantityError(f"{text!r}: {found['unit']!r} is no unit; {example}") from None
     if unit and quantity.unitless:
         raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
     try:

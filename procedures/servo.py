@@ -105,11 +105,11 @@ class LoadServo:
             SafetyError: the force passes the bench's limit; the outputs are off before this is raised.
             UnreachableError: generator or amplifier cannot give it, or it does not settle.
         """
-        tolerance = max(LOAD_TOLERANCE * load, 0.6 * self._calibration.resolution())
+        tolerance = self.tolerance(load)
         measured = math.nan
         for _ in range(SERVO_STEPS):
             self._step(load)
-            measured = self._measure()
+            measured = self._checked(read_indicator(self._bench))
             if measured > max(3 * self._calibration.resolution(), 0.1 * load):
                 self._volts_per_newton = self._amplitude / measured
             if abs(measured - load) <= tolerance:
@@ -118,6 +118,28 @@ class LoadServo:
             f"{load:g} N peak to peak is not reached in {SERVO_STEPS} steps: {measured:.3g} N at "
             f"{show(self._amplitude, 'V')}; check the mounting of the sample"
         )
+
+    def tolerance(self, load: float) -> float:
+        """How far from `load` N a measured load may lie, N."""
+        return max(LOAD_TOLERANCE * load, 0.6 * self._calibration.resolution())
+
+    def hold(self, duration: float) -> None:
+        """Drive on for `duration` s and read the force as often as a servo step does.
+
+        Raises:
+            SafetyError, DeviceError: the force passes the limit, or no valid reading; outputs are off.
+        """
+        while duration > 0:
+            step = min(self._window + READINGS * READING_INTERVAL, duration)
+            self._bench.clock.wait(step)
+            self._checked(read_indicator(self._bench, 1))
+            duration -= step
+
+    def read(self) -> IndicatorMean:
+        """The indicator's reading under the load. Raises SafetyError, DeviceError as `hold`."""
+        reading = read_indicator(self._bench)
+        self._checked(reading)
+        return reading
 
     def _step(self, load: float) -> None:
         if self._volts_per_newton is None:
@@ -151,8 +173,8 @@ class LoadServo:
                 f"{self._current_limit:g} A; ask for a smaller load or mount a stiffer sample"
             )
 
-    def _measure(self) -> float:
-        reading = read_indicator(self._bench)
+    def _checked(self, reading: IndicatorMean) -> float:
+        """The load in N of a reading that is valid and within the force limit."""
         if not reading.valid:
             self._bench.rest()
             raise DeviceError(f"{self._bench.indicator.name}: no valid reading while driving; outputs are off")

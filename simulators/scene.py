@@ -13,7 +13,7 @@ from pydantic import Field
 from instrument.config import Config, check, read
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import ConfigError, UnknownName, nearest
+from instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from instrument.models.response import MODELS
 from instrument.quantity import Metres
 from simulators.effects import EFFECTS, effect_class
@@ -29,9 +29,9 @@ class RigParameters(Config):
     1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need 5.5 A peak for 4 N.
     """
 
-    force_constant: float = Field(default=4.0, gt=0)  # N/A [A]
-    coil_resistance: float = Field(default=3.5, gt=0)  # ohm [A]
-    suspension_stiffness: float = Field(default=1000.0, gt=0)  # N/m [A]
+    force_constant: float = Field(default=4.0, gt=0, strict=True)  # N/A [A]
+    coil_resistance: float = Field(default=3.5, gt=0, strict=True)  # ohm [A]
+    suspension_stiffness: float = Field(default=1000.0, gt=0, strict=True)  # N/m [A]
     sensor_position: Metres = Field(default=12e-3, gt=0)  # where the probe meets the bare sensor [A]
 
 
@@ -42,8 +42,8 @@ class SceneFile(Config):
     purpose: str
     design: str
     model: str = "experiment"
-    seed: int = Field(default=1, ge=0, le=LARGEST_SEED)
-    nodes: int = Field(default=1, ge=1, le=20)
+    seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
+    nodes: int = Field(default=1, ge=1, le=20, strict=True)
     rig: RigParameters = RigParameters()
     effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
@@ -63,6 +63,9 @@ class Scene:
     text: str
 
     def with_seed(self, seed: int) -> Scene:
+        """The same scene with other noise and scatter. Raises RangeError."""
+        if not 0 <= seed <= LARGEST_SEED:
+            raise RangeError(f"seed {seed} is outside 0 to {LARGEST_SEED}; give one inside")
         return replace(self, seed=seed)
 
     def with_model(self, model: str) -> Scene:

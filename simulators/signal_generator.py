@@ -36,6 +36,9 @@ class SignalGenerator(SimulatedDevice):
         self.settings = {**new, "phase_reset": 0.0, "error": 0.0}
         self._changed()
 
+    def out_of_range(self) -> None:
+        self.settings["error"] = self.contract["error"].choices["range"]
+
     def read(self, name: str) -> float:
         if name == "status":
             return self.settings["output"]  # bit 0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from instrument.contracts import strain_indicator
-from simulators.clock import VirtualClock
+from simulators.clock import NEVER, VirtualClock
 from simulators.device import DEVICE_BUSY, Refused, SimulatedDevice
 from simulators.randomness import Stream
 from simulators.rig import Rig
@@ -37,22 +37,28 @@ class StrainIndicator(SimulatedDevice):
         self._zero = 0.0
         self._tare = 0.0
         self._command = 0
-        self._command_at_ns = 0
+        self._command_due_ns = NEVER
 
     def write(self, values: dict[str, float]) -> None:
         if "command" in values:
-            self._carry_out()
             if self._command and values["command"]:
                 raise Refused(DEVICE_BUSY)
-            self._command, self._command_at_ns = int(values["command"]), self.clock.now_ns()
+            self._command = int(values["command"])
+            self._command_due_ns = self.clock.now_ns() + COMMAND_NS if self._command else NEVER
         if "filter" in values or "mode" in values:
             self._set_at_ns = self.clock.now_ns()
         self.settings.update(values)
         if "filter" in values:
             self._rig.set_bridge_filter(values["filter"])
 
+    def next_event_ns(self) -> int:
+        return self._command_due_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._command_due_ns:
+            self._carry_out()
+
     def read(self, name: str) -> float:
-        self._carry_out()
         match name:
             case "command":
                 return self._command
@@ -103,8 +109,6 @@ class StrainIndicator(SimulatedDevice):
 
     def _carry_out(self) -> None:
         """Zero and tare take a moment; then the command register falls back to idle."""
-        if not self._command or self.clock.now_ns() < self._command_at_ns + COMMAND_NS:
-            return
         name = self.contract.choice("command", self._command)
         result = "done"
         if name in ("zero", "tare") and not self._stable():
@@ -119,4 +123,4 @@ class StrainIndicator(SimulatedDevice):
             self._tare = 0.0
         self.settings["last_command"] = self._command
         self.settings["command_result"] = self.contract["command_result"].choices[result]
-        self._command = 0
+        self._command, self._command_due_ns = 0, NEVER

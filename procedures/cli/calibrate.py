@@ -56,11 +56,11 @@ def load_cell(
         result = procedure.run(session.bench, session.record, progress, created)
         outcome = session.outcome()
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
+    write_calibration(session.record.folder / "calibration.toml", result.calibration)
     path = calibration_path(session.bench.indicator.serial)
     with storing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    for target in (session.record.folder / "calibration.toml", path):
-        write_calibration(target, result.calibration)
+    write_calibration(path, result.calibration)
     plot = report.plot_load_cell(result, session.bench.simulated, session.record.folder)
     outcome = {**outcome, "calibration": str(path)}
     if output.as_json:

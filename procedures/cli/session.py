@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -16,13 +17,14 @@ from typing import Any
 import click
 
 from drivers.bench import Bench
-from drivers.clock import WallClock
+from drivers.clock import Clock, WallClock
 from instrument.bench import BenchDescription, read_bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration, read_calibration
 from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import ConfigError, UsageError
+from instrument.errors import BenchError, ConfigError, UsageError
+from instrument.operator import Operator
 from instrument.quantity import show
 from instrument.sample import Sample
 from procedures.cli.options import store
@@ -67,15 +69,17 @@ class ConsoleOperator:
     """Asks the person at the console. Meets `instrument.operator.Operator`."""
 
     def mount(self, sample: Sample) -> None:
-        size = show(sample.thickness, "m")
-        click.prompt(f"Mount sample {sample.name} ({sample.material}, {size}), then press Enter", **_SILENT)
+        _ask(f"Mount sample {sample.name} ({sample.material}, {show(sample.thickness, 'm')})")
 
     def place_weight(self, mass: float) -> None:
-        text = f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off"
-        click.prompt(f"{text}, then press Enter", **_SILENT)
+        _ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
 
 
-_SILENT: dict[str, Any] = {"default": "", "show_default": False, "prompt_suffix": " ", "err": True}
+def _ask(what: str) -> None:
+    """A whole line: above a progress bar a part of one would not be seen."""
+    click.echo(f"{what}, then press Enter", err=True)
+    if not sys.stdin.readline():
+        raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")
 
 
 @contextmanager
@@ -90,7 +94,7 @@ def open_session(
     settings: Mapping[str, object],
     check: Check,
 ) -> Iterator[Session]:
-    """Open the bench and its run; on the way out outputs are off and the run is closed.
+    """Open the bench and its run; on the way out outputs are off, then the run is closed.
 
     Raises:
         UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses.
@@ -110,14 +114,14 @@ def open_session(
     folder = _run_folder(out, procedure, started)
     with ExitStack() as stack:
         stack.callback(_remove_if_empty, folder)
-        clock, operator = WallClock(), ConsoleOperator()
+        clock: Clock = WallClock()
+        operator: Operator = ConsoleOperator()
         if chosen is not None:
             simulated = stack.enter_context(SimulatedBench(chosen))
-            description = simulated.description
+            description, clock, operator = simulated.description, simulated.clock, simulated.operator
             check(description)
-            opened = stack.enter_context(Bench(description, simulated.clock, simulated.operator))
-        else:
-            opened = stack.enter_context(Bench(description, clock, operator))
+        opening = stack.enter_context(ExitStack())
+        opened = opening.enter_context(Bench(description, clock, operator))
         calibration = _calibration(opened)
         header = {
             "procedure": procedure,
@@ -134,6 +138,7 @@ def open_session(
             "commit": _commit(),
         }
         record = stack.enter_context(Recorder.create(folder, header))
+        stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
         with storing(folder):
             (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
             if chosen is not None:
@@ -167,7 +172,7 @@ def _calibration(bench: Bench) -> LoadCellCalibration:
 
 
 def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
-    scene = read_scene(name or DEFAULT_SCENE)
+    scene = read_scene(DEFAULT_SCENE if name is None else name)
     if seed is not None:
         scene = scene.with_seed(seed)
     return scene.with_model(model) if model is not None else scene

@@ -20,11 +20,11 @@ class LoadCell(Effect):
     cancels_in_ratio: ClassVar[bool] = True
 
     # mV [T], the intercept of Table 5.1
-    zero: float = Field(default=1.81, ge=-100, le=100)
+    zero: float = Field(default=1.81, ge=-100, le=100, strict=True)
     # mV, standard deviation of one reading: loading and unloading in Table 5.1 differ by 0 or 1 count [A]
-    noise: float = Field(default=0.3, ge=0, le=100)
+    noise: float = Field(default=0.3, ge=0, le=100, strict=True)
     # decimals of the display: Table 5.1 has none [T]
-    decimals: int = Field(default=0, ge=0, le=4)
+    decimals: int = Field(default=0, ge=0, le=4, strict=True)
 
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
         """The reading in mV at display update number `update` of a bridge that should read `ideal_mV`."""

@@ -20,7 +20,7 @@ class WhiteNoise(Effect):
     cancels_in_ratio: ClassVar[bool] = False
 
     # V per square root of Hz, one-sided [A]
-    density: float = Field(default=2e-6, ge=0)
+    density: float = Field(default=2e-6, ge=0, strict=True)
 
     def samples(self, stream: Stream, first: int, count: int, rate: float) -> npt.NDArray[np.float64]:
         """Noise voltages of samples `first` to `first + count - 1` at `rate` Hz, shape (count,)."""
