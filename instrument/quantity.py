@@ -16,7 +16,6 @@ from pydantic import BeforeValidator, PlainSerializer
 
 from instrument.errors import QuantityError
 
-
 # Only the unit goes to pint: of a whole text it would also evaluate powers, such as 9**9**9.
 _QUANTITY = re.compile(
     r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>(?:[A-Za-zµμΩ°%]+(?:/[A-Za-zµμΩ°%]+)?)?)\s*",

@@ -130,7 +130,7 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
 def run_row(run: RunSummary) -> dict[str, Any]:
     """A run in a JSON list."""
     return {
-        "run": str(run.folder),
+        "run": str(run.folder.absolute()),
         "started": run.started.isoformat(),
         "procedure": run.procedure,
         "simulated": run.simulated,

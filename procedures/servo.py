@@ -174,15 +174,21 @@ class LoadServo:
             )
 
     def _checked(self, reading: IndicatorMean) -> float:
-        """The load in N of a reading that is valid and within the force limit."""
-        if not reading.valid:
-            self._bench.rest()
-            raise DeviceError(f"{self._bench.indicator.name}: no valid reading while driving; outputs are off")
-        load = self._calibration.load(reading.reading_mV)[0]
-        if not self._preloaded + load / 2 <= self._bench.force_limit:
+        """The load in N of a reading that is valid and within the force limit.
+
+        Too much force is too much in a reading that is not stable, too.
+        """
+        load = self._calibration.load(reading.reading_mV)[0] if math.isfinite(reading.reading_mV) else math.nan
+        if self._preloaded + load / 2 > self._bench.force_limit:
             self._bench.rest()
             raise SafetyError(
                 f"force of {self._preloaded + load / 2:.3g} N passes the bench's limit of "
                 f"{self._bench.force_limit:g} N; outputs are off. Check the mounting of the sample"
+            )
+        if not reading.valid:
+            self._bench.rest()
+            raise DeviceError(
+                f"{self._bench.indicator.name}: no valid reading while driving; outputs are off. "
+                "Check the bridge and the mounting of the sample"
             )
         return load

@@ -15,7 +15,9 @@ from drivers.sensor_node import SensorNode
 from instrument.contract import Field
 from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
 from simulators.bench import SimulatedBench
+from simulators.scene import Scene
 from simulators.sensor_node import SensorNode as SimulatedNode
+from tests.conftest import hasty
 from tests.drivers.wire import frames, transfers
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 
@@ -32,21 +34,29 @@ class CanopenConformance:
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[SensorNode, SimulatedNode]:
         raise NotImplementedError
 
-    @pytest.fixture
-    def listener(self, sim: SimulatedBench) -> Iterator[can.BusABC]:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def sim(cls, scene: Scene) -> Iterator[SimulatedBench]:
+        with SimulatedBench(scene) as simulated:
+            yield simulated
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def listener(cls, sim: SimulatedBench) -> Iterator[can.BusABC]:
         """On the bus before the drivers: when a driver has its answer, the listener has it too."""
         with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
             yield bus
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def bench(cls, sim: SimulatedBench, listener: can.BusABC) -> Iterator[Bench]:
+        """One for all tests of a device; each leaves it as it was."""
+        with Bench(hasty(sim.description), sim.clock, sim.operator) as opened:
+            yield opened
+
     @pytest.fixture
     def node(self, listener: can.BusABC, bench: Bench, sim: SimulatedBench) -> SensorNode:
         node = self.ends(bench, sim)[0]
-        frames(listener)
-        return node
-
-    @pytest.fixture
-    def hasty_node(self, listener: can.BusABC, hasty_bench: Bench, sim: SimulatedBench) -> SensorNode:
-        node = self.ends(hasty_bench, sim)[0]
         frames(listener)
         return node
 
@@ -72,18 +82,24 @@ class CanopenConformance:
         assert node.serial == f"{int(simulated.settings['serial']):08X}"
 
     @pytest.mark.parametrize("name", ["vendor", "product", "revision"])
-    def test_another_identity_is_refused(self, node: SensorNode, simulated: SimulatedNode, name: str) -> None:
-        simulated.settings[name] += 0x1_0000
+    def test_another_identity_is_refused(
+        self, name: str, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(simulated.settings, name, simulated.settings[name] + 0x1_0000)
         found = f"{node.name}: .*0x{int(simulated.settings[name]):08X}.*the contract is for .*check the node id"
         with pytest.raises(IdentityError, match=found):
             node.connect()
 
-    def test_a_later_minor_revision_is_accepted(self, node: SensorNode, simulated: SimulatedNode) -> None:
-        simulated.settings["revision"] += 7
+    def test_a_later_minor_revision_is_accepted(
+        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(simulated.settings, "revision", simulated.settings["revision"] + 7)
         node.connect()
 
-    def test_another_byte_order_is_refused_with_the_remedy(self, node: SensorNode, simulated: SimulatedNode) -> None:
-        simulated.settings["probe"] = float(SWAPPED_PROBE)
+    def test_another_byte_order_is_refused_with_the_remedy(
+        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(simulated.settings, "probe", float(SWAPPED_PROBE))
         with pytest.raises(IdentityError, match=r"0x78563412.*little-endian.*firmware"):
             node.connect()
 
@@ -159,32 +175,31 @@ class CanopenConformance:
             node.get(field.name)
 
     def test_a_write_that_gets_no_answer_is_not_repeated(
-        self, hasty_node: SensorNode, sim: SimulatedBench, listener: can.BusABC
+        self, node: SensorNode, sim: SimulatedBench, listener: can.BusABC
     ) -> None:
-        field = settings(hasty_node.contract)[0]
-        silence = f"^{re.escape(hasty_node.name)}: no valid answer within 0.2 s"
+        field = settings(node.contract)[0]
+        silence = f"^{re.escape(node.name)}: no valid answer within 0.2 s"
         with sim.clock.lock, pytest.raises(LinkTimeout, match=silence):  # the node stalls
-            hasty_node.set(field.name, inside(field)[1])
-        hasty_node.get("probe")
-        requests, _ = transfers(listener, hasty_node.id)
+            node.set(field.name, inside(field)[1])
+        node.get("probe")
+        requests, _ = transfers(listener, node.id)
         address = field.index.to_bytes(2, "little") + bytes([field.subindex])
         assert [request[1:4] for request in requests].count(address) == 1
 
     def test_a_late_reply_never_answers_the_next_request(
-        self, hasty_node: SensorNode, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The reply to a read of an object comes when the same object, changed, is read again."""
-        field = next(f for f in settings(hasty_node.contract) if not f.choices)
-        simulated = next(node for node in sim.nodes if node.id == hasty_node.id)
-        old, new = hasty_node.get(field.name), inside(field)[-1]
-        bus: Any = hasty_node.link.network.bus
+        field = next(f for f in settings(node.contract) if not f.choices)
+        old, new = node.get(field.name), inside(field)[-1]
+        bus: Any = node.link.network.bus
         received = bus.queue
         late: list[can.Message] = []
         with monkeypatch.context() as delayed:
             delayed.setattr(received, "put", lambda message, **_: late.append(message))
             with pytest.raises(LinkTimeout):
-                hasty_node.get(field.name)
-        simulated.settings[field.name] = number(field, new)
+                node.get(field.name)
+        monkeypatch.setitem(simulated.settings, field.name, number(field, new))
         for message in late:
             received.put(message)
-        assert hasty_node.get(field.name) == new != old
+        assert node.get(field.name) == new != old

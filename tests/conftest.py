@@ -17,7 +17,7 @@ from instrument.bench import BenchDescription
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
 
-canopen.Network.NOTIFIER_CYCLE = 0.01  # closing a bus waits for one cycle, and tests close hundreds
+canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
 SHORT = 0.2  # s
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
@@ -15,6 +16,8 @@ from instrument.contract import PROBE, Identity
 from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
 from simulators.bench import SimulatedBench
 from simulators.device import DEVICE_FAILURE, Refused, SimulatedDevice
+from simulators.scene import Scene
+from tests.conftest import hasty
 from tests.drivers.wire import Wire, listen
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 
@@ -29,13 +32,22 @@ class ModbusConformance:
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
         raise NotImplementedError
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def sim(cls, scene: Scene) -> Iterator[SimulatedBench]:
+        with SimulatedBench(scene) as simulated:
+            yield simulated
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def bench(cls, sim: SimulatedBench) -> Iterator[Bench]:
+        """One for all tests of a device; each leaves it as it was."""
+        with Bench(hasty(sim.description), sim.clock, sim.operator) as opened:
+            yield opened
+
     @pytest.fixture
     def device(self, bench: Bench, sim: SimulatedBench) -> ModbusDevice:
         return self.ends(bench, sim)[0]
-
-    @pytest.fixture
-    def hasty_device(self, hasty_bench: Bench, sim: SimulatedBench) -> ModbusDevice:
-        return self.ends(hasty_bench, sim)[0]
 
     @pytest.fixture
     def simulated(self, bench: Bench, sim: SimulatedBench) -> SimulatedDevice:
@@ -65,10 +77,10 @@ class ModbusConformance:
     @pytest.mark.parametrize("change", [{"vendor": "Acme"}, {"product": "XY-9"}, {"revision": "2.0"}])
     def test_another_identity_is_refused(
         self,
+        change: dict[str, str],
         device: ModbusDevice,
         simulated: SimulatedDevice,
         monkeypatch: pytest.MonkeyPatch,
-        change: dict[str, str],
     ) -> None:
         contract = device.contract
         monkeypatch.setattr(simulated, "contract", replace(contract, identity=replace(contract.identity, **change)))
@@ -84,9 +96,9 @@ class ModbusConformance:
         device.connect()
 
     def test_another_word_order_is_refused_with_the_remedy(
-        self, device: ModbusDevice, simulated: SimulatedDevice
+        self, device: ModbusDevice, simulated: SimulatedDevice, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        simulated.settings["probe"] = float(SWAPPED_PROBE)
+        monkeypatch.setitem(simulated.settings, "probe", float(SWAPPED_PROBE))
         with pytest.raises(IdentityError, match=r"0x56781234.*set the device to big-endian words"):
             device.connect()
 
@@ -203,9 +215,12 @@ class ModbusConformance:
             device.get("probe")
 
     def test_a_write_that_gets_no_answer_is_not_repeated(
-        self, hasty_device: ModbusDevice, sim: SimulatedBench, hasty_bench: Bench, monkeypatch: pytest.MonkeyPatch
+        self,
+        device: ModbusDevice,
+        simulated: SimulatedDevice,
+        sim: SimulatedBench,
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        device, simulated = self.ends(hasty_bench, sim)
         field = settings(device.contract)[0]
         writes: list[dict[str, float]] = []
         monkeypatch.setattr(simulated, "write", writes.append)
@@ -218,36 +233,34 @@ class ModbusConformance:
         assert len(writes) == 1
 
     def test_a_late_reply_never_answers_the_next_request(
-        self, hasty_device: ModbusDevice, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+        self, device: ModbusDevice, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The reply to the first request comes when the link has just been opened again for the second."""
-        client = hasty_device.link._client
-        field = settings(hasty_device.contract)[0]
-        wanted = hasty_device.get(field.name)
-        other = next(f for f in hasty_device.contract.fields if f.size == field.size and f.name != field.name)
+        client = device.link._client
+        field = settings(device.contract)[0]
+        wanted = device.get(field.name)
+        other = next(f for f in device.contract.fields if f.size == field.size and f.name != field.name)
         connect = client.connect
-        stalled = sim.clock.lock
-        stalled.acquire()
-        held = [stalled]
+        with ExitStack() as stall:
 
-        def reconnect() -> bool:
-            connected: bool = connect()
-            while held:
-                held.pop().release()
-            return connected
+            def reconnect() -> bool:
+                connected: bool = connect()
+                stall.close()
+                return connected
 
-        with pytest.raises(LinkTimeout):
-            hasty_device.get(other.name)
-        monkeypatch.setattr(client, "connect", reconnect)
-        assert hasty_device.get(field.name) == wanted
-        assert hasty_device.get("probe") == PROBE
+            stall.enter_context(sim.clock.lock)
+            with pytest.raises(LinkTimeout):
+                device.get(other.name)
+            monkeypatch.setattr(client, "connect", reconnect)
+            assert device.get(field.name) == wanted
+        assert device.get("probe") == PROBE
 
 
 class RtuConformance(ModbusConformance):
     """As above, on a line with other units."""
 
-    def test_an_absent_unit_on_the_line_is_silent(self, hasty_device: ModbusDevice) -> None:
-        client = hasty_device.link._client
+    def test_an_absent_unit_on_the_line_is_silent(self, device: ModbusDevice) -> None:
+        client = device.link._client
         asks: list[Callable[[], object]] = [
             lambda: client.read_holding_registers(0, count=2, device_id=99),
             lambda: client.read_device_information(read_code=3, device_id=99),

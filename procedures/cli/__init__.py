@@ -41,7 +41,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files can hold bytes that are no text
     try:
-        status = palpate.main(standalone_mode=False)
+        status = palpate.main(prog_name="palpate", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         sys.exit(2)

@@ -147,7 +147,7 @@ def open_session(
         try:
             yield Session(opened, design, chosen, calibration, record, started, wall_start)
         except BaseException as error:
-            error.add_note(f"points already taken are kept in {folder}")
+            error.add_note(f"points already taken are kept in {record.folder}")
             raise
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -220,21 +221,17 @@ def test_nodes_that_do_not_sample_are_a_device_error(
     assert sim.nodes[0].settings["sync_cob_id"] == SYNC_COB_ID
 
 
-@pytest.mark.parametrize("duration", [0.0, -1.0, 1e-9, float("nan"), float("inf")])
-def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(
-    duration: float, sim: SimulatedBench, bench: Bench, listener: can.BusABC
-) -> None:
-    with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
-        bench.nodes[0].acquire(duration)
+def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
+    for duration in (0.0, -1.0, 1e-9, math.nan, math.inf):
+        with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
+            bench.nodes[0].acquire(duration)
     assert frames(listener) == []
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, 0.05, 20_000.0, float("nan"), float("inf")])
-def test_a_sample_rate_out_of_range_is_refused_before_anything_is_sent(
-    rate: float, bench: Bench, listener: can.BusABC
-) -> None:
-    with pytest.raises(RangeError):
-        bench.nodes[0].set_sample_rate(rate)
+def test_a_sample_rate_out_of_range_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
+    for rate in (0.0, -1.0, 0.05, 20_000.0, math.nan, math.inf):
+        with pytest.raises(RangeError):
+            bench.nodes[0].set_sample_rate(rate)
     assert frames(listener) == []
 
 
