@@ -166,7 +166,9 @@ class Contract:
         """Physical value of wire bytes; NaN stays NaN. Raises struct.error on a wrong length."""
         raw: float = self._codec[name].unpack(data)[0]
         f = self._by_name[name]
-        return raw if f.scale == 1.0 else raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
+        if f.scale >= 1.0:
+            return raw * f.scale
+        return raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
 
     def set_bits(self, name: str, value: float) -> frozenset[str]:
         """Names of the bits that are set in a status word."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +28,9 @@ def _print(*things: object) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    width = None if sys.stdout.isatty() else PIPE_WIDTH
-    console = Console(width=width, highlight=False, markup=False, emoji=False)
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console.width = PIPE_WIDTH
     for thing in things:
         console.print(thing, soft_wrap=not isinstance(thing, Table))
 
@@ -222,6 +222,8 @@ def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Pat
             [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points],
             marker=MARKERS[number % len(MARKERS)], ms=4, lw=1, capsize=2, label=f"sample {mean.sample}",
         )  # fmt: skip
+    if invalid := [p for p in result.points if not p.valid]:
+        left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))
     left.legend(fontsize=8, ncols=2)
     shown = [s for s in result.samples if s.valid_points]

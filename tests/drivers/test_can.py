@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import can
@@ -90,3 +91,11 @@ def test_an_object_of_another_size_is_not_used(bench: Bench, monkeypatch: pytest
     monkeypatch.setattr(node._node.sdo, "upload", lambda *_: b"\x00\x00")
     with pytest.raises(DeviceError, match="probe came with 2 bytes where 4 belong; not used"):
         node.get("probe")
+
+
+def test_threads_take_turns_on_a_bus(bench: Bench) -> None:
+    node = bench.nodes[0]
+    wanted = ["probe", "heartbeat", "vendor", "sync_period"]
+    with ThreadPoolExecutor(len(wanted)) as pool:
+        answers = list(pool.map(lambda name: {node.get(name) for _ in range(50)}, wanted))
+    assert answers == [{0x12345678}, {1.0}, {0x50414C50}, {0.001}]

@@ -6,13 +6,14 @@ import logging
 import re
 import socket
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
 from drivers.bench import Bench
-from drivers.modbus import LARGEST_FRAME, ModbusLink
+from drivers.modbus import LARGEST_FRAME, ModbusDevice, ModbusLink
 from drivers.signal_generator import SignalGenerator
 from instrument.bench import SerialLine, TcpAddress
 from instrument.contract import PROBE
@@ -228,3 +229,16 @@ def test_a_failure_is_told_by_its_exception_only(
 def test_a_message_names_the_link_that_failed(hasty_bench: Bench, sim: SimulatedBench) -> None:
     with sim.clock.lock, pytest.raises(LinkTimeout, match=re.escape(sim.description.line.port)):
         hasty_bench.indicator.read()
+
+
+def test_threads_take_turns_on_a_link(bench: Bench) -> None:
+    """The line carries one request at a time, whoever asks whom."""
+    wanted: list[tuple[ModbusDevice, str]] = [
+        (bench.indicator, "gage_factor"),
+        (bench.indicator, "full_scale"),
+        (bench.positioner, "limit_high"),
+        (bench.positioner, "speed"),
+    ]
+    with ThreadPoolExecutor(len(wanted)) as pool:
+        answers = list(pool.map(lambda one: {one[0].get(one[1]) for _ in range(25)}, wanted))
+    assert answers == [{8.98}, {200.0}, {0.025}, {0.001}]

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any, Self
 
 import pytest
+from matplotlib.figure import Figure
 
 from drivers.bench import Bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.designs import get_design
+from instrument.sample import Sample
 from procedures import load_sweep
 from procedures.cli import main, session
 from procedures.cli.options import Output
@@ -78,7 +80,11 @@ Palpate = Callable[..., Spoken]
 def palpate(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, nothing_left_behind: None
 ) -> Palpate:
-    """Runs `palpate` with some arguments in an empty folder, without a process of its own."""
+    """Runs `palpate` with some arguments in an empty folder, without a process of its own.
+
+    An empty file stands for each plot: drawing one takes as long as measuring six points.
+    """
+    monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: Path(path).touch())
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PALPATE_STORE", raising=False)
 
@@ -142,6 +148,21 @@ def on_progress(monkeypatch: pytest.MonkeyPatch) -> Callable[[Progress], None]:
         monkeypatch.setattr(Output, "progress", progress)
 
     return install
+
+
+@pytest.fixture
+def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The file of a bench that is served here; what is not real about it is the clock, and who mounts samples."""
+
+    class Person(session.ConsoleOperator):
+        def mount(self, sample: Sample) -> None:
+            super().mount(sample)
+            sim.operator.mount(sample)
+
+    monkeypatch.setattr(session, "WallClock", lambda: sim.clock)
+    monkeypatch.setattr(session, "ConsoleOperator", Person)
+    Path("lab.toml").write_text(sim.description.to_toml(), encoding="utf-8")
+    return "lab.toml"
 
 
 # --- without the command line --------------------------------------------------------------------------

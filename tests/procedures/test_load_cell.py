@@ -22,7 +22,7 @@ from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of, si
 
 CREATED = "2025-03-14T15:09:26+00:00"
 FILE = Path("runs") / "calibrations" / "load_cell-SIM-SI-0001.toml"
-ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--json")
+ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 RESULT = {
     "simulated", "run", "seed", "bench_seconds", "wall_seconds", "sensitivity_mV_per_N", "sensitivity_u", "zero_mV",
     "linearity", "reversibility", "resolution", "points",

@@ -136,6 +136,7 @@ def test_the_producer_sends_sync_from_one_period_on_until_it_is_told_to_stop(
 ) -> None:
     node = bench.nodes[0]
     node.set_sample_rate(100.0)
+    sim.clock.wait(0.0034)
     node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
     sim.clock.wait(0.0099)
     assert payloads(frames(listener), SYNC_COB_ID) == []

@@ -87,6 +87,13 @@ def test_after_30_days_time_is_exact_where_single_precision_stands_still() -> No
     assert np.float64(30 * 86_400.0) + 1e-10 == 30 * 86_400.0
 
 
+@pytest.mark.parametrize(("duration", "expected"), [(1.001, 1_001_000_000), (0.6e-9, 1), (0.4e-9, 0), (0.0, 0)])
+def test_a_wait_is_rounded_to_the_nearest_nanosecond(duration: float, expected: int) -> None:
+    clock = VirtualClock()
+    clock.wait(duration)
+    assert clock.now_ns() == expected
+
+
 def test_ten_thousand_short_waits_are_one_long_one() -> None:
     clock, summed = VirtualClock(), 0.0
     for _ in range(10_000):
