@@ -33,7 +33,7 @@ FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 LARGEST_DWELL = 3600.0  # s
 LARGEST_COUNT = 1000  # loads
 SMALLEST_LOAD = 2.0  # steps of the indicator
-LARGEST_DRIFT = 3.0  # servo tolerances from the load at the end of the dwell; a reading scatters by half a one
+LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
 SETTLING = 5.0  # s, five time constants of the charge amplifier
 SENSITIVE_RANGE, WIDE_RANGE = ("500 mV", 0.5), ("5 V", 5.0)
 HEADROOM = 1.5
@@ -53,7 +53,10 @@ class SweepSettings:
 
 @dataclass(frozen=True, slots=True)
 class LoadPoint:
-    """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty."""
+    """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
+
+    Not `valid`: a film was over-ranged, the node reported a fault, or the load drifted off during the dwell.
+    """
 
     sample: str
     load_N: float
@@ -256,7 +259,7 @@ def _measure(
         condition=fit.condition,
         valid=not saturated
         and len(node.emergencies) == heard
-        and abs(measured - load) <= LARGEST_DRIFT * servo.tolerance(load),
+        and abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * calibration.resolution()),
     )
     return point, recording
 

@@ -105,7 +105,7 @@ class LoadServo:
             SafetyError: the force passes the bench's limit; the outputs are off before this is raised.
             UnreachableError: generator or amplifier cannot give it, or it does not settle.
         """
-        tolerance = self.tolerance(load)
+        tolerance = max(LOAD_TOLERANCE * load, 0.6 * self._calibration.resolution())
         measured = math.nan
         for _ in range(SERVO_STEPS):
             self._step(load)
@@ -118,10 +118,6 @@ class LoadServo:
             f"{load:g} N peak to peak is not reached in {SERVO_STEPS} steps: {measured:.3g} N at "
             f"{show(self._amplitude, 'V')}; check the mounting of the sample"
         )
-
-    def tolerance(self, load: float) -> float:
-        """How far from `load` N a measured load may lie, N."""
-        return max(LOAD_TOLERANCE * load, 0.6 * self._calibration.resolution())
 
     def hold(self, duration: float) -> None:
         """Drive on for `duration` s and read the force as often as a servo step does.

@@ -102,14 +102,14 @@ class Rig:
         self._bridge = first_order_low_pass(tau)
         self._begin(self._segments[-1].voltage, bridge_state=state)
 
-    def reset_films(self) -> None:
-        """The charge amplifiers' integrators are shorted: their outputs start from zero."""
+    def reset_film(self, channel: int) -> None:
+        """The integrator of a channel's charge amplifier is shorted: its output starts from zero."""
         now = self._clock.now_ns()
         last = self._segments[-1]
-        force = float(last.force.at(np.array([now]))[0])
-        state = np.zeros_like(last.film_state)
-        if self._film_system is not None:
-            state[:, 0] = last.gains * force
+        state = self._film_state(now)
+        for film, film_state, gain in zip(self._films, state, last.gains, strict=True):
+            if film.channel == channel and self._film_system is not None:
+                film_state[0] = gain * float(last.force.at(np.array([now]))[0])
         self._begin(last.voltage, film_state=state)
 
     # --- what can be seen ------------------------------------------------------------------------------

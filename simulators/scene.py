@@ -15,7 +15,7 @@ from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from instrument.models.response import MODELS
-from instrument.quantity import Metres
+from instrument.quantity import Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
@@ -29,9 +29,9 @@ class RigParameters(Config):
     1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need 5.5 A peak for 4 N.
     """
 
-    force_constant: float = Field(default=4.0, gt=0, strict=True)  # N/A [A]
-    coil_resistance: float = Field(default=3.5, gt=0, strict=True)  # ohm [A]
-    suspension_stiffness: float = Field(default=1000.0, gt=0, strict=True)  # N/m [A]
+    force_constant: NewtonsPerAmpere = Field(default=4.0, gt=0)  # [A]
+    coil_resistance: Ohms = Field(default=3.5, gt=0)  # [A]
+    suspension_stiffness: NewtonsPerMetre = Field(default=1000.0, gt=0)  # [A]
     sensor_position: Metres = Field(default=12e-3, gt=0)  # where the probe meets the bare sensor [A]
 
 

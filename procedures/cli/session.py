@@ -76,7 +76,7 @@ class ConsoleOperator:
 
 
 def _ask(what: str) -> None:
-    """A whole line: above a progress bar a part of one would not be seen."""
+    """Not click's prompt, to which Ctrl-C and the end of input are the same."""
     click.echo(f"{what}, then press Enter", err=True)
     if not sys.stdin.readline():
         raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")

@@ -159,7 +159,7 @@ def test_a_missing_or_malformed_file_is_refused(
         ("[effects.charge_amplifier]\ntime_constant = '0 s'", "time_constant: Input should be greater than"),
         ("[effects.chargeamplifier]", "unknown effect (did you mean 'charge_amplifier'?)"),
         ("[rigs]", "rigs: unknown key (did you mean 'rig'?)"),
-        ("[rig]\nforce_constant = nan", "rig.force_constant"),
+        ('[rig]\nforce_constant = "nan N/A"', "rig.force_constant"),
     ],
 )
 def test_a_wrong_key_of_a_scene_is_named(palpate: Palpate, addition: str, message: str) -> None:

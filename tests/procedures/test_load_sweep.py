@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from drivers.bench import Bench
 from instrument.designs import get_design
 from instrument.errors import RangeError, UnreachableError
 from instrument.estimate import amplitude_ratio, fit_sine
@@ -19,8 +20,9 @@ from instrument.models.response import Load, response
 from instrument.sample import SAMPLES
 from procedures.load_sweep import LoadPoint, evaluate, parse_loads
 from procedures.run import Run
+from simulators.bench import SimulatedBench
 from simulators.scene import Scene
-from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep_scene
+from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
 
 LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 REPEATABILITY = 0.041  # of the force ratio, thesis Tables A2.9 to A2.14
@@ -115,7 +117,7 @@ def test_over_seeds_the_deviations_are_as_large_as_their_stated_uncertainty(
 
 
 def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_path: Path) -> None:
-    scene = scene_of(IDEAL_SCENE + "[effects.white_noise]\ndensity = 2e-5\n", tmp_path)
+    scene = scene_of(IDEAL_SCENE + '[effects.white_noise]\ndensity = "20 µV/√Hz"\n', tmp_path)
     loads = tuple(2 + 0.1 * i for i in range(20))
     points = sweep_scene(scene, tmp_path / "run", samples=("1",), loads=loads).points
     assert_plausible([(p.force_ratio - modelled("1", "experiment")) / p.noise_u for p in points])
@@ -167,6 +169,15 @@ def test_an_over_ranged_film_marks_the_point_and_leaves_the_mean_out(tmp_path: P
     assert [p.valid for p in result.points] == [False]
     assert (result.samples[0].force_ratio, result.samples[0].valid_points) == (None, 0)
     assert result.softness_order == []
+
+
+def test_a_load_above_the_force_limit_is_refused_before_anything_is_sent(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path
+) -> None:
+    before = dict(sim.amplifier.settings), dict(sim.indicator.settings), sim.clock.now_ns()
+    with pytest.raises(RangeError, match=r"above the bench's force limit of 10 N; loads up to 9\.09 N are possible"):
+        sweep(bench, tmp_path / "run", loads=(2.0, 9.2))
+    assert (sim.amplifier.settings, sim.indicator.settings, sim.clock.now_ns()) == before
 
 
 def test_a_load_below_two_steps_of_the_indicator_is_refused_before_anything_is_sent(

@@ -140,7 +140,7 @@ def test_each_load_is_reached_in_a_few_steps(sim: SimulatedBench, bench: Bench, 
     servo = mount(bench, sample)
     began = sim.clock.now_ns()
     for load in (1.5, 4.0, 2.0):
-        assert servo.set(load) == pytest.approx(load, abs=servo.tolerance(load))
+        assert servo.set(load) == pytest.approx(load, abs=0.06)  # N, 0.6 steps of the indicator
         swing = float(abs(sim.rig._segments[-1].force.amplitude).sum())
         assert 2 * swing == pytest.approx(load, abs=0.12)
     assert sim.clock.now_ns() - began < 9 * SERVO_STEP * 1e9

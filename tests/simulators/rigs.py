@@ -17,7 +17,7 @@ SECOND = 1000 * MS
 BALANCE = 9e-3  # m, where the probe touches a 3 mm sample: 12 mm less its thickness
 
 
-def scene(*effects: str, **rig: float) -> Scene:
+def scene(*effects: str, **rig: str) -> Scene:
     """The thesis' bench with these effects only."""
     thesis = read_scene("thesis_single")
     return replace(

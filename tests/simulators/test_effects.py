@@ -32,9 +32,9 @@ from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 STRONG: dict[str, Effect] = {
     "charge_amplifier": ChargeAmplifier(time_constant="0.4 s"),
     "adc": Adc(bits=10),
-    "white_noise": WhiteNoise(density=1e-4),
+    "white_noise": WhiteNoise(density="100 µV/√Hz"),
     "gain_scatter": GainScatter(strength=3.0),
-    "load_cell": LoadCell(zero=2.5, noise=1.5, decimals=3),
+    "load_cell": LoadCell(zero="2.5 mV", noise="1.5 mV", decimals=3),
 }
 
 
@@ -88,7 +88,7 @@ def test_an_effect_that_is_called_for_changes_something(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "nothing", [{"white_noise": WhiteNoise(density=0.0)}, {"gain_scatter": GainScatter(strength=0.0)}]
+    "nothing", [{"white_noise": WhiteNoise(density="0 V/√Hz")}, {"gain_scatter": GainScatter(strength=0.0)}]
 )
 @pytest.mark.parametrize("others", [(), ("charge_amplifier", "adc", "load_cell")])
 def test_zero_strength_is_absent_bit_for_bit(nothing: dict[str, Effect], others: tuple[str, ...]) -> None:
@@ -209,7 +209,7 @@ def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
 def test_white_noise_has_its_density_at_any_sample_rate(rate: float) -> None:
-    volts = WhiteNoise(density=2e-6).samples(Stream(1, "white_noise", 1, 0), 0, 40_000, rate)
+    volts = WhiteNoise(density="2 µV/√Hz").samples(Stream(1, "white_noise", 1, 0), 0, 40_000, rate)
     assert volts.std() == pytest.approx(2e-6 * np.sqrt(rate / 2), rel=4 / np.sqrt(80_000))
     spectrum = np.abs(np.fft.rfft(volts)) ** 2 * 2 / (rate * len(volts))  # one-sided, V2/Hz
     for band in np.array_split(spectrum[1:-1], 10):
@@ -219,7 +219,7 @@ def test_white_noise_has_its_density_at_any_sample_rate(rate: float) -> None:
 def test_white_noise_is_independent_between_channels_and_nodes() -> None:
     counts: dict[tuple[int, int], Floats] = {}
     for node_id in (1, 2):
-        data, _ = seen({"white_noise": WhiteNoise(density=1e-3)}, node_id=node_id)
+        data, _ = seen({"white_noise": WhiteNoise(density="1 mV/√Hz")}, node_id=node_id)
         quiet, _ = seen({}, node_id=node_id)
         difference = np.frombuffer(data[:8000], "<i2").astype(float) - np.frombuffer(quiet[:8000], "<i2")
         counts |= {(node_id, channel): column for channel, column in enumerate(difference.reshape(-1, 4).T)}
@@ -246,13 +246,13 @@ def test_a_sample_that_is_no_number_is_flagged() -> None:
 
 
 def test_the_display_shows_the_load_with_its_zero_noise_and_decimals() -> None:
-    cell = LoadCell(zero=1.81, noise=0.3, decimals=4)
+    cell = LoadCell(zero="1.81 mV", noise="0.3 mV", decimals=4)
     shown = np.array([cell.display(20.0, Stream(1, "load_cell"), update) for update in range(4000)])
     assert shown.mean() == pytest.approx(21.81, abs=4 * 0.3 / np.sqrt(4000))
     assert shown.std() == pytest.approx(0.3, rel=0.045)
     assert cell.display(20.0, Stream(1, "load_cell"), 7) == shown[7]
     assert abs(np.corrcoef(shown[1:], shown[:-1])[0, 1]) < 4 / np.sqrt(4000)
-    quiet = LoadCell(zero=1.81, noise=0.0, decimals=0)
+    quiet = LoadCell(zero="1.81 mV", noise="0 mV", decimals=0)
     assert [quiet.display(mv, Stream(1, "load_cell"), 0) for mv in (0.0, 10.0, -10.0)] == [2.0, 12.0, -8.0]
 
 

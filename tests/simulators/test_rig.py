@@ -109,7 +109,7 @@ def test_charge_amplifier_outputs_equal_stepping_through_every_kind_of_change(ta
     assert np.abs(story.drained).max() > 1e-4  # there was something to get wrong
 
 
-def test_shorting_the_integrator_starts_the_outputs_from_zero_and_they_settle_again() -> None:
+def test_shorting_an_integrator_starts_its_output_from_zero_and_it_settles_again() -> None:
     clock, chosen = VirtualClock(), scene("charge_amplifier")
     rig, other = Rig(chosen, clock), Rig(chosen, clock)
     for each in (rig, other):
@@ -117,7 +117,10 @@ def test_shorting_the_integrator_starts_the_outputs_from_zero_and_they_settle_ag
     clock.wait(0.521)
     now = np.array([clock.now_ns()])
     assert np.abs(rig.film_voltages(now)).min() > 1e-4
-    rig.reset_films()
+    rig.reset_film(2)
+    assert abs(rig.film_voltages(now)[1, 0]) < 1e-15
+    assert np.array_equal(rig.film_voltages(now)[0], other.film_voltages(now)[0])  # the other channel runs on
+    rig.reset_film(1)
     assert np.abs(rig.film_voltages(now)).max() < 1e-15
     clock.wait(20.0)
     late = clock.now_ns() + np.arange(0, 100 * MS, MS)

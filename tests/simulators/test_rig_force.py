@@ -38,7 +38,7 @@ def test_a_softer_sample_takes_less_force_for_the_same_drive() -> None:
 
 def test_a_stiffer_suspension_leaves_less_force() -> None:
     swings = []
-    for stiffness in (500.0, 1000.0, 3000.0):
+    for stiffness in ("500 N/m", "1000 N/m", "3000 N/m"):
         rig = Rig(scene(suspension_stiffness=stiffness), VirtualClock())
         pressed(rig, "2", BALANCE + 9e-3, 2.0)
         swings.append(np.ptp(rig.cell_force(np.arange(0, 100 * MS, MS))))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from instrument.errors import ConfigError, RangeError, UnknownName, UsageError
+from instrument.quantity import parse
 from instrument.sample import SAMPLES, get_sample
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS
@@ -22,9 +23,9 @@ HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 EVERYTHING = {
     "gain_scatter": "strength = 0.5",
     "charge_amplifier": 'time_constant = "250 ms"',
-    "white_noise": "density = 3e-6",
+    "white_noise": 'density = "3 µV/√Hz"',
     "adc": "bits = 12",
-    "load_cell": "zero = -1.5\nnoise = 0.25\ndecimals = 2",
+    "load_cell": 'zero = "-1.5 mV"\nnoise = "250 µV"\ndecimals = 2',
 }
 
 
@@ -41,7 +42,7 @@ def test_every_key_and_parameter_of_the_file_arrives_in_si_units(tmp_path: Path)
     scene = read(
         tmp_path,
         'model = "column"\nseed = 77\nnodes = 3\n'
-        '[rig]\nforce_constant = 5\nsensor_position = "13 mm"\n'
+        '[rig]\nforce_constant = "5 N/A"\nsensor_position = "13 mm"\n'
         + "".join(f"[effects.{name}]\n{parameters}\n" for name, parameters in EVERYTHING.items()),
     )
     assert (scene.name, scene.purpose, scene.design.name) == ("try", "a test", "single")
@@ -52,9 +53,9 @@ def test_every_key_and_parameter_of_the_file_arrives_in_si_units(tmp_path: Path)
     assert {name: effect.model_dump() for name, effect in scene.effects.items()} == {
         "charge_amplifier": {"time_constant": "0.25 s"},
         "adc": {"bits": 12},
-        "white_noise": {"density": 3e-6},
+        "white_noise": {"density": "3e-06 V/√Hz"},
         "gain_scatter": {"strength": 0.5},
-        "load_cell": {"zero": -1.5, "noise": 0.25, "decimals": 2},
+        "load_cell": {"zero": "-0.0015 V", "noise": "0.00025 V", "decimals": 2},
     }
 
 
@@ -69,7 +70,8 @@ def test_every_shipped_scene_is_read_by_its_file_name_and_says_what_it_is_for(na
 def test_the_thesis_scene_has_the_rig_parameters_of_the_thesis() -> None:
     scene = read_scene("thesis_single")
     cell = scene.effects["load_cell"].model_dump()
-    assert (cell["zero"], cell["decimals"]) == (1.81, 0)  # Table 5.1
+    assert parse(cell["zero"], "V") == pytest.approx(1.81e-3)  # Table 5.1
+    assert cell["decimals"] == 0
     assert scene.effects["gain_scatter"].model_dump() == {"strength": 1.0}
     films = {film.name: (film.sensitivity, film.scatter) for film in scene.design.films}
     assert films == {"rigid": (5.995e-3, 0.033), "total": (68.60e-3, 0.030)}  # Tables A2.9 to A2.14
@@ -104,7 +106,7 @@ WRONG = {
     "not TOML": ("seed = = 1", ["is not TOML", "line 4"]),
     "an unknown key": ("sead = 1", ["sead: unknown key (did you mean 'seed'?)"]),
     "a sample, which the operator mounts": ('sample = "2"', ["sample: unknown key"]),
-    "an unknown key of the rig": ("[rig]\ncoil_resistence = 3.5", ["rig.coil_resistence", "'coil_resistance'?"]),
+    "an unknown key of the rig": ('[rig]\ncoil_resistence = "3.5 ohm"', ["rig.coil_resistence", "'coil_resistance'?"]),
     "an unknown effect": (
         "[effects.charge_amplifer]",
         ["effects.charge_amplifer: unknown effect (did you mean 'charge_amplifier'?)", "white_noise"],
@@ -137,14 +139,17 @@ WRONG = {
         '[effects.charge_amplifier]\ntime_constant = "1e300 s"',
         ["effects.charge_amplifier: time_constant", "less than", "1e+300"],
     ),
-    "not a number": ("[effects.white_noise]\ndensity = nan", ["effects.white_noise: density", "finite", "nan"]),
-    "infinity": ("[rig]\nforce_constant = inf", ["rig.force_constant", "finite", "inf"]),
-    "a negative density": ("[effects.white_noise]\ndensity = -1e-9", ["density", "greater than", "-1e-09"]),
-    "a truth value": ("[effects.white_noise]\ndensity = true", ["density", "valid number", "True"]),
+    "not a number": (
+        '[effects.white_noise]\ndensity = "nan V/√Hz"',
+        ["effects.white_noise: density", "is not a quantity", "nan"],
+    ),
+    "infinity": ('[rig]\nforce_constant = "1e999 N/A"', ["rig.force_constant", "finite", "1e999"]),
+    "a negative density": ('[effects.white_noise]\ndensity = "-1 nV/√Hz"', ["density", "greater than", "-1e-09"]),
+    "a truth value": ("[effects.white_noise]\ndensity = true", ["density", "needs a unit", "True"]),
     "a text for a number": ('[effects.adc]\nbits = "16"', ["effects.adc: bits", "valid integer", "'16'"]),
     "too many bits": ("[effects.adc]\nbits = 17", ["effects.adc: bits", "16", "17"]),
     "an effect that is no table": ("[effects]\nadc = 3", ["effects.adc", "3"]),
-    "no stiffness": ("[rig]\nsuspension_stiffness = 0", ["rig.suspension_stiffness", "greater than 0", "0"]),
+    "no stiffness": ('[rig]\nsuspension_stiffness = "0 N/m"', ["rig.suspension_stiffness", "greater than 0", "0"]),
     "an unknown model": ('model = "colum"', ["unknown model 'colum' (did you mean 'column'?)", "experiment"]),
     "a negative seed": ("seed = -1", ["seed", "0", "-1"]),
     "a seed that is too large": (f"seed = {2**63}", ["seed", str(LARGEST_SEED), str(2**63)]),
