@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -89,11 +90,23 @@ class ModbusLink:
     def _connect(self) -> None:
         if self._reply_due:
             self._drop()
-        if not self._client.connect():
-            raise LinkError(f"nothing answers at {self.name}; check power, cable and the address in the bench file")
+        try:
+            connected = self._client.connect()
+        except ValueError as error:  # a host name that cannot be one
+            raise LinkError(f"{self.name} is no address: {error}; correct it in the bench file") from None
+        if not connected:
+            raise LinkError(f"{self._refusal()}; correct the bench file, or check power and cable")
         if self._reply_due and isinstance(self._client, ModbusSerialClient):
             self._await_silence(self._client)
         self._reply_due = False
+
+    def _refusal(self) -> str:
+        """Why the link cannot be opened; pymodbus keeps that to itself."""
+        if not isinstance(self._client, ModbusSerialClient):
+            return f"nothing answers at {self.name}"
+        if not Path(self.name).exists():
+            return f"there is no serial port {self.name}"
+        return f"serial port {self.name} is in use by another program or may not be opened"
 
     def _await_silence(self, line: ModbusSerialClient) -> None:
         heard = 0

@@ -113,8 +113,14 @@ class SensorNode:
         self._volts_per_count[channel - 1] = RANGE_VOLTS[sensor_node.RANGES[range_]] / FULL_SCALE_COUNTS
 
     def set_sample_rate(self, rate: float) -> None:
-        """Set the cycle of SYNC to 1/`rate`; it counts for all nodes while this one produces SYNC."""
-        self.set("sync_period", 1.0 / rate if rate else math.inf)
+        """Set the cycle of SYNC to 1/`rate` s; it counts for all nodes while this one produces SYNC.
+
+        Raises:
+            RangeError: not above 0 Hz, or a cycle outside the contract's limits.
+        """
+        if not rate > 0:
+            raise RangeError(f"{self.name}: sample rate {rate:g} Hz must be above 0")
+        self.set("sync_period", 1.0 / rate)
         self.rate = 1.0 / self.get("sync_period")
 
     def reset_integrators(self) -> None:

@@ -19,13 +19,9 @@ from instrument.estimate import amplitude_ratio, fit_sine
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from procedures.record import Recorder
-from procedures.servo import LoadServo, preload
+from procedures.servo import LoadServo, check_zero, preload
 
 PROCEDURE = "sweep-loads"
-GAGE_FACTOR = 8.98  # [T]
-FULL_SCALE_MV = 200.0
-GAIN = 2.0  # V/V
-CURRENT_LIMIT = 5.0  # A
 PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
 SAMPLES_PER_CYCLE = 25
 FREQUENCIES = (0.5, 100.0)  # Hz
@@ -35,7 +31,8 @@ LARGEST_COUNT = 1000  # loads
 SMALLEST_LOAD = 2.0  # steps of the indicator
 LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
 SETTLING = 5.0  # s, five time constants of the charge amplifier
-SENSITIVE_RANGE, WIDE_RANGE = ("500 mV", 0.5), ("5 V", 5.0)
+SENSITIVE_RANGE, WIDE_RANGE = "500 mV", "5 V"
+RANGES_V = {SENSITIVE_RANGE: 0.5, WIDE_RANGE: 5.0}
 HEADROOM = 1.5
 
 Progress = Callable[[int, int, str], None]
@@ -171,8 +168,8 @@ def run(
     """Sweep all loads over all samples. Each point is durable before `progress` hears of it.
 
     Raises:
-        RangeError, UnknownName: as `check`; nothing has been sent.
-        UnreachableError: a load too small for the indicator; nothing has been sent.
+        RangeError, UnknownName: as `check`; the outputs have stayed off.
+        UnreachableError: a load too small for the indicator; the outputs have stayed off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, bench.force_limit)
@@ -185,6 +182,8 @@ def run(
     total = len(settings.samples) * len(settings.loads)
     points: list[LoadPoint] = []
     _configure(bench, design, settings)
+    bench.positioner.home()
+    check_zero(bench, calibration)
     for name in settings.samples:
         sample = get_sample(name)
         progress(len(points), total, f"mount sample {name}")
@@ -208,13 +207,11 @@ def run(
 
 
 def _configure(bench: Bench, design: Design, settings: SweepSettings) -> None:
-    bench.amplifier.configure(GAIN, CURRENT_LIMIT, bench.description.watchdog)
-    bench.indicator.configure(GAGE_FACTOR, FULL_SCALE_MV)
     node = bench.nodes[0]
     node.set_sample_rate(SAMPLES_PER_CYCLE * settings.frequency)
     for film in design.films:
         peak = film.sensitivity * (preload_for(settings.loads) + max(settings.loads) / 2)
-        range_, _ = next(r for r in (SENSITIVE_RANGE, WIDE_RANGE) if HEADROOM * peak <= r[1])
+        range_ = SENSITIVE_RANGE if HEADROOM * peak <= RANGES_V[SENSITIVE_RANGE] else WIDE_RANGE
         node.set_range(film.channel, range_)
 
 
@@ -237,7 +234,14 @@ def _measure(
     channels = [film.channel - 1 for film in films]
     voltage, saturated = recording.voltage[channels], bool(recording.saturated[channels].any())
     fit = fit_sine(recording.time, voltage, settings.frequency)
-    ratio, noise_u = amplitude_ratio(fit, 0, 1)
+    try:
+        ratio, noise_u = amplitude_ratio(fit, 0, 1)
+    except EstimateError:
+        film, signal, signal_u = films[1], float(fit.amplitude[1]), float(fit.amplitude_u[1])
+        raise EstimateError(
+            f"{node.name}: film {film.name!r} on channel {film.channel} gives {show(signal, 'V')} with standard "
+            f"uncertainty {show(signal_u, 'V')}, too little for a ratio; check its connection"
+        ) from None
     peak_to_peak = 2 * fit.amplitude
     forces = [float(v) / film.sensitivity for v, film in zip(peak_to_peak, films, strict=True)]
     to_force = films[1].sensitivity / films[0].sensitivity

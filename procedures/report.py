@@ -35,7 +35,7 @@ def _print(*things: object) -> None:
         console.print(thing, soft_wrap=not isinstance(thing, Table))
 
 
-def _table(title: Text, *columns: str) -> Table:
+def _table(title: Text | None, *columns: str) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -111,7 +111,7 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
         f"linearity      {100 * c.linearity:.2f} % of the span",
         f"reversibility  {100 * c.reversibility:.2f} % of the span",
         f"resolution     {c.resolution_mV:g} mV = {show(c.resolution(), 'N')}",
-        f"calibration    {outcome['calibration']}",
+        f"calibration    {outcome['calibration_file']}",
         *_where({**outcome, "calibration": None}, plot),
     )
 
@@ -121,10 +121,10 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
     if not found:
         _print(f"no runs in {folder}; make one with: palpate sweep loads")
         return
-    table = _table(_stamped(False, f"Runs in {folder}"), "run", "status", "points", "")
+    table = _table(None, "run", "status", "points", "")
     for run in found:
         table.add_row(run.folder.name, run.status, str(run.points), STAMP if run.simulated else "")
-    _print(table, *(f"damaged: {run.fault}" for run in found if run.fault))
+    _print(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 
+POINTS = 1024  # of a period, where a waveform is sampled
 CYCLE = 1_000_000_000_000  # one cycle in units of phase: 1 mHz for 1 ns is one unit
 
 
@@ -57,6 +58,15 @@ class Periodic:
             offset + factor * self.mean, self.frequency, self.start_ns, self.start_phase, self.order,
             factor * self.amplitude,
         )  # fmt: skip
+
+    def extremes(self) -> tuple[float, float]:
+        """Least and greatest value; of several harmonics at 1024 points of a period."""
+        if len(self.order) == 1:
+            swing = float(np.abs(self.amplitude[0]))
+            return self.mean - swing, self.mean + swing
+        turns = np.arange(POINTS) / POINTS
+        wave = self.mean + real_product(self.amplitude, np.exp(2j * np.pi * np.outer(self.order, turns)))
+        return float(wave.min()), float(wave.max())
 
     def at(self, time_ns: npt.NDArray[np.int64]) -> Floats:
         """Values, shape (n,)."""

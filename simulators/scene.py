@@ -60,7 +60,14 @@ class Scene:
     nodes: int
     rig: RigParameters
     effects: Mapping[str, Effect]
-    text: str
+    file: SceneFile
+
+    def to_toml(self) -> str:
+        """The scene file that gives this scene, its seed and model included."""
+        import tomli_w
+
+        file = self.file.model_copy(update={"seed": self.seed, "model": self.model})
+        return tomli_w.dumps(file.model_dump(mode="json"))
 
     def with_seed(self, seed: int) -> Scene:
         """The same scene with other noise and scatter. Raises RangeError."""
@@ -116,7 +123,7 @@ def read_scene(name_or_file: str) -> Scene:
         nodes=file.nodes,
         rig=file.rig,
         effects=effects,
-        text=path.read_text(encoding="utf-8"),
+        file=file,
     )
 
 

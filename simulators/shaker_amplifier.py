@@ -48,8 +48,8 @@ class ShakerAmplifier(SimulatedDevice):
 
     def input_changed(self) -> None:
         """The input or a setting has changed: trip where the current is too high."""
-        voltage = self.voltage()
-        peak = (abs(voltage.mean) + float(np.abs(voltage.amplitude).sum())) / self._resistance
+        least, greatest = self.voltage().extremes()
+        peak = max(-least, greatest) / self._resistance
         if not peak <= self.settings["current_limit"]:
             self._trip("over_current")
         self._power_changed()

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from instrument.contracts import signal_generator
+from instrument.contracts.signal_generator import LARGEST_PEAK
 from simulators.clock import VirtualClock
 from simulators.device import ILLEGAL_VALUE, Refused, SimulatedDevice
 from simulators.lti import Periodic
 
-LARGEST_PEAK = 10.0  # V
 HARMONICS = 25
 FREQUENCY_STEPS = 1000  # per Hz
 

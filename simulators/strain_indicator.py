@@ -16,8 +16,8 @@ from simulators.rig import Rig
 if TYPE_CHECKING:
     from simulators.effects.load_cell import LoadCell
 
-SENSITIVITY = 10.306  # mV/N at the gage factor below: line through Table 5.1 [T]
-GAGE_FACTOR = 8.98  # [T]
+IDEAL_SENSITIVITY = 10.306e-3  # V/N of a scene without a load cell: line through Table 5.1 [T]
+GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
 IDEAL_DECIMALS = 4
 UPDATE_NS = 100_000_000  # the display is renewed ten times a second [A]
 DETECTOR_RATE = 2400  # samples a second of the peak detector [A]
@@ -88,7 +88,8 @@ class StrainIndicator(SimulatedDevice):
     def _gross(self) -> float:
         """Displayed reading in mV before zero and tare."""
         update = self.clock.now_ns() // UPDATE_NS
-        ideal: float = self._detected() * SENSITIVITY * GAGE_FACTOR / self.settings["gage_factor"]
+        sensitivity = self._cell.sensitivity if self._cell else IDEAL_SENSITIVITY
+        ideal: float = 1e3 * self._detected() * sensitivity * GAGE_FACTOR / self.settings["gage_factor"]
         return self._cell.display(ideal, self._stream, update) if self._cell else ideal
 
     def _detected(self) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import queue
 import re
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,8 +19,7 @@ from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeErro
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene
 from simulators.sensor_node import SensorNode as SimulatedNode
-from tests.conftest import hasty
-from tests.drivers.wire import frames, transfers
+from tests.drivers.wire import frames, impatient_node, transfers
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 
 READ_ONLY, NO_OBJECT, NO_SUBINDEX = 0x0601_0002, 0x0602_0000, 0x0609_0011
@@ -51,7 +52,7 @@ class CanopenConformance:
     @classmethod
     def bench(cls, sim: SimulatedBench, listener: can.BusABC) -> Iterator[Bench]:
         """One for all tests of a device; each leaves it as it was."""
-        with Bench(hasty(sim.description), sim.clock, sim.operator) as opened:
+        with Bench(sim.description, sim.clock, sim.operator) as opened:
             yield opened
 
     @pytest.fixture
@@ -175,31 +176,46 @@ class CanopenConformance:
             node.get(field.name)
 
     def test_a_write_that_gets_no_answer_is_not_repeated(
-        self, node: SensorNode, sim: SimulatedBench, listener: can.BusABC
+        self, node: SensorNode, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         field = settings(node.contract)[0]
         silence = f"^{re.escape(node.name)}: no valid answer within 0.2 s"
-        with sim.clock.lock, pytest.raises(LinkTimeout, match=silence):  # the node stalls
+        stalled = sim.clock.lock
+        with stalled, impatient_node(node, monkeypatch), pytest.raises(LinkTimeout, match=silence):
             node.set(field.name, inside(field)[1])
         node.get("probe")
         requests, _ = transfers(listener, node.id)
         address = field.index.to_bytes(2, "little") + bytes([field.subindex])
         assert [request[1:4] for request in requests].count(address) == 1
 
-    def test_a_late_reply_never_answers_the_next_request(
+    def test_a_late_answer_never_answers_the_next_request(
         self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """The reply to a read of an object comes when the same object, changed, is read again."""
+        """The answer to a read of an object comes when the same object, changed, is read again."""
         field = next(f for f in settings(node.contract) if not f.choices)
         old, new = node.get(field.name), inside(field)[-1]
-        bus: Any = node.link.network.bus
-        received = bus.queue
-        late: list[can.Message] = []
-        with monkeypatch.context() as delayed:
-            delayed.setattr(received, "put", lambda message, **_: late.append(message))
-            with pytest.raises(LinkTimeout):
-                node.get(field.name)
+        sdo: Any = node._node.sdo
+        late: list[bytes] = []
+        swallowed = threading.Event()
+
+        class Delayed(queue.Queue[bytes]):
+            """Keeps the first answer back until somebody listens again."""
+
+            def put(self, item: bytes, block: bool = True, timeout: float | None = None) -> None:
+                if swallowed.is_set():
+                    super().put(item)
+                else:
+                    late.append(item)
+                    swallowed.set()
+
+            def get(self, block: bool = True, timeout: float | None = None) -> bytes:
+                while late:
+                    super().put(late.pop())
+                return super().get(block, timeout)
+
+        monkeypatch.setattr(sdo, "responses", Delayed())
+        with impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
+            node.get(field.name)
+        assert swallowed.wait(10)
         monkeypatch.setitem(simulated.settings, field.name, number(field, new))
-        for message in late:
-            received.put(message)
         assert node.get(field.name) == new != old

@@ -18,12 +18,11 @@ from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
 
 canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
-SHORT = 0.2  # s
 
 
 def hasty(description: BenchDescription) -> BenchDescription:
-    """The same bench with short time-outs, for tests in which no answer comes."""
-    short = {"timeout": SHORT}
+    """The same bench with short time-outs, for tests in which a device does not answer at all."""
+    short = {"timeout": 0.3}
     links = ("signal_generator", "shaker_amplifier", "line", "can")
     return description.model_copy(update={name: getattr(description, name).model_copy(update=short) for name in links})
 
@@ -65,10 +64,4 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 @pytest.fixture
 def bench(sim: SimulatedBench) -> Iterator[Bench]:
     with Bench(sim.description, sim.clock, sim.operator) as opened:
-        yield opened
-
-
-@pytest.fixture
-def hasty_bench(sim: SimulatedBench) -> Iterator[Bench]:
-    with Bench(hasty(sim.description), sim.clock, sim.operator) as opened:
         yield opened

@@ -17,8 +17,7 @@ from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeErro
 from simulators.bench import SimulatedBench
 from simulators.device import DEVICE_FAILURE, Refused, SimulatedDevice
 from simulators.scene import Scene
-from tests.conftest import hasty
-from tests.drivers.wire import Wire, listen
+from tests.drivers.wire import Wire, impatient, listen
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
@@ -42,7 +41,7 @@ class ModbusConformance:
     @classmethod
     def bench(cls, sim: SimulatedBench) -> Iterator[Bench]:
         """One for all tests of a device; each leaves it as it was."""
-        with Bench(hasty(sim.description), sim.clock, sim.operator) as opened:
+        with Bench(sim.description, sim.clock, sim.operator) as opened:
             yield opened
 
     @pytest.fixture
@@ -225,10 +224,12 @@ class ModbusConformance:
         writes: list[dict[str, float]] = []
         monkeypatch.setattr(simulated, "write", writes.append)
         wire = listen(device.link, monkeypatch)
-        with sim.clock.lock:  # the device stalls
-            with pytest.raises(LinkTimeout, match=f"^{re.escape(device.name)}: no valid answer .* within 0.2 s"):
-                device.set(**{field.name: inside(field)[1]})
-            assert len(wire.requests) == 1
+        with impatient(device.link):
+            with sim.clock.lock:  # the device stalls
+                with pytest.raises(LinkTimeout, match=f"^{re.escape(device.name)}: no valid answer .* within 0.2 s"):
+                    device.set(**{field.name: inside(field)[1]})
+                assert len(wire.requests) == 1
+            device.link.open()
         device.get("probe")
         assert len(writes) == 1
 
@@ -241,7 +242,7 @@ class ModbusConformance:
         wanted = device.get(field.name)
         other = next(f for f in device.contract.fields if f.size == field.size and f.name != field.name)
         connect = client.connect
-        with ExitStack() as stall:
+        with impatient(device.link), ExitStack() as stall:
 
             def reconnect() -> bool:
                 connected: bool = connect()
@@ -252,7 +253,8 @@ class ModbusConformance:
             with pytest.raises(LinkTimeout):
                 device.get(other.name)
             monkeypatch.setattr(client, "connect", reconnect)
-            assert device.get(field.name) == wanted
+            device.link.open()
+        assert device.get(field.name) == wanted
         assert device.get("probe") == PROBE
 
 
@@ -266,5 +268,5 @@ class RtuConformance(ModbusConformance):
             lambda: client.read_device_information(read_code=3, device_id=99),
         ]
         for ask in asks:
-            with pytest.raises(ModbusIOException):
+            with impatient(device.link), pytest.raises(ModbusIOException):
                 ask()

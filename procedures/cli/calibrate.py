@@ -50,6 +50,7 @@ def load_cell(
             out=out,
             settings={"masses_kg": procedure.MASSES, "repeats": procedure.REPEATS},
             check=lambda _: None,
+            calibrating=True,
         ) as session,
     ):
         created = session.started.isoformat(timespec="seconds")
@@ -62,7 +63,7 @@ def load_cell(
         path.parent.mkdir(parents=True, exist_ok=True)
     write_calibration(path, result.calibration)
     plot = report.plot_load_cell(result, session.bench.simulated, session.record.folder)
-    outcome = {**outcome, "calibration": str(path)}
+    outcome = {**outcome, "calibration": result.calibration.source, "calibration_file": str(path)}
     if output.as_json:
         output.json({**outcome, "points": result.points, **result.summary(), "plot": str(plot)})
     elif output.for_people:

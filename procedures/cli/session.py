@@ -93,8 +93,11 @@ def open_session(
     out: Path | None,
     settings: Mapping[str, object],
     check: Check,
+    calibrating: bool = False,
 ) -> Iterator[Session]:
     """Open the bench and its run; on the way out outputs are off, then the run is closed.
+
+    A run that is `calibrating` the load cell needs no calibration of it.
 
     Raises:
         UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses.
@@ -122,13 +125,13 @@ def open_session(
             check(description)
         opening = stack.enter_context(ExitStack())
         opened = opening.enter_context(Bench(description, clock, operator))
-        calibration = _calibration(opened)
+        calibration = THESIS_LOAD_CELL if calibrating else _calibration(opened)
         header = {
             "procedure": procedure,
             "simulated": opened.simulated,
             "started": started.isoformat(timespec="seconds"),
             "settings": dict(settings),
-            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.text},
+            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.to_toml()},
             "seed": None if chosen is None else chosen.seed,
             "bench": description.to_toml(),
             "devices": {device.name: device.serial for device in opened.devices},
@@ -142,12 +145,13 @@ def open_session(
         with storing(folder):
             (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
             if chosen is not None:
-                (folder / "scene.toml").write_text(chosen.text, encoding="utf-8")
-        design = chosen.design if chosen is not None else get_design("single")
+                (folder / "scene.toml").write_text(chosen.to_toml(), encoding="utf-8")
+        design = get_design(description.design)
         try:
             yield Session(opened, design, chosen, calibration, record, started, wall_start)
         except BaseException as error:
-            error.add_note(f"points already taken are kept in {record.folder}")
+            if record.points:
+                error.add_note(f"points already taken are kept in {record.folder}")
             raise
 
 
@@ -158,9 +162,11 @@ def calibration_path(serial: str) -> Path:
 
 
 def _calibration(bench: Bench) -> LoadCellCalibration:
-    """The stored calibration of this bench's indicator, else the thesis' own."""
+    """The stored calibration of this bench's indicator; a simulated one that has none takes the thesis' own."""
     path = calibration_path(bench.indicator.serial)
     if not path.exists():
+        if not bench.simulated:
+            raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
         return THESIS_LOAD_CELL
     calibration = read_calibration(path)
     if calibration.simulated != bench.simulated or calibration.device != (bench.indicator.serial or "unknown"):
@@ -185,6 +191,8 @@ def _run_folder(out: Path | None, procedure: str, started: datetime) -> Path:
         raise UsageError(f"{out} already holds a run; choose another --out")
     with storing(out):
         out.mkdir(parents=True, exist_ok=True)
+        if any(out.iterdir()):
+            raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
     return out
 
 
@@ -195,12 +203,15 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def _commit() -> str | None:
-    """Commit of the source tree palpate runs from, where there is one."""
-    here = Path(__file__).parent
+    """Commit of the source tree palpate runs from, marked where it was changed; None where there is no such tree."""
+    tree = Path(__file__).parents[2]
+    if not (tree / ".git").exists():
+        return None
     try:
         done = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=5
-        )
+            ["git", "-C", str(tree), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            capture_output=True, text=True, check=True, timeout=5,
+        )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Volts
+from instrument.quantity import Volts, VoltsPerNewton
 from simulators.effects.effect import Effect, Kind
 from simulators.randomness import Stream
 
@@ -20,6 +20,8 @@ class LoadCell(Effect):
     kind: ClassVar[Kind] = "static_nl"
     cancels_in_ratio: ClassVar[bool] = True
 
+    # at gage factor 8.98: the slope of Table 5.1 [T]
+    sensitivity: VoltsPerNewton = Field(default=10.306e-3, gt=0, le=10)
     # the intercept of Table 5.1 [T]
     zero: Volts = Field(default=1.81e-3, ge=-0.1, le=0.1)
     # standard deviation of one reading: loading and unloading in Table 5.1 differ by 0 or 1 count [A]

@@ -16,12 +16,16 @@ from pymodbus.pdu import ModbusPDU
 from drivers.bench import Bench
 from instrument.bench import BenchDescription
 from instrument.contract import Identity
-from instrument.errors import BenchError, IdentityError, LinkError, LinkTimeout
+from instrument.errors import BenchError, IdentityError, LinkError, LinkTimeout, SafetyError
 from instrument.sample import SAMPLES
 from simulators.bench import SimulatedBench
 from simulators.device import DEVICE_FAILURE, Refused
-from simulators.scene import Scene
 from tests.conftest import hasty
+
+ENDING = pytest.mark.parametrize(
+    ("number", "raised"),
+    [(signal.SIGTERM, SystemExit), (signal.SIGHUP, SystemExit), (signal.SIGINT, KeyboardInterrupt)],
+)
 
 
 def open_bench(sim: SimulatedBench, description: BenchDescription | None = None) -> Bench:
@@ -138,6 +142,19 @@ def test_a_stranger_is_not_written_to(sim: SimulatedBench, monkeypatch: pytest.M
     assert written == []
 
 
+def test_an_amplifier_that_tripped_is_refused_with_its_fault(sim: SimulatedBench) -> None:
+    sim.amplifier._latched = 0b1
+    with pytest.raises(SafetyError, match=r"shaker amplifier .* tripped on over_current"):
+        open_bench(sim).__enter__()
+
+
+def test_the_watchdog_that_ended_a_killed_run_is_cleared(sim: SimulatedBench) -> None:
+    sim.amplifier._latched = 0b1_0000
+    with open_bench(sim) as bench:
+        drive(bench)
+        assert driving(sim)
+
+
 # --- simulated or not ----------------------------------------------------------------------------------
 
 
@@ -185,22 +202,22 @@ def test_outputs_are_off_after_whatever_is_raised_inside(error: type[BaseExcepti
     assert is_closed(bench)
 
 
-@pytest.mark.parametrize(("number", "raised"), [(signal.SIGTERM, SystemExit), (signal.SIGINT, KeyboardInterrupt)])
+@ENDING
 def test_outputs_are_off_after_a_signal(
     number: signal.Signals, raised: type[BaseException], sim: SimulatedBench
 ) -> None:
-    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    before = signal.getsignal(number)
     with pytest.raises(raised) as ended, open_bench(sim) as bench:
         drive(bench)
         os.kill(os.getpid(), number)
         bench.clock.wait(1.0)
     assert not driving(sim)
-    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+    assert signal.getsignal(number) == before
     if isinstance(ended.value, SystemExit):
-        assert ended.value.code == 128 + signal.SIGTERM
+        assert ended.value.code == 128 + number
 
 
-@pytest.mark.parametrize(("number", "raised"), [(signal.SIGTERM, SystemExit), (signal.SIGINT, KeyboardInterrupt)])
+@ENDING
 @pytest.mark.parametrize("name", ["amplifier", "generator"])
 def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
     number: signal.Signals,
@@ -223,7 +240,7 @@ def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
     assert not driving(sim)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_while_outputs_are_switched_off_does_not_stop_that(
     number: signal.Signals, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -283,14 +300,14 @@ def test_an_error_of_any_kind_does_not_stop_the_shutdown(sim: SimulatedBench, mo
     assert sim.generator.settings["output"] == sim.generator.settings["amplitude"] == 0.0
 
 
-def test_the_amplifier_is_off_though_the_generator_is_gone(scene: Scene) -> None:
-    with SimulatedBench(scene) as sim, pytest.raises(BenchError, match="could not all be switched off"):
-        description = hasty(sim.description)
-        with Bench(description, sim.clock, sim.operator) as bench:
-            drive(bench)
-            bench.generator.link.close()
-            gone = bench.generator.link._client
-            gone.connect = lambda: False  # type: ignore[method-assign]
+def test_the_amplifier_is_off_though_the_generator_is_gone(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = open_bench(sim)
+    with pytest.raises(BenchError, match=r"could not all be switched off: .*nothing answers at"), bench:
+        drive(bench)
+        bench.generator.link.close()
+        monkeypatch.setattr(bench.generator.link._client, "connect", lambda: False)
     assert sim.amplifier.settings["enable"] == 0.0
 
 

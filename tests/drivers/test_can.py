@@ -12,7 +12,7 @@ from drivers.bench import Bench
 from drivers.can import CanLink
 from instrument.errors import DeviceError, LinkError, LinkTimeout
 from simulators.bench import SimulatedBench
-from tests.conftest import hasty
+from tests.drivers.wire import impatient_node
 
 
 def test_an_unknown_can_interface_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:
@@ -47,7 +47,7 @@ def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
     def unplugged(*_: object, **__: object) -> None:
         raise can.CanOperationError("adapter unplugged")
 
-    link = CanLink(hasty(sim.description).can)
+    link = CanLink(sim.description.can)
     link.open()
     node = link.add_node(1)
     monkeypatch.setattr(link.network.bus, "recv", unplugged)
@@ -61,24 +61,26 @@ def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
 
 
 def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
-    hasty_bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = hasty_bench.nodes[0]
+    node = bench.nodes[0]
     sdo: Any = node._node.sdo
 
     def interrupted() -> bytes:
         raise KeyboardInterrupt
 
-    with sim.clock.lock, monkeypatch.context() as patch:
+    with sim.clock.lock, impatient_node(node, monkeypatch), monkeypatch.context() as patch:
         patch.setattr(sdo, "read_response", interrupted)
         with pytest.raises(KeyboardInterrupt):
             node.set("sync_period", 0.5)
     assert node.get("sync_period") == 0.5
 
 
-def test_a_node_that_answers_what_nobody_asked_is_a_link_error(hasty_bench: Bench, sim: SimulatedBench) -> None:
-    node = hasty_bench.nodes[0]
-    with sim.clock.lock, pytest.raises(LinkTimeout):
+def test_a_node_that_answers_what_nobody_asked_is_a_link_error(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = bench.nodes[0]
+    with sim.clock.lock, impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
         node.get("probe")
     for _ in range(20):
         node._node.sdo.responses.put(bytes(8))

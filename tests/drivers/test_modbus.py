@@ -7,6 +7,7 @@ import re
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 
 import pytest
 from pymodbus.pdu import ModbusPDU
@@ -20,8 +21,7 @@ from instrument.contract import PROBE
 from instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene
-from tests.conftest import SHORT, hasty
-from tests.drivers.wire import Wire, listen
+from tests.drivers.wire import Wire, impatient, listen
 
 
 @pytest.fixture
@@ -49,20 +49,28 @@ def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU
 
 
 def test_a_closed_port_is_a_link_error_that_names_the_address(closed_port: int) -> None:
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port, timeout="1 s"))
+    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
     with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}; .* the bench file"):
         link.open()
 
 
 def test_a_serial_port_that_does_not_exist_is_a_link_error_that_names_it() -> None:
-    with pytest.raises(LinkError, match=r"nothing answers at /dev/no-such-port; .* the bench file"):
+    with pytest.raises(LinkError, match=r"there is no serial port /dev/no-such-port; .* the bench file"):
         ModbusLink.rtu(SerialLine(port="/dev/no-such-port")).open()
+
+
+def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    port = sim.description.line.port
+    with pytest.raises(LinkError, match=f"serial port {port} is in use by another program.* the bench file"):
+        ModbusLink.rtu(sim.description.line).open()
 
 
 @pytest.mark.usefixtures("nothing_left_behind")
 def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
     with SimulatedBench(scene) as sim:
-        address = hasty(sim.description).signal_generator
+        address = sim.description.signal_generator
         generator = SignalGenerator(ModbusLink.tcp(address), address.unit)
         generator.link.open()
         generator.connect()
@@ -73,84 +81,86 @@ def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
     generator.link.close()
 
 
-def test_a_late_reply_of_any_length_is_listened_to_in_pieces(
-    hasty_bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_late_reply_of_any_length_is_listened_to_in_pieces(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A slow line delivers a long reply byte by byte."""
-    line = hasty_bench.positioner.link
-    with monkeypatch.context() as patch, pytest.raises(LinkTimeout):
+    line = bench.positioner.link
+    with impatient(line), monkeypatch.context() as patch, pytest.raises(LinkTimeout):
         receive(line, patch, lambda _: b"")
-        hasty_bench.positioner.get("position")
+        bench.positioner.get("position")
     pieces = [b"\x02"] * (LARGEST_FRAME - 1) + [b""]
     with monkeypatch.context() as patch:
         patch.setattr(line._client, "recv", lambda _size: pieces.pop(0))
         line.open()
     assert pieces == []
-    assert hasty_bench.positioner.get("probe") == PROBE
+    assert bench.positioner.get("probe") == PROBE
 
 
 def test_a_line_that_never_falls_silent_is_a_link_error(
-    hasty_bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    line = hasty_bench.positioner.link
-    with sim.clock.lock, pytest.raises(LinkTimeout):
-        hasty_bench.positioner.get("position")
-    with monkeypatch.context() as patch:
-        patch.setattr(line._client, "recv", lambda _size: b"\xff" * 10)
-        with pytest.raises(LinkError, match="does not fall silent; look for a device that babbles"):
-            hasty_bench.positioner.get("position")
-    assert hasty_bench.positioner.get("probe") == PROBE
+    line = bench.positioner.link
+    with impatient(line), sim.clock.lock, pytest.raises(LinkTimeout):
+        bench.positioner.get("position")
+    with impatient(line):
+        with monkeypatch.context() as patch:
+            patch.setattr(line._client, "recv", lambda _size: b"\xff" * 10)
+            with pytest.raises(LinkError, match="does not fall silent; look for a device that babbles"):
+                bench.positioner.get("position")
+        line.open()
+    assert bench.positioner.get("probe") == PROBE
 
 
 @pytest.mark.parametrize("signal", [KeyboardInterrupt, SystemExit])
 def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
-    signal: type[BaseException], hasty_bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    signal: type[BaseException], bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    positioner = hasty_bench.positioner
+    positioner = bench.positioner
     client = positioner.link._client
-    connect, stalled = client.connect, sim.clock.lock
+    connect = client.connect
 
     def interrupted(_size: int | None) -> bytes:
         raise signal
 
-    stalled.acquire()
-    held = [stalled]
-    with monkeypatch.context() as patch:
-        patch.setattr(client, "recv", interrupted)
-        with pytest.raises(signal):
-            positioner.get("limit_high")
+    with impatient(positioner.link), ExitStack() as stall:
 
-    def reconnect() -> bool:
-        connected: bool = connect()
-        while held:
-            held.pop().release()
-        return connected
+        def reconnect() -> bool:
+            connected: bool = connect()
+            stall.close()
+            return connected
 
-    monkeypatch.setattr(client, "connect", reconnect)
+        stall.enter_context(sim.clock.lock)
+        with monkeypatch.context() as patch:
+            patch.setattr(client, "recv", interrupted)
+            with pytest.raises(signal):
+                positioner.get("limit_high")
+        monkeypatch.setattr(client, "connect", reconnect)
+        positioner.link.open()
     assert positioner.get("limit_low") == 0.0
 
 
-def test_noise_on_the_line_is_a_time_out_and_no_reading(hasty_bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as noisy:
-        receive(hasty_bench.indicator.link, noisy, lambda data: data[:-3] + bytes([data[-3] ^ 1]) + data[-2:])
+def test_noise_on_the_line_is_a_time_out_and_no_reading(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    line = bench.indicator.link
+    with impatient(line), monkeypatch.context() as noisy:
+        receive(line, noisy, lambda data: data[:-3] + bytes([data[-3] ^ 1]) + data[-2:])
         with pytest.raises(LinkTimeout):
-            hasty_bench.indicator.get("probe")
-    assert hasty_bench.indicator.get("probe") == PROBE
+            bench.indicator.get("probe")
+        line.open()
+    assert bench.indicator.get("probe") == PROBE
 
 
 @pytest.mark.parametrize("cut", [9, 10, 12])
 def test_a_reply_that_says_it_is_complete_and_is_not_is_no_reading(
-    cut: int, hasty_bench: Bench, monkeypatch: pytest.MonkeyPatch
+    cut: int, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def truncate(data: bytes) -> bytes:
         return data[:4] + (cut - 6).to_bytes(2) + data[6:cut]
 
     with monkeypatch.context() as broken:
-        receive(hasty_bench.generator.link, broken, truncate)
-        for ask in (hasty_bench.generator.connect, lambda: hasty_bench.generator.get("probe")):
+        receive(bench.generator.link, broken, truncate)
+        for ask in (bench.generator.connect, lambda: bench.generator.get("probe")):
             with pytest.raises((LinkError, DeviceError)):
                 ask()
-    assert hasty_bench.generator.get("probe") == PROBE
+    assert bench.generator.get("probe") == PROBE
 
 
 @pytest.mark.parametrize(
@@ -218,7 +228,7 @@ def test_a_failure_is_told_by_its_exception_only(
 ) -> None:
     """Without a handler of its own a library's warnings go to stderr, beside the one message that belongs there."""
     monkeypatch.setattr(logging.root, "handlers", [])
-    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port, timeout=f"{SHORT} s"))
+    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
     with pytest.raises(LinkError):
         link.open()
     for name in ("canopen.sdo.client", "can.bus"):
@@ -226,9 +236,10 @@ def test_a_failure_is_told_by_its_exception_only(
     assert capsys.readouterr().err == ""
 
 
-def test_a_message_names_the_link_that_failed(hasty_bench: Bench, sim: SimulatedBench) -> None:
-    with sim.clock.lock, pytest.raises(LinkTimeout, match=re.escape(sim.description.line.port)):
-        hasty_bench.indicator.read()
+def test_a_message_names_the_link_that_failed(bench: Bench, sim: SimulatedBench) -> None:
+    port = re.escape(sim.description.line.port)
+    with impatient(bench.indicator.link), sim.clock.lock, pytest.raises(LinkTimeout, match=port):
+        bench.indicator.read()
 
 
 def test_threads_take_turns_on_a_link(bench: Bench) -> None:

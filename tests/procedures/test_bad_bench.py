@@ -49,7 +49,7 @@ def closed_port() -> int:
     [
         ("signal_generator", {"port": None}, "nothing answers at 127.0.0.1:"),
         ("shaker_amplifier", {"port": None}, "nothing answers at 127.0.0.1:"),
-        ("line", {"port": "/dev/ttyNONE"}, "nothing answers at /dev/ttyNONE; check power, cable"),
+        ("line", {"port": "/dev/ttyNONE"}, "there is no serial port /dev/ttyNONE"),
         ("strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
         ("can", {"nodes": (9,)}, "sensor node 9 at virtual:"),
         ("can", {"interface": "nosuch"}, "CAN bus nosuch:"),

@@ -142,7 +142,7 @@ def test_a_killed_sweep_keeps_every_point_it_reported(
 def test_a_sweep_that_is_told_to_stop_ends_with_its_outputs_off(
     sweeps: subprocess.Popen[str], palpate: Palpate, tmp_path: Path, number: signal.Signals, status: int
 ) -> None:
-    end = signalled(sweeps, tmp_path / "run", number, "tick", 70)
+    end = signalled(sweeps, tmp_path / "run", number, "tick", 110)
     assert (end.status, end.outputs) == (status, OFF)
     assert end.reported > 0
     run = Run.open(tmp_path / "run")

@@ -130,7 +130,7 @@ def test_a_reading_that_is_not_valid_ends_the_calibration(
 def test_the_command_gives_the_public_names_and_stores_the_calibration(palpate: Palpate) -> None:
     result = palpate("calibrate", "load-cell", "--json").object
     assert result.keys() >= RESULT
-    assert result["calibration"] == str(FILE)
+    assert result["calibration_file"] == str(FILE)
     stored = tomllib.loads(FILE.read_text(encoding="utf-8"))
     assert stored["sensitivity_mV_per_N"] == result["sensitivity_mV_per_N"]
     assert (stored["device"], stored["simulated"]) == ("SIM-SI-0001", True)

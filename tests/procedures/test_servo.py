@@ -16,7 +16,7 @@ from instrument.calibration import THESIS_LOAD_CELL
 from instrument.errors import DeviceError, PalpateError, SafetyError, UnreachableError
 from instrument.models.response import Load, response
 from instrument.sample import SAMPLES
-from procedures.load_sweep import CURRENT_LIMIT, FULL_SCALE_MV, GAGE_FACTOR, GAIN, Progress
+from procedures.load_sweep import Progress
 from procedures.run import Run
 from procedures.servo import LoadServo, preload
 from simulators.bench import SimulatedBench
@@ -29,8 +29,6 @@ SERVO_STEP = 1.0  # s at 10 Hz: 0.5 s of window and four readings
 
 def mount(bench: Bench, sample: str = "2", force: float = PRELOAD) -> LoadServo:
     """A sample under the probe and the amplifier on, the amplitude still at zero."""
-    bench.amplifier.configure(GAIN, CURRENT_LIMIT, bench.description.watchdog)
-    bench.indicator.configure(GAGE_FACTOR, FULL_SCALE_MV)
     bench.operator.mount(SAMPLES[sample])
     preloaded = preload(bench, THESIS_LOAD_CELL, force)
     bench.drive()
@@ -112,7 +110,7 @@ def test_the_probe_is_pressed_on_with_the_preload(sim: SimulatedBench, bench: Be
 def test_a_preload_beyond_the_travel_is_refused(bench: Bench) -> None:
     bench.operator.mount(SAMPLES["2"])
     bench.positioner.set_limits(0.0, 10e-3)
-    with pytest.raises(UnreachableError, match=r"preload of 2\.4 N is not reached: .* of 10\.000 mm"):
+    with pytest.raises(UnreachableError, match=r"preload of 2\.4 N is not reached: .* ends at 10\.000 mm"):
         preload(bench, THESIS_LOAD_CELL, PRELOAD)
 
 
@@ -150,7 +148,7 @@ def test_a_load_beyond_the_current_limit_is_refused_before_the_amplifier_trips(
     sim: SimulatedBench, bench: Bench
 ) -> None:
     servo = mount(bench)
-    bench.amplifier.configure(GAIN, 1.0, bench.description.watchdog)
+    bench.amplifier.configure(2.0, 1.0, bench.description.watchdog)
     servo = LoadServo(bench, THESIS_LOAD_CELL, 10.0, PRELOAD)
     with pytest.raises(UnreachableError, match=r"4 N peak to peak needs .* A from the amplifier, whose limit is 1 A"):
         servo.set(4.0)

@@ -17,7 +17,7 @@ from simulators.can import CanSegment
 from simulators.clock import VirtualClock
 from simulators.rig import Rig
 from simulators.scene import Scene
-from tests.drivers.wire import frames, payloads
+from tests.drivers.wire import frames, impatient_node, payloads
 
 BOOT_UP, PRE_OPERATIONAL, OPERATIONAL, STOPPED = b"\x00", b"\x7f", b"\x05", b"\x04"
 HEARTBEAT, EMERGENCY = 0x700, 0x80
@@ -80,12 +80,12 @@ def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: 
 
 
 def test_a_stopped_node_answers_no_request_and_sends_no_samples(
-    hasty_bench: Bench, sim: SimulatedBench, listener: can.BusABC
+    bench: Bench, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = hasty_bench.nodes[0]
+    node = bench.nodes[0]
     node.arm()
     node.link.command(node._node, "STOPPED")
-    with pytest.raises(LinkTimeout):
+    with impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
         node.get("probe")
     sync(listener)
     sim.clock.wait(1.0)

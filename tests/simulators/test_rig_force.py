@@ -11,7 +11,7 @@ from instrument.sample import SAMPLES
 from simulators.clock import VirtualClock
 from simulators.lti import Floats
 from simulators.rig import Rig
-from simulators.strain_indicator import SENSITIVITY, StrainIndicator
+from simulators.strain_indicator import IDEAL_SENSITIVITY, StrainIndicator
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
 
 
@@ -114,7 +114,7 @@ def test_the_peak_detector_reads_the_swing_of_the_load_whatever_its_mean() -> No
         device = indicator(rig, clock, 0.5)
         clock.wait(1.0)
         swing = 2 * 2.0 * 4.0 / 3.5 * share(rig.scene, "2")
-        assert device.read("reading_float") == pytest.approx(SENSITIVITY * swing, rel=1e-4)
+        assert device.read("reading_float") == pytest.approx(1e3 * IDEAL_SENSITIVITY * swing, rel=1e-4)
 
 
 def test_the_peak_detector_forgets_a_larger_swing_after_its_window_and_not_before() -> None:
