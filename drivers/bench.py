@@ -18,8 +18,10 @@ from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import BenchDescription
-from instrument.errors import BenchError, PalpateError
+from instrument.errors import BenchError
 from instrument.operator import Operator
+
+TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # a closed terminal hangs up
 
 
 class WatchedClock:
@@ -49,7 +51,7 @@ class Bench:
     """All devices of a bench, as a context manager.
 
     On entry every device is opened and identified, the generator is set to zero and the amplifier
-    disabled. On every way out, SIGINT and SIGTERM included, the generator is zeroed and the amplifier
+    disabled. On every way out, SIGINT, SIGTERM and SIGHUP included, the generator is zeroed and the amplifier
     disabled again; where that fails, or the program is killed, the amplifier's watchdog drops the output.
     """
 
@@ -66,7 +68,7 @@ class Bench:
         self.positioner = Positioner(line, description.positioner.unit, self.clock)
         can = CanLink(description.can)
         self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
-        self._links: list[ModbusLink | CanLink] = [self.generator.link, self.amplifier.link, line, can]
+        self._other_links: list[ModbusLink | CanLink] = [line, can]
         self._stack = ExitStack()
 
     @property
@@ -81,16 +83,21 @@ class Bench:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(_terminate_as_exit())
-            for link in self._links:
-                link.open()
-                stack.callback(link.close)
-            for device in self.devices:
-                device.connect()
+            self._open(self.amplifier.link, stack)
+            self.amplifier.connect()
+            self.amplifier.disable()  # a bench that was left driving stops, whatever cannot be opened next
+            self._open(self.generator.link, stack)
+            self.generator.connect()
             stack.push(self._make_safe)
-            self.amplifier.disable()
+            for link in self._other_links:
+                self._open(link, stack)
+            self.indicator.connect()
+            self.positioner.connect()
+            for node in self.nodes:
+                node.connect()
             self.generator.output(False)
             self.generator.sine(10.0, 0.0)
-            self.amplifier.set(watchdog=self.description.watchdog)
+            self._configure()
             self._stack = stack.pop_all()
         return self
 
@@ -99,10 +106,30 @@ class Bench:
     ) -> None:
         self._stack.__exit__(kind, error, trace)
 
+    def _open(self, link: ModbusLink | CanLink, stack: ExitStack) -> None:
+        link.open()
+        stack.callback(link.close)
+
+    def _configure(self) -> None:
+        """Put the bench file's settings into amplifier and indicator.
+
+        Raises:
+            SafetyError: the amplifier has tripped on anything but its watchdog, which every killed run leaves.
+        """
+        if self.amplifier.read().faults_latched == {"watchdog"}:
+            self.amplifier.clear_faults()
+        self.amplifier.check()
+        amplifier, indicator = self.description.shaker_amplifier, self.description.strain_indicator
+        self.amplifier.configure(amplifier.gain, amplifier.current_limit, self.description.watchdog)
+        self.indicator.configure(indicator.gage_factor, 1e3 * indicator.full_scale)
+
     def drive(self) -> None:
-        """Enable the amplifier and close the generator's output, at zero amplitude; watching starts."""
+        """Enable the amplifier and close the generator's output, at zero amplitude; watching starts.
+
+        Raises:
+            DeviceError: a fault is latched; see `ShakerAmplifier.clear_faults`.
+        """
         self.generator.sine(10.0, 0.0)
-        self.amplifier.clear_faults()
         self.amplifier.enable()
         self.generator.output(True)
         self.clock.watching = True
@@ -115,14 +142,14 @@ class Bench:
         self.amplifier.disable()
 
     def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Switch off by every means there is, whatever fails; further signals wait until it is done."""
+        """Switch off by every means there is, whatever fails; signals meanwhile are ignored."""
         self.clock.watching = False
         failures: list[str] = []
         with _signals_held():
             for step in (self.amplifier.disable, lambda: self.generator.output(False), self._zero):
                 try:
                     step()
-                except PalpateError as failure:
+                except Exception as failure:  # of a defect too: the next means must still be tried
                     failures.append(str(failure))
         if failures:
             message = (
@@ -144,7 +171,7 @@ def _in_main_thread() -> bool:
 
 @contextmanager
 def _terminate_as_exit() -> Any:
-    """SIGTERM raises SystemExit, so that it takes the same way out as everything else."""
+    """SIGTERM and SIGHUP raise SystemExit, so that they take the same way out as everything else."""
 
     def terminate(number: int, _frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
@@ -152,20 +179,21 @@ def _terminate_as_exit() -> Any:
     if not _in_main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, terminate)
+    before = {number: signal.signal(number, terminate) for number in TERMINATIONS}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
 def _signals_held() -> Any:
-    """SIGINT and SIGTERM are ignored while outputs are being switched off."""
+    """SIGINT, SIGTERM and SIGHUP are ignored while outputs are being switched off."""
     if not _in_main_thread():
         yield
         return
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *TERMINATIONS)}
     try:
         yield
     finally:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -14,11 +16,14 @@ from instrument.bench import SerialLine, TcpAddress
 from instrument.contract import PROBE, Contract, Value
 from instrument.errors import DeviceError, IdentityError, LinkError, LinkTimeout, UsageError
 
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
+
 EXCEPTIONS = {
     1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 5: "acknowledge",
     6: "device busy", 7: "negative acknowledge", 8: "memory parity error", 10: "gateway path unavailable",
     11: "gateway target did not respond",
 }  # fmt: skip
+LARGEST_FRAME = 256  # bytes on a serial line
 EXTENDED_IDENTITY = 3
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
 
@@ -42,16 +47,16 @@ class ModbusLink:
     """One TCP connection or one serial line, shared by the devices on it under one lock.
 
     pymodbus is asked for no retries: a write that timed out may have been carried out, so whether to
-    repeat it is the caller's decision. After a time-out a reply may still be on its way; on a serial line
-    it would answer the next request. The link is therefore closed, and a serial line is listened to until
-    it has been silent for a whole time-out before it is used again.
+    repeat it is the caller's decision. After a time-out, or a signal in the middle, a reply may still be on
+    its way; on a serial line it would answer the next request. The link is therefore opened afresh, and a
+    serial line is listened to until it has been silent for a whole time-out before it is used again.
     """
 
     def __init__(self, name: str, client: ModbusTcpClient | ModbusSerialClient) -> None:
         self.name = name
         self._client = client
         self._lock = threading.Lock()
-        self._late_reply_possible = False
+        self._reply_due = False
 
     @classmethod
     def tcp(cls, address: TcpAddress) -> ModbusLink:
@@ -83,15 +88,37 @@ class ModbusLink:
         self._client.close()  # type: ignore[no-untyped-call]
 
     def _connect(self) -> None:
-        if not self._client.connect():
-            raise LinkError(f"nothing answers at {self.name}; check power, cable and the address in the bench file")
-        if self._late_reply_possible and isinstance(self._client, ModbusSerialClient):
-            for _ in range(10):
-                if not self._client.recv(1):
-                    break
-            else:
-                raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
-        self._late_reply_possible = False
+        if self._reply_due:
+            self._drop()
+        try:
+            connected = self._client.connect()
+        except ValueError as error:  # a host name that cannot be one
+            raise LinkError(f"{self.name} is no address: {error}; correct it in the bench file") from None
+        if not connected:
+            raise LinkError(f"{self._refusal()}; correct the bench file, or check power and cable")
+        if self._reply_due and isinstance(self._client, ModbusSerialClient):
+            self._await_silence(self._client)
+        self._reply_due = False
+
+    def _refusal(self) -> str:
+        """Why the link cannot be opened; pymodbus keeps that to itself."""
+        if not isinstance(self._client, ModbusSerialClient):
+            return f"nothing answers at {self.name}"
+        if not Path(self.name).exists():
+            return f"there is no serial port {self.name}"
+        return f"serial port {self.name} is in use by another program or may not be opened"
+
+    def _await_silence(self, line: ModbusSerialClient) -> None:
+        heard = 0
+        try:
+            while heard <= LARGEST_FRAME:
+                late = line.recv(None)
+                if not late:
+                    return
+                heard += len(late)
+        except ConnectionException as error:
+            raise LinkError(f"{self.name} is lost; check cable and power") from error
+        raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
 
     def transact(self, who: str, request: Callable[..., ModbusPDU], *args: object, **kwargs: Any) -> ModbusPDU:
         """Send one request and return its reply, which is no exception response.
@@ -101,22 +128,21 @@ class ModbusLink:
             DeviceError: the device answered with an exception response.
         """
         with self._lock:
-            if self._late_reply_possible:
+            if self._reply_due:
                 self._connect()
+            self._reply_due = True
             try:
                 reply = request(self._client, *args, **kwargs)
             except ConnectionException as error:
                 raise LinkError(f"{who}: the connection to {self.name} is lost; check cable and power") from error
             except ModbusIOException as error:
-                self._drop()
-                self._late_reply_possible = True
                 raise LinkTimeout(
                     f"{who}: no valid answer on {self.name} within {self._client.comm_params.timeout_connect:g} s; "
                     "check power, cable and unit id"
                 ) from error
             except (ModbusException, OSError) as error:
-                self._drop()
                 raise LinkError(f"{who}: {self.name} failed: {error}; check cable and power") from error
+            self._reply_due = False
         if reply.isError():
             code = getattr(reply, "exception_code", 0)
             raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}")
@@ -187,7 +213,10 @@ class ModbusDevice:
             LinkError, LinkTimeout, DeviceError: no answer, or an exception response.
         """
         start, count = self.contract.block(names)
-        reply = self.link.transact(self.name, _read, start, count, self.unit)
+        try:
+            reply = self.link.transact(self.name, _read, start, count, self.unit)
+        except DeviceError as error:
+            raise DeviceError(f"{error}, to a read of {', '.join(names)}") from None
         if reply.function_code != 3 or len(reply.registers) != count:
             raise DeviceError(
                 f"{self.name}: answered function {reply.function_code} with {len(reply.registers)} registers "
@@ -222,9 +251,4 @@ class ModbusDevice:
             raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
 
     def _described(self, values: dict[str, Value]) -> str:
-        parts = []
-        for name, value in values.items():
-            field = self.contract[name]
-            limits = "" if field.maximum is None else f" ({field.minimum:g} to {field.maximum:g})"
-            parts.append(f"{name} = {value} {field.unit}".rstrip() + limits)
-        return ", ".join(parts)
+        return ", ".join(self.contract.described(name, value) for name, value in values.items())

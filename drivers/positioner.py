@@ -57,14 +57,18 @@ class Positioner(ModbusDevice):
         self.set(command="stop")
 
     def set_limits(self, low: float, high: float) -> None:
-        """Set the soft limits in m."""
+        """Set the soft limits in m. Raises RangeError where `low` is above `high`; nothing is sent."""
+        if not low <= high:
+            raise RangeError(
+                f"micro-positioner: lower limit {1e3 * low:g} mm is not at or below the upper limit {1e3 * high:g} mm"
+            )
         self.set(limit_low=low, limit_high=high)
         self._limits = (low, high)
 
     def _wait(self, target: float, expected: float, timeout: float) -> None:
         """Wait the `expected` s, then poll until it stands."""
-        self._clock.wait(expected)
-        waited = expected
+        waited = min(expected, timeout)
+        self._clock.wait(waited)
         while True:
             position, status = self.get_many("position", "status")
             if "moving" not in self.contract.set_bits("status", status):

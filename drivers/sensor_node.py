@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from drivers.clock import Clock
 from instrument.contract import PROBE, Value, sdo
 from instrument.contracts import sensor_node
 from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, SYNC_COB_ID, SYNC_PRODUCER
-from instrument.errors import DeviceError, IdentityError, LinkError
+from instrument.errors import DeviceError, IdentityError, LinkError, RangeError
 
 CONTRACT = sensor_node.CONTRACT
 _SAMPLES, _STAMP = CONTRACT.pdos
@@ -72,7 +73,7 @@ class SensorNode:
         if (probe := int(self.get("probe"))) != PROBE:
             raise IdentityError(
                 f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
-                "this node is not little-endian as CANopen asks"
+                "this node is not little-endian as CANopen asks; update its firmware"
             )
         self.serial = f"{int(self.get('serial')):08X}"
         self.simulated = self._text(sdo(0x1009)) == "simulated"
@@ -86,7 +87,10 @@ class SensorNode:
     def get(self, name: str) -> float:
         """Physical value of one object."""
         field = CONTRACT[name]
-        data = self.link.upload(self.name, self._node, field.index, field.subindex)
+        try:
+            data = self.link.upload(self.name, self._node, field.index, field.subindex)
+        except DeviceError as error:
+            raise DeviceError(f"{error}, reading {name}") from None
         if len(data) != field.size:
             raise DeviceError(f"{self.name}: {name} came with {len(data)} bytes where {field.size} belong; not used")
         return CONTRACT.decode(name, data)
@@ -98,7 +102,7 @@ class SensorNode:
         try:
             self.link.download(self.name, self._node, field.index, field.subindex, data)
         except DeviceError as error:
-            raise DeviceError(f"{error}, writing {name} = {value} {field.unit}".rstrip()) from None
+            raise DeviceError(f"{error}, writing {CONTRACT.described(name, value)}") from None
 
     def _text(self, address: int) -> str:
         return self.link.upload(self.name, self._node, address >> 8, address & 0xFF).decode("ascii", "replace")
@@ -109,7 +113,13 @@ class SensorNode:
         self._volts_per_count[channel - 1] = RANGE_VOLTS[sensor_node.RANGES[range_]] / FULL_SCALE_COUNTS
 
     def set_sample_rate(self, rate: float) -> None:
-        """Set the cycle of SYNC to 1/`rate`; it counts for all nodes while this one produces SYNC."""
+        """Set the cycle of SYNC to 1/`rate` s; it counts for all nodes while this one produces SYNC.
+
+        Raises:
+            RangeError: not above 0 Hz, or a cycle outside the contract's limits.
+        """
+        if not rate > 0:
+            raise RangeError(f"{self.name}: sample rate {rate:g} Hz must be above 0")
         self.set("sync_period", 1.0 / rate)
         self.rate = 1.0 / self.get("sync_period")
 
@@ -173,10 +183,16 @@ def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
     sample up to there has arrived; each count is then checked against what came.
 
     Raises:
+        RangeError: less than one sample; nothing is sent.
         LinkError: samples were lost. DeviceError: the nodes sampled too few.
     """
     producer = nodes[0]
-    count = round(duration * producer.rate)
+    samples = duration * producer.rate
+    if not (math.isfinite(samples) and samples >= 0.5):
+        raise RangeError(
+            f"{producer.name}: duration {duration:g} s is not finite and at least one sample at {producer.rate:g} Hz"
+        )
+    count = round(samples)
     for node in nodes:
         node.rate = producer.rate
         node.arm()

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from drivers.modbus import ModbusDevice
 from instrument.contracts import signal_generator
+from instrument.contracts.signal_generator import LARGEST_PEAK
 from instrument.errors import RangeError
-
-LARGEST_PEAK = 10.0  # V, amplitude + |offset|
 
 
 class SignalGenerator(ModbusDevice):

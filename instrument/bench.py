@@ -11,9 +11,12 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator
 
 from instrument.config import Config, read
-from instrument.quantity import Newtons, Seconds
+from instrument.designs import get_design
+from instrument.errors import UnknownName
+from instrument.quantity import Amperes, Newtons, Seconds, Volts
 
 Unit = Annotated[int, Field(ge=1, le=247)]
+Timeout = Annotated[Seconds, Field(gt=0, le=60)]
 
 
 class TcpAddress(Config):
@@ -22,7 +25,14 @@ class TcpAddress(Config):
     host: str = Field(min_length=1)
     port: int = Field(default=502, ge=1, le=65535)
     unit: Unit = 1
-    timeout: Seconds = 1.0
+    timeout: Timeout = 1.0
+
+
+class Amplifier(TcpAddress):
+    """The shaker amplifier and its settings."""
+
+    gain: float = Field(default=2.0, ge=0, le=20, strict=True)  # V/V [A]
+    current_limit: Amperes = Field(default=5.0, ge=0.1, le=6)  # peak [A]
 
 
 class SerialLine(Config):
@@ -32,13 +42,21 @@ class SerialLine(Config):
     baudrate: int = Field(default=115200, ge=1200, le=4_000_000)
     parity: Annotated[str, Field(pattern="^[NEO]$")] = "N"
     stopbits: int = Field(default=1, ge=1, le=2)
-    timeout: Seconds = 1.0
+    timeout: Timeout = 1.0
 
 
 class RtuAddress(Config):
     """A unit on the serial line."""
 
     unit: Unit
+
+
+class Indicator(RtuAddress):
+    """The strain indicator and its settings."""
+
+    unit: Unit = 1
+    gage_factor: float = Field(default=8.98, ge=0.5, le=20, strict=True)  # [T]
+    full_scale: Volts = Field(default=0.2, ge=0.01, le=30)  # reading above which overload is flagged [A]
 
 
 class CanBus(Config):
@@ -48,7 +66,7 @@ class CanBus(Config):
     channel: str
     bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
     nodes: tuple[Annotated[int, Field(ge=1, le=127)], ...] = Field(min_length=1, max_length=20)
-    timeout: Seconds = 1.0
+    timeout: Timeout = 1.0
 
     @field_validator("nodes")
     @classmethod
@@ -62,14 +80,23 @@ class BenchDescription(Config):
     """A whole bench file."""
 
     name: str
+    design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
     watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)
     signal_generator: TcpAddress
-    shaker_amplifier: TcpAddress
+    shaker_amplifier: Amplifier
     line: SerialLine
-    strain_indicator: RtuAddress = RtuAddress(unit=1)
+    strain_indicator: Indicator = Indicator()
     positioner: RtuAddress = RtuAddress(unit=2)
     can: CanBus
+
+    @field_validator("design")
+    @classmethod
+    def _known(cls, design: str) -> str:
+        try:
+            return get_design(design).name
+        except UnknownName as error:
+            raise ValueError(str(error)) from None
 
     def to_toml(self) -> str:
         """The bench file that reads back as this description."""

@@ -36,7 +36,7 @@ def read(path: Path, model: type[M]) -> M:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}; give the path of a file that exists") from None
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not text; a TOML file in UTF-8 belongs here") from None
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # brackets without end nest too deep
         raise ConfigError(f"{path}: is not TOML: {error}") from None
     return check(data, model, str(path))
 

@@ -139,10 +139,16 @@ class Contract:
             raise RangeError(f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip())
         return _to_raw(f, value)
 
+    def described(self, name: str, value: Value) -> str:
+        """A setting with its unit and limits or choices, for messages."""
+        f = self[name]
+        limits = ", ".join(f.choices) if f.choices else "{:g} to {:g}".format(*_limits(f))
+        return f"{name} = {value} {f.unit}".rstrip() + f" ({limits})"
+
     def allows(self, name: str, value: float) -> bool:
         """Whether a physical value is, to the field's resolution, within its limits and choices; NaN never is."""
         f = self[name]
-        if not math.isfinite(value):
+        if not math.isfinite(value / f.scale):
             return False
         low, high = (_to_raw(f, limit) if math.isfinite(limit) else limit for limit in _limits(f))
         return low <= _to_raw(f, value) <= high and (not f.choices or value in f.choices.values())
@@ -153,13 +159,16 @@ class Contract:
 
     def encode(self, name: str, value: Value) -> bytes:
         """Wire bytes of `value`. Raises RangeError as `raw` does."""
-        return self._codec[name].pack(self.raw(name, value))
+        raw = self.raw(name, value)
+        return self._codec[name].pack(raw)
 
     def decode(self, name: str, data: bytes) -> float:
         """Physical value of wire bytes; NaN stays NaN. Raises struct.error on a wrong length."""
         raw: float = self._codec[name].unpack(data)[0]
         f = self._by_name[name]
-        return raw if f.scale == 1.0 else raw * f.scale
+        if f.scale >= 1.0:
+            return raw * f.scale
+        return raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
 
     def set_bits(self, name: str, value: float) -> frozenset[str]:
         """Names of the bits that are set in a status word."""

@@ -8,12 +8,20 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+import re
+from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, PlainSerializer
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
 from instrument.errors import QuantityError
+
+# Only the unit goes to pint: of a whole text it would also evaluate powers, such as 9**9**9.
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>(?:[A-Za-zµμΩ°%]+(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
+    re.ASCII,
+)
 
 
 @functools.cache
@@ -36,27 +44,30 @@ def parse(text: str, unit: str) -> float:
     """
     import pint
 
-    registry = _registry()
     example = f"write for example {_example(unit)!r}"
-    try:
-        quantity = registry.Quantity(text.strip())
-        value = float(quantity.magnitude)
-    except (pint.PintError, ValueError, TypeError, ArithmeticError, AttributeError, AssertionError):
-        raise QuantityError(f"{text!r} is not a quantity; {example}") from None
-    except Exception as error:  # pint lets errors of its tokenizer through
-        if type(error).__module__.split(".")[0] in ("pint", "tokenize", "builtins"):
-            raise QuantityError(f"{text!r} is not a quantity; {example}") from None
-        raise
+    found = _QUANTITY.fullmatch(text)
+    if found is None:
+        raise QuantityError(f"{text[:100]!r} is not a quantity; {example}")
+    value = float(found["number"])
     if not math.isfinite(value):
         raise QuantityError(f"{text!r} is not finite; {example}")
+    try:
+        quantity = _registry().Quantity(value, _spelled(found["unit"]))
+    except pint.UndefinedUnitError:
+        raise QuantityError(f"{text!r}: {found['unit']!r} is no unit; {example}") from None
     if unit and quantity.unitless:
         raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
     try:
-        return float(quantity.to(unit or "dimensionless").magnitude)
+        return float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
     except pint.DimensionalityError:
         raise QuantityError(
             f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {example}"
         ) from None
+
+
+def _spelled(unit: str) -> str:
+    """The unit as pint reads it."""
+    return unit.replace("√Hz", "Hz**0.5")
 
 
 def _example(unit: str) -> str:
@@ -74,28 +85,32 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
 
 
-def _reader(unit: str) -> Callable[[object], object]:
-    def read(value: object) -> float:
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """Marks a field of a configuration file: text with a unit in the file, an SI float inside."""
+
+    unit: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(
+            self._read,
+            handler(source),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda value: f"{value!r} {self.unit}"),
+        )
+
+    def _read(self, value: object) -> float:
         if isinstance(value, str):
-            return parse(value, unit)
-        raise ValueError(f"{value!r} needs a unit; write it as text, for example {_example(unit)!r}")
-
-    return read
+            return parse(value, self.unit)
+        raise ValueError(f"{value!r} needs a unit; write it as text, for example {_example(self.unit)!r}")
 
 
-def _field(unit: str) -> Any:
-    return Annotated[
-        float,
-        BeforeValidator(_reader(unit)),
-        PlainSerializer(lambda value: f"{value!r} {unit}"),
-    ]
-
-
-# Fields of configuration files: text with a unit in the file, an SI float inside.
-Newtons = _field("N")
-Pascals = _field("Pa")
-Metres = _field("m")
-Seconds = _field("s")
-Hertz = _field("Hz")
-Volts = _field("V")
-Amperes = _field("A")
+Newtons = Annotated[float, Unit("N")]
+Metres = Annotated[float, Unit("m")]
+Seconds = Annotated[float, Unit("s")]
+Volts = Annotated[float, Unit("V")]
+Amperes = Annotated[float, Unit("A")]
+Ohms = Annotated[float, Unit("ohm")]
+NewtonsPerAmpere = Annotated[float, Unit("N/A")]
+VoltsPerNewton = Annotated[float, Unit("V/N")]
+NewtonsPerMetre = Annotated[float, Unit("N/m")]
+VoltsPerRootHertz = Annotated[float, Unit("V/√Hz")]

@@ -9,7 +9,6 @@ from typing import Any
 from drivers.bench import Bench
 from instrument.calibration import STANDARD_GRAVITY, LoadCellCalibration, calibrate_load_cell
 from instrument.errors import DeviceError
-from procedures.load_sweep import FULL_SCALE_MV, GAGE_FACTOR
 from procedures.record import Recorder
 
 PROCEDURE = "calibrate-load-cell"
@@ -54,7 +53,7 @@ def run(bench: Bench, record: Recorder, progress: Progress, created: str) -> Loa
     """
     bench.rest()
     bench.positioner.home()
-    bench.indicator.configure(GAGE_FACTOR, FULL_SCALE_MV)
+    bench.indicator.clear_tare()
     bench.indicator.track(FILTER)
     readings: dict[str, list[list[float]]] = {"loading": [], "unloading": []}
     points: list[dict[str, Any]] = []

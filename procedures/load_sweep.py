@@ -12,25 +12,27 @@ import numpy as np
 from drivers.bench import Bench
 from drivers.sensor_node import Recording
 from instrument.calibration import LoadCellCalibration
+from instrument.contracts import signal_generator
 from instrument.design import Design
-from instrument.errors import EstimateError, RangeError
+from instrument.errors import EstimateError, RangeError, UnreachableError
 from instrument.estimate import amplitude_ratio, fit_sine
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from procedures.record import Recorder
-from procedures.servo import LoadServo, preload, read_indicator
+from procedures.servo import LoadServo, check_zero, preload
 
 PROCEDURE = "sweep-loads"
-GAGE_FACTOR = 8.98  # [T]
-FULL_SCALE_MV = 200.0
-GAIN = 2.0  # V/V
-CURRENT_LIMIT = 5.0  # A
 PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
 SAMPLES_PER_CYCLE = 25
 FREQUENCIES = (0.5, 100.0)  # Hz
+FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 LARGEST_DWELL = 3600.0  # s
+LARGEST_COUNT = 1000  # loads
+SMALLEST_LOAD = 2.0  # steps of the indicator
+LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
 SETTLING = 5.0  # s, five time constants of the charge amplifier
-SENSITIVE_RANGE, WIDE_RANGE = ("500 mV", 0.5), ("5 V", 5.0)
+SENSITIVE_RANGE, WIDE_RANGE = "500 mV", "5 V"
+RANGES_V = {SENSITIVE_RANGE: 0.5, WIDE_RANGE: 5.0}
 HEADROOM = 1.5
 
 Progress = Callable[[int, int, str], None]
@@ -48,7 +50,10 @@ class SweepSettings:
 
 @dataclass(frozen=True, slots=True)
 class LoadPoint:
-    """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty."""
+    """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
+
+    Not `valid`: a film was over-ranged, the node reported a fault, or the load drifted off during the dwell.
+    """
 
     sample: str
     load_N: float
@@ -99,10 +104,10 @@ def parse_loads(text: str) -> tuple[float, ...]:
         first, last, step = (parse(part, "N") for part in parts)
         if not (step > 0 and last >= first):
             raise RangeError(f"loads {text!r}: give first:last:step with last >= first and step > 0")
-        count = math.floor((last - first) / step * (1 + 1e-12) + 1e-9) + 1
-        if count > 1000:
-            raise RangeError(f"loads {text!r}: {count} loads, at most 1000; take a larger step")
-        loads = tuple(round(first + i * step, 12) for i in range(count))
+        steps = (last - first) / step * (1 + 1e-12) + 1e-9
+        if not steps < LARGEST_COUNT:
+            raise RangeError(f"loads {text!r}: more than {LARGEST_COUNT} loads; take a larger step")
+        loads = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
     elif len(parts) == 1:
         loads = tuple(parse(part, "N") for part in text.split(","))
     else:
@@ -136,6 +141,12 @@ def check(settings: SweepSettings, force_limit: float) -> None:
         )
     if not FREQUENCIES[0] <= settings.frequency <= FREQUENCIES[1]:
         raise RangeError(f"frequency {settings.frequency:g} Hz is outside {FREQUENCIES[0]:g} to {FREQUENCIES[1]:g} Hz")
+    steps = round(settings.frequency / FREQUENCY_STEP)
+    if abs(settings.frequency - steps * FREQUENCY_STEP) > 1e-6 * FREQUENCY_STEP:
+        raise RangeError(
+            f"frequency {settings.frequency:.10g} Hz lies between the generator's steps of {FREQUENCY_STEP:g} Hz; "
+            f"take {steps * FREQUENCY_STEP:.10g} Hz"
+        )
     if not 0 < settings.dwell <= LARGEST_DWELL:
         raise RangeError(f"dwell {settings.dwell:g} s is outside 0 to {LARGEST_DWELL:g} s")
     rate = SAMPLES_PER_CYCLE * settings.frequency
@@ -157,13 +168,22 @@ def run(
     """Sweep all loads over all samples. Each point is durable before `progress` hears of it.
 
     Raises:
-        RangeError, UnknownName: as `check`; nothing has been sent.
+        RangeError, UnknownName: as `check`; the outputs have stayed off.
+        UnreachableError: a load too small for the indicator; the outputs have stayed off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, bench.force_limit)
+    smallest = SMALLEST_LOAD * calibration.resolution()
+    if min(settings.loads) < smallest:
+        raise UnreachableError(
+            f"load {min(settings.loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
+            f"ask for {show(smallest, 'N', 3)} or more"
+        )
     total = len(settings.samples) * len(settings.loads)
     points: list[LoadPoint] = []
     _configure(bench, design, settings)
+    bench.positioner.home()
+    check_zero(bench, calibration)
     for name in settings.samples:
         sample = get_sample(name)
         progress(len(points), total, f"mount sample {name}")
@@ -176,7 +196,7 @@ def run(
         for load in settings.loads:
             progress(len(points), total, f"sample {name}, {show(load, 'N')}")
             servo.set(load)
-            point, recording = _measure(bench, design, calibration, settings, name, load)
+            point, recording = _measure(bench, servo, design, calibration, settings, name, load)
             waveforms = {film.name: (recording.rate, recording.voltage[film.channel - 1]) for film in design.films}
             record.point(asdict(point), waveforms, bench.clock.now_ns())
             points.append(point)
@@ -187,30 +207,41 @@ def run(
 
 
 def _configure(bench: Bench, design: Design, settings: SweepSettings) -> None:
-    bench.amplifier.configure(GAIN, CURRENT_LIMIT, bench.description.watchdog)
-    bench.indicator.configure(GAGE_FACTOR, FULL_SCALE_MV)
     node = bench.nodes[0]
     node.set_sample_rate(SAMPLES_PER_CYCLE * settings.frequency)
     for film in design.films:
         peak = film.sensitivity * (preload_for(settings.loads) + max(settings.loads) / 2)
-        range_, _ = next(r for r in (SENSITIVE_RANGE, WIDE_RANGE) if HEADROOM * peak <= r[1])
+        range_ = SENSITIVE_RANGE if HEADROOM * peak <= RANGES_V[SENSITIVE_RANGE] else WIDE_RANGE
         node.set_range(film.channel, range_)
 
 
 def _measure(
-    bench: Bench, design: Design, calibration: LoadCellCalibration, settings: SweepSettings, sample: str, load: float
+    bench: Bench,
+    servo: LoadServo,
+    design: Design,
+    calibration: LoadCellCalibration,
+    settings: SweepSettings,
+    sample: str,
+    load: float,
 ) -> tuple[LoadPoint, Recording]:
     node = bench.nodes[0]
-    bench.clock.wait(SETTLING)
+    servo.hold(SETTLING)
     heard = len(node.emergencies)
     recording = node.acquire(settings.dwell)
-    reading = read_indicator(bench)
+    reading = servo.read()
     bench.amplifier.check()
     films = [design.film("rigid"), design.film("total")]
     channels = [film.channel - 1 for film in films]
     voltage, saturated = recording.voltage[channels], bool(recording.saturated[channels].any())
     fit = fit_sine(recording.time, voltage, settings.frequency)
-    ratio, noise_u = amplitude_ratio(fit, 0, 1)
+    try:
+        ratio, noise_u = amplitude_ratio(fit, 0, 1)
+    except EstimateError:
+        film, signal, signal_u = films[1], float(fit.amplitude[1]), float(fit.amplitude_u[1])
+        raise EstimateError(
+            f"{node.name}: film {film.name!r} on channel {film.channel} gives {show(signal, 'V')} with standard "
+            f"uncertainty {show(signal_u, 'V')}, too little for a ratio; check its connection"
+        ) from None
     peak_to_peak = 2 * fit.amplitude
     forces = [float(v) / film.sensitivity for v, film in zip(peak_to_peak, films, strict=True)]
     to_force = films[1].sensitivity / films[0].sensitivity
@@ -230,7 +261,9 @@ def _measure(
         force_ratio_u=math.hypot(noise_u * to_force, design.ratio_scatter * force_ratio),
         noise_u=noise_u * to_force,
         condition=fit.condition,
-        valid=reading.valid and not saturated and len(node.emergencies) == heard,
+        valid=not saturated
+        and len(node.emergencies) == heard
+        and abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * calibration.resolution()),
     )
     return point, recording
 

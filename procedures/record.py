@@ -139,6 +139,11 @@ class Recorder:
         self._bench_ns = bench_ns
         return point_id
 
+    @property
+    def points(self) -> int:
+        """How many points are stored."""
+        return self._points
+
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
         with storing(self.folder / DATABASE), self._database:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.table import Table
+    from rich.text import Text
 
 STAMP = "SIMULATED"
 PIPE_WIDTH = 160  # columns where no terminal says otherwise
@@ -23,16 +24,18 @@ MARKERS = "osD^vP*X"
 
 
 def _print(*things: object) -> None:
+    """Texts as they are: what looks like markup is part of a name of a file or a message."""
     from rich.console import Console
+    from rich.table import Table
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=PIPE_WIDTH)
+        console.width = PIPE_WIDTH
     for thing in things:
-        console.print(thing, soft_wrap=isinstance(thing, str))
+        console.print(thing, soft_wrap=not isinstance(thing, Table))
 
 
-def _table(title: str, *columns: str) -> Table:
+def _table(title: Text | None, *columns: str) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -42,25 +45,29 @@ def _table(title: str, *columns: str) -> Table:
     return table
 
 
-def _stamp(simulated: bool) -> str:
-    return f"[bold red]{STAMP}[/] " if simulated else ""
+def _stamped(simulated: bool, text: str) -> Text:
+    from rich.text import Text
+
+    return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
 
 
 def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
     """Points, means beside the thesis' own, softness order, and where everything lies."""
     points = _table(
-        f"{_stamp(outcome['simulated'])}Load sets (forces and voltages peak to peak)",
-        "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u", "valid",
+        _stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
+        "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u",
+        "valid",
     )  # fmt: skip
     for p in result.points:
         points.add_row(
             p.sample, f"{p.load_N:g}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
             f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
-            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", "yes" if p.valid else "[red]NO[/]",
+            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", "yes" if p.valid else "NO",
         )  # fmt: skip
     means = _table(
-        f"{_stamp(outcome['simulated'])}Mean force ratio", "sample", "ours", "u", "thesis", "difference", "valid points"
-    )
+        _stamped(outcome["simulated"], "Mean force ratio"),
+        "sample", "ours", "u", "thesis", "difference", "valid points",
+    )  # fmt: skip
     for s in result.samples:
         if s.force_ratio is None or s.force_ratio_u is None:
             means.add_row(s.sample, "-", "-", _number(s.thesis_force_ratio), "-", "0")
@@ -85,7 +92,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
 def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path) -> None:
     """Readings, the line and its figures of merit."""
     readings = _table(
-        f"{_stamp(outcome['simulated'])}Load-cell calibration", "load gf", "load N", "loading mV", "unloading mV"
+        _stamped(outcome["simulated"], "Load-cell calibration"), "load gf", "load N", "loading mV", "unloading mV"
     )
     up = [p for p in result.points if p["direction"] == "loading"]
     down = {p["load_gf"]: p for p in result.points if p["direction"] == "unloading"}
@@ -104,7 +111,7 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
         f"linearity      {100 * c.linearity:.2f} % of the span",
         f"reversibility  {100 * c.reversibility:.2f} % of the span",
         f"resolution     {c.resolution_mV:g} mV = {show(c.resolution(), 'N')}",
-        f"calibration    {outcome['calibration']}",
+        f"calibration    {outcome['calibration_file']}",
         *_where({**outcome, "calibration": None}, plot),
     )
 
@@ -114,16 +121,16 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
     if not found:
         _print(f"no runs in {folder}; make one with: palpate sweep loads")
         return
-    table = _table(f"Runs in {folder}", "run", "status", "points", "")
+    table = _table(None, "run", "status", "points", "")
     for run in found:
         table.add_row(run.folder.name, run.status, str(run.points), STAMP if run.simulated else "")
-    _print(table, *(f"[red]damaged:[/] {run.fault}" for run in found if run.fault))
+    _print(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:
     """A run in a JSON list."""
     return {
-        "run": str(run.folder),
+        "run": str(run.folder.absolute()),
         "started": run.started.isoformat(),
         "procedure": run.procedure,
         "simulated": run.simulated,
@@ -153,11 +160,11 @@ def print_run(run: Run, digest: str) -> None:
     calibration: Any = run.header.get("calibration") or {}
     points = run.points()
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
-    table = _table(f"{_stamp(run.simulated)}{run.procedure}: {len(points)} points", *columns)
+    table = _table(_stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
     for point in points:
         table.add_row(*(_number(point[column]) for column in columns))
     _print(
-        f"{_stamp(run.simulated)}{run.folder}",
+        _stamped(run.simulated, str(run.folder)),
         f"status       {run.status}",
         f"started      {run.started:%Y-%m-%d %H:%M:%S} UTC",
         f"seed         {run.header.get('seed')}",
@@ -215,6 +222,8 @@ def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Pat
             [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points],
             marker=MARKERS[number % len(MARKERS)], ms=4, lw=1, capsize=2, label=f"sample {mean.sample}",
         )  # fmt: skip
+    if invalid := [p for p in result.points if not p.valid]:
+        left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))
     left.legend(fontsize=8, ncols=2)
     shown = [s for s in result.samples if s.valid_points]

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from drivers.bench import Bench
-from drivers.signal_generator import LARGEST_PEAK
 from instrument.calibration import LoadCellCalibration
-from instrument.errors import DeviceError, SafetyError, UnreachableError
+from instrument.contracts.signal_generator import LARGEST_PEAK
+from instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
 from instrument.quantity import show
 
 READINGS = 4  # averaged: the display's own noise dithers its steps
@@ -17,8 +17,9 @@ TRACK_FILTER = 0.1  # s
 TRACK_SETTLING = 0.8  # s, until a filtered reading counts as stable
 APPROACH_STEP = 2e-3  # m
 CONTACT = 0.3  # N, surely more than noise
+ZERO_TOLERANCE = 3.0  # standard uncertainties
 PRELOAD_TOLERANCE = 0.05  # of the preload
-PRELOAD_STEPS = 20
+PRELOAD_STEPS = 40
 FIRST_AMPLITUDE = 0.25  # V
 LARGEST_GROWTH = 3.0  # of the amplitude, in one servo step
 SERVO_STEPS = 10
@@ -45,10 +46,29 @@ def read_indicator(bench: Bench, count: int = READINGS) -> IndicatorMean:
     return IndicatorMean(mean, all(r.valid for r in readings))
 
 
+def check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
+    """Clear the tare, and see that the unloaded cell reads what the calibration says; the probe is home.
+
+    Raises:
+        BenchError: it reads something else, so that every load and the force limit would be off.
+    """
+    bench.indicator.clear_tare()
+    bench.indicator.track(TRACK_FILTER)
+    bench.clock.wait(TRACK_SETTLING)
+    reading = read_indicator(bench)
+    allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV)
+    if not (reading.valid and abs(reading.reading_mV - calibration.zero_mV) <= allowed):
+        raise BenchError(
+            f"{bench.indicator.name}: reads {reading.reading_mV:.4g} mV without load, the calibration "
+            f"({calibration.source}) says {calibration.zero_mV:.4g} ± {allowed:.2g} mV; take the load off, or run "
+            "palpate calibrate load-cell"
+        )
+
+
 def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> float:
     """Lower the probe until it presses with `force` N; returns the force in N.
 
-    Goes on in steps to contact, then by the slope of the last two readings.
+    Goes on in steps to contact, then by the slope of the last two readings, never more than one step at once.
 
     Raises:
         UnreachableError: the positioner's travel ends before.
@@ -60,8 +80,9 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
     before: tuple[float, float] | None = None
     for _ in range(PRELOAD_STEPS):
         step = APPROACH_STEP
-        if before is not None and load - before[1] > CONTACT / 10:
+        if before is not None and load - before[1] > 2 * calibration.resolution():
             step = (force - load) * (position - before[0]) / (load - before[1])
+            step = max(-APPROACH_STEP, min(step, APPROACH_STEP))
         if position + step > travel:
             break
         before = (position, load) if load > CONTACT else None
@@ -78,8 +99,8 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         if abs(load - force) <= max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution()):
             return load
     raise UnreachableError(
-        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm of {1e3 * travel:.3f} mm; "
-        "ask for smaller loads or mount a stiffer sample"
+        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner "
+        f"ends at {1e3 * travel:.3f} mm; ask for smaller loads or mount a stiffer sample"
     )
 
 
@@ -109,7 +130,7 @@ class LoadServo:
         measured = math.nan
         for _ in range(SERVO_STEPS):
             self._step(load)
-            measured = self._measure()
+            measured = self._checked(read_indicator(self._bench))
             if measured > max(3 * self._calibration.resolution(), 0.1 * load):
                 self._volts_per_newton = self._amplitude / measured
             if abs(measured - load) <= tolerance:
@@ -118,6 +139,24 @@ class LoadServo:
             f"{load:g} N peak to peak is not reached in {SERVO_STEPS} steps: {measured:.3g} N at "
             f"{show(self._amplitude, 'V')}; check the mounting of the sample"
         )
+
+    def hold(self, duration: float) -> None:
+        """Drive on for `duration` s and read the force as often as a servo step does.
+
+        Raises:
+            SafetyError, DeviceError: the force passes the limit, or no valid reading; outputs are off.
+        """
+        while duration > 0:
+            step = min(self._window + READINGS * READING_INTERVAL, duration)
+            self._bench.clock.wait(step)
+            self._checked(read_indicator(self._bench, 1))
+            duration -= step
+
+    def read(self) -> IndicatorMean:
+        """The indicator's reading under the load. Raises SafetyError, DeviceError as `hold`."""
+        reading = read_indicator(self._bench)
+        self._checked(reading)
+        return reading
 
     def _step(self, load: float) -> None:
         if self._volts_per_newton is None:
@@ -151,16 +190,22 @@ class LoadServo:
                 f"{self._current_limit:g} A; ask for a smaller load or mount a stiffer sample"
             )
 
-    def _measure(self) -> float:
-        reading = read_indicator(self._bench)
-        if not reading.valid:
-            self._bench.rest()
-            raise DeviceError(f"{self._bench.indicator.name}: no valid reading while driving; outputs are off")
-        load = self._calibration.load(reading.reading_mV)[0]
-        if not self._preloaded + load / 2 <= self._bench.force_limit:
+    def _checked(self, reading: IndicatorMean) -> float:
+        """The load in N of a reading that is valid and within the force limit.
+
+        Too much force is too much in a reading that is not stable, too.
+        """
+        load = self._calibration.load(reading.reading_mV)[0] if math.isfinite(reading.reading_mV) else math.nan
+        if self._preloaded + load / 2 > self._bench.force_limit:
             self._bench.rest()
             raise SafetyError(
                 f"force of {self._preloaded + load / 2:.3g} N passes the bench's limit of "
                 f"{self._bench.force_limit:g} N; outputs are off. Check the mounting of the sample"
+            )
+        if not reading.valid:
+            self._bench.rest()
+            raise DeviceError(
+                f"{self._bench.indicator.name}: no valid reading while driving; outputs are off. "
+                "Check the bridge and the mounting of the sample"
             )
         return load

@@ -7,7 +7,7 @@ import os
 from contextlib import ExitStack
 from typing import Self
 
-from instrument.bench import BenchDescription, CanBus, RtuAddress, SerialLine, TcpAddress
+from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
 from simulators.can import CanSegment
 from simulators.clock import VirtualClock
 from simulators.modbus import BAUDRATE, LOOPBACK, ServerThread
@@ -50,10 +50,11 @@ class SimulatedBench:
             line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner})
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
+                design=self.scene.design.name,
                 signal_generator=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.generator)),
-                shaker_amplifier=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier)),
+                shaker_amplifier=Amplifier(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier)),
                 line=SerialLine(port=line, baudrate=BAUDRATE),
-                strain_indicator=RtuAddress(unit=INDICATOR_UNIT),
+                strain_indicator=Indicator(unit=INDICATOR_UNIT),
                 positioner=RtuAddress(unit=POSITIONER_UNIT),
                 can=CanBus(interface="virtual", channel=self._channel, nodes=tuple(self._node_ids)),
             )

@@ -89,7 +89,8 @@ class CanSegment:
             local = self._local[node.id]
             self._network.add_node(local)
             local.add_read_callback(_reader(node))  # type: ignore[no-untyped-call]
-            local.add_write_callback(_writer(node))  # type: ignore[no-untyped-call]
+            # before canopen's own, which would start a heartbeat with a period that is then refused
+            local._write_callbacks.insert(0, _writer(node))
             self._network.unsubscribe(local.sdo.rx_cobid, local.sdo.on_request)
             self._network.subscribe(local.sdo.rx_cobid, self._sdo_handler(local))
             self._boot(local)

@@ -45,7 +45,7 @@ class VirtualClock:
         with self.lock:
             target = self._now + round(duration * 1e9)
             while self._now < target:
-                step = min(target, *(s.next_event_ns() for s in self._simulated))
+                step = min([target, *(s.next_event_ns() for s in self._simulated)])
                 start, self._now = self._now, step
                 for simulated in self._simulated:
                     simulated.advance(start, step)

@@ -40,6 +40,9 @@ class SimulatedDevice:
         """Take new settings, already checked against the contract's limits. Raises Refused."""
         self.settings.update(values)
 
+    def out_of_range(self) -> None:
+        """A write was refused because a value lies outside the contract's limits."""
+
     def requested(self) -> None:
         """A request of any kind has come in."""
 

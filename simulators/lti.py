@@ -7,6 +7,7 @@ decays with the system's own modes; both are known at any time without stepping.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 
+POINTS = 1024  # of a period, where a waveform is sampled
 CYCLE = 1_000_000_000_000  # one cycle in units of phase: 1 mHz for 1 ns is one unit
 
 
@@ -57,10 +59,18 @@ class Periodic:
             factor * self.amplitude,
         )  # fmt: skip
 
+    def extremes(self) -> tuple[float, float]:
+        """Least and greatest value; of several harmonics at 1024 points of a period."""
+        if len(self.order) == 1:
+            swing = float(np.abs(self.amplitude[0]))
+            return self.mean - swing, self.mean + swing
+        turns = np.arange(POINTS) / POINTS
+        wave = self.mean + real_product(self.amplitude, np.exp(2j * np.pi * np.outer(self.order, turns)))
+        return float(wave.min()), float(wave.max())
+
     def at(self, time_ns: npt.NDArray[np.int64]) -> Floats:
         """Values, shape (n,)."""
-        values: Floats = self.mean + (self.amplitude @ self.turns(time_ns)).real
-        return values
+        return self.mean + real_product(self.amplitude, self.turns(time_ns))
 
 
 @dataclass(frozen=True)
@@ -88,20 +98,36 @@ class StateSpace:
 
     def state(self, drive: Periodic, x0: Floats, time_ns: npt.NDArray[np.int64]) -> Floats:
         """State (s, n) at times after the drive's start, where it is `x0` (s,)."""
-        mean, harmonics = self.periodic_state(drive)
-        start = np.array([drive.start_ns])
-        transient = x0 - (mean + (harmonics @ drive.turns(start)).real[:, 0])
-        rates, modes = np.linalg.eig(self.a)
-        weights = np.linalg.solve(modes, transient.astype(complex))
-        elapsed = 1e-9 * (time_ns - drive.start_ns)
-        decaying = modes @ (weights[:, np.newaxis] * np.exp(np.outer(rates, elapsed)))
-        state: Floats = mean[:, np.newaxis] + (harmonics @ drive.turns(time_ns)).real + decaying.real
-        return state
+        return self._state(drive, x0, time_ns, drive.turns(time_ns))
 
     def output(self, drive: Periodic, x0: Floats, time_ns: npt.NDArray[np.int64]) -> Floats:
         """Output (n,) at times after the drive's start."""
-        y: Floats = self.c @ self.state(drive, x0, time_ns) + self.d * drive.at(time_ns)
-        return y
+        turns = drive.turns(time_ns)
+        through = self.d * (drive.mean + real_product(drive.amplitude, turns))
+        return real_product(self.c, self._state(drive, x0, time_ns, turns)) + through
+
+    def _state(self, drive: Periodic, x0: Floats, time_ns: npt.NDArray[np.int64], turns: Complexes) -> Floats:
+        mean, harmonics = self.periodic_state(drive)
+        start = drive.turns(np.array([drive.start_ns]))
+        transient = x0 - (mean + real_product(harmonics, start)[:, 0])
+        rates, modes = np.linalg.eig(self.a)
+        weights = np.linalg.solve(modes, transient.astype(complex))
+        elapsed = 1e-9 * (time_ns - drive.start_ns)
+        decaying = real_product(modes * weights, np.exp(np.outer(rates, elapsed)))
+        return mean[:, np.newaxis] + real_product(harmonics, turns) + decaying
+
+
+def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:
+    """Real part of weights @ rows; weights (..., k), rows (k, n), result (..., n).
+
+    Summed row by row: a BLAS product rounds a column otherwise when it stands in a block of another length,
+    and the same samples must be the same bytes whatever blocks they are asked for in.
+    """
+    total = np.zeros((*weights.shape[:-1], rows.shape[1]))
+    for k, row in enumerate(rows):
+        weight = weights[..., k, np.newaxis]
+        total += weight.real * row.real - weight.imag * row.imag
+    return total
 
 
 def first_order_low_pass(tau: float) -> StateSpace:

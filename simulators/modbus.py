@@ -22,6 +22,7 @@ from simulators.device import Refused, SimulatedDevice
 
 LOOPBACK = "127.0.0.1"
 BAUDRATE = 115200
+HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them
 T = TypeVar("T")
 
 
@@ -117,9 +118,11 @@ def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
     clock: VirtualClock = device.clock
 
     async def action(
-        _function: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
+        function: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
     ) -> ExcCodes | None:
         # never awaits: pymodbus could answer another request meanwhile
+        if function not in HOLDING_REGISTERS:
+            return ExcCodes.ILLEGAL_FUNCTION
         with clock.lock:
             device.requested()
             try:
@@ -158,6 +161,7 @@ def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> dic
         data = b"".join(r.to_bytes(2, "big") for r in registers[at : at + field.size // 2])
         value = device.contract.decode(field.name, data)
         if not device.contract.allows(field.name, value):
+            device.out_of_range()
             raise Refused(ExcCodes.ILLEGAL_VALUE)
         values[field.name] = value
     return values

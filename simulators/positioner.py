@@ -60,7 +60,7 @@ class Positioner(SimulatedDevice):
         if not self._moving:
             return self._to
         done = (self.clock.now_ns() - self._start_ns) / (self._end_ns - self._start_ns)
-        return round((self._from + done * (self._to - self._from)) * 1e6) * 1e-6
+        return round((self._from + done * (self._to - self._from)) * 1e6) / 1e6
 
     def _go(self, target: float, speed: float) -> None:
         self._from, self._to = self._position(), target

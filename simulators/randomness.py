@@ -29,6 +29,7 @@ class Stream:
         """Numbers `first` to `first + count - 1`, shape (count,)."""
         step, offset = divmod(first, _WORDS)
         words = Philox(key=self._key, counter=step).random_raw(offset + count)[offset:]
-        uniform = ((words >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+        # 52 bits and a half are exact in a double; with 53 the largest would round to 1, whose normal is infinite
+        uniform = ((words >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
         values: npt.NDArray[np.float64] = ndtri(uniform)
         return values

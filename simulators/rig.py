@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
+from instrument.calibration import STANDARD_GRAVITY
 from instrument.models.response import Load, Response, response
 from instrument.sample import Sample
 from simulators.clock import VirtualClock
@@ -25,9 +26,10 @@ if TYPE_CHECKING:  # an effect's module is imported by the scene that calls for 
     from simulators.effects.charge_amplifier import ChargeAmplifier
     from simulators.effects.gain_scatter import GainScatter
 
-GRAVITY = 9.80665  # m/s2
 HISTORY_NS = 12_000_000_000  # the indicator looks back 10 s at most
 CONTACT_POINTS = 256  # samples of one period from which a force that loses contact is expanded
+# Where contact is lost a sine or triangle is then 0.9 % of the drive's peak force off; the edges of a square
+# ring by 14 % of it [M].
 CONTACT_HARMONICS = 40
 
 
@@ -91,7 +93,7 @@ class Rig:
 
     def place_weight(self, mass: float) -> None:
         """Dead weights of `mass` kg in all stand on the load cell."""
-        self._weight = mass * GRAVITY
+        self._weight = mass * STANDARD_GRAVITY
         self._begin(self._segments[-1].voltage)
 
     def set_bridge_filter(self, tau: float) -> None:
@@ -100,14 +102,14 @@ class Rig:
         self._bridge = first_order_low_pass(tau)
         self._begin(self._segments[-1].voltage, bridge_state=state)
 
-    def reset_films(self) -> None:
-        """The charge amplifiers' integrators are shorted: their outputs start from zero."""
+    def reset_film(self, channel: int) -> None:
+        """The integrator of a channel's charge amplifier is shorted: its output starts from zero."""
         now = self._clock.now_ns()
         last = self._segments[-1]
-        force = float(last.force.at(np.array([now]))[0])
-        state = np.zeros_like(last.film_state)
-        if self._film_system is not None:
-            state[:, 0] = last.gains * force
+        state = self._film_state(now)
+        for film, film_state, gain in zip(self._films, state, last.gains, strict=True):
+            if film.channel == channel and self._film_system is not None:
+                film_state[0] = gain * float(last.force.at(np.array([now]))[0])
         self._begin(last.voltage, film_state=state)
 
     # --- what can be seen ------------------------------------------------------------------------------
@@ -183,10 +185,10 @@ class Rig:
         linear = voltage.scaled(
             share * rig.force_constant / rig.coil_resistance, offset=share * rig.suspension_stiffness * advance
         )
-        swing = float(np.abs(linear.amplitude).sum())
-        if linear.mean >= swing:
+        least, greatest = linear.extremes()
+        if least >= 0:
             return linear
-        if linear.mean <= -swing:
+        if greatest <= 0:
             return voltage.scaled(0.0)
         turns = np.arange(CONTACT_POINTS) / CONTACT_POINTS
         wave = linear.mean + (linear.amplitude @ np.exp(2j * np.pi * np.outer(linear.order, turns))).real

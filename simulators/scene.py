@@ -13,9 +13,9 @@ from pydantic import Field
 from instrument.config import Config, check, read
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import ConfigError, UnknownName, nearest
+from instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from instrument.models.response import MODELS
-from instrument.quantity import Metres
+from instrument.quantity import Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
@@ -29,9 +29,9 @@ class RigParameters(Config):
     1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need 5.5 A peak for 4 N.
     """
 
-    force_constant: float = Field(default=4.0, gt=0)  # N/A [A]
-    coil_resistance: float = Field(default=3.5, gt=0)  # ohm [A]
-    suspension_stiffness: float = Field(default=1000.0, gt=0)  # N/m [A]
+    force_constant: NewtonsPerAmpere = Field(default=4.0, gt=0)  # [A]
+    coil_resistance: Ohms = Field(default=3.5, gt=0)  # [A]
+    suspension_stiffness: NewtonsPerMetre = Field(default=1000.0, gt=0)  # [A]
     sensor_position: Metres = Field(default=12e-3, gt=0)  # where the probe meets the bare sensor [A]
 
 
@@ -42,8 +42,8 @@ class SceneFile(Config):
     purpose: str
     design: str
     model: str = "experiment"
-    seed: int = Field(default=1, ge=0, le=LARGEST_SEED)
-    nodes: int = Field(default=1, ge=1, le=20)
+    seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
+    nodes: int = Field(default=1, ge=1, le=20, strict=True)
     rig: RigParameters = RigParameters()
     effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
@@ -60,9 +60,19 @@ class Scene:
     nodes: int
     rig: RigParameters
     effects: Mapping[str, Effect]
-    text: str
+    file: SceneFile
+
+    def to_toml(self) -> str:
+        """The scene file that gives this scene, its seed and model included."""
+        import tomli_w
+
+        file = self.file.model_copy(update={"seed": self.seed, "model": self.model})
+        return tomli_w.dumps(file.model_dump(mode="json"))
 
     def with_seed(self, seed: int) -> Scene:
+        """The same scene with other noise and scatter. Raises RangeError."""
+        if not 0 <= seed <= LARGEST_SEED:
+            raise RangeError(f"seed {seed} is outside 0 to {LARGEST_SEED}; give one inside")
         return replace(self, seed=seed)
 
     def with_model(self, model: str) -> Scene:
@@ -113,7 +123,7 @@ def read_scene(name_or_file: str) -> Scene:
         nodes=file.nodes,
         rig=file.rig,
         effects=effects,
-        text=path.read_text(encoding="utf-8"),
+        file=file,
     )
 
 

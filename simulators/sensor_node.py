@@ -45,7 +45,6 @@ class SensorNode:
         self._serial = serial
         self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
         self._noise = cast("WhiteNoise | None", rig.scene.effects.get("white_noise"))
-        self._streams = [Stream(rig.scene.seed, "white_noise", node_id, c) for c in range(CHANNELS)]
         self.reset()
 
     def reset(self) -> None:
@@ -75,7 +74,7 @@ class SensorNode:
     def write(self, field: Field, value: float) -> None:
         """Take a new setting, already checked."""
         if field.name.startswith("reset_"):
-            self._rig.reset_films()
+            self._rig.reset_film(int(field.name.removeprefix("reset_")))
         else:
             self.settings[field.name] = value
         self._changed()
@@ -86,7 +85,10 @@ class SensorNode:
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
         if self._noise is not None:
             first = int(time_ns[0]) // period_ns
-            volts = volts + [self._noise.samples(s, first, n, 1e9 / period_ns) for s in self._streams]
+            streams = [
+                Stream(self._rig.scene.seed, "white_noise", self.id, channel, period_ns) for channel in range(CHANNELS)
+            ]
+            volts = volts + [self._noise.samples(stream, first, n, 1e9 / period_ns) for stream in streams]
         fraction = volts / ranges[:, np.newaxis]
         saturated = np.zeros(fraction.shape, bool)
         if self._adc is not None:

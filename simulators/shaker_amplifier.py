@@ -17,6 +17,7 @@ AMBIENT = 25.0  # degC [A]
 THERMAL_RESISTANCE = 2.0  # K/W of the power in the coil [A]
 THERMAL_TIME = 300.0  # s [A]
 HOT = 90.0  # degC at which it trips [A]
+COOL = 80.0  # degC to which it must cool before that fault is gone [A]
 
 
 class ShakerAmplifier(SimulatedDevice):
@@ -38,20 +39,20 @@ class ShakerAmplifier(SimulatedDevice):
         self._resistance = coil_resistance
         self._last_request_ns = 0
         self._latched = 0
-        self._temperature = AMBIENT
-        self._temperature_ns = 0
+        self._heated_from = self._heating_to = AMBIENT
+        self._heated_ns = 0
 
     def voltage(self) -> Periodic:
         """Output voltage."""
         return self._source().scaled(self.settings["gain"] if self.settings["enable"] else 0.0)
 
     def input_changed(self) -> None:
-        """The input or a setting has changed: heat up to here, then trip where the current is too high."""
-        self._heat(self.clock.now_ns())
-        voltage = self.voltage()
-        peak = (abs(voltage.mean) + float(np.abs(voltage.amplitude).sum())) / self._resistance
+        """The input or a setting has changed: trip where the current is too high."""
+        least, greatest = self.voltage().extremes()
+        peak = max(-least, greatest) / self._resistance
         if not peak <= self.settings["current_limit"]:
             self._trip("over_current")
+        self._power_changed()
         self._changed()
 
     def write(self, values: dict[str, float]) -> None:
@@ -71,8 +72,7 @@ class ShakerAmplifier(SimulatedDevice):
             case "output_voltage":
                 return rms
             case "temperature":
-                self._heat(self.clock.now_ns())
-                return self._temperature
+                return self._temperature()
             case "faults":
                 return self._present()
             case "faults_latched":
@@ -90,9 +90,9 @@ class ShakerAmplifier(SimulatedDevice):
         return max(min(self._watchdog_ns(), self._hot_ns()), self.clock.now_ns() + 1)
 
     def advance(self, start_ns: int, end_ns: int) -> None:
-        self._heat(end_ns)
-        if self.settings["enable"] and (end_ns >= self._watchdog_ns() or self._temperature >= HOT):
+        if self.settings["enable"] and end_ns >= min(self._watchdog_ns(), self._hot_ns()):
             self._trip("watchdog" if end_ns >= self._watchdog_ns() else "over_temperature")
+            self._power_changed()
             self._changed()
 
     def _watchdog_ns(self) -> int:
@@ -102,24 +102,24 @@ class ShakerAmplifier(SimulatedDevice):
 
     def _hot_ns(self) -> int:
         """When the heat sink reaches its limit if nothing changes."""
-        target = self._final_temperature()
-        if target <= HOT or self._temperature >= HOT:
+        if self._heating_to <= HOT or self._heated_from >= HOT:
             return NEVER
-        delay = THERMAL_TIME * math.log((target - self._temperature) / (target - HOT))
-        return self._temperature_ns + math.ceil(delay * 1e9)
+        delay = THERMAL_TIME * math.log((self._heating_to - self._heated_from) / (self._heating_to - HOT))
+        return self._heated_ns + math.ceil(delay * 1e9)
 
     def _present(self) -> int:
-        return 1 << FAULTS["over_temperature"] if self._temperature >= HOT else 0
+        fault = 1 << FAULTS["over_temperature"]
+        return fault if self._temperature() >= (COOL if self._latched & fault else HOT) else 0
 
     def _trip(self, fault: str) -> None:
         self._latched |= 1 << FAULTS[fault]
         self.settings["enable"] = 0.0
 
-    def _heat(self, now_ns: int) -> None:
-        target = self._final_temperature()
-        elapsed = 1e-9 * (now_ns - self._temperature_ns)
-        self._temperature = target + (self._temperature - target) * math.exp(-elapsed / THERMAL_TIME)
-        self._temperature_ns = now_ns
+    def _temperature(self) -> float:
+        """In closed form since the power last changed, so that it does not depend on how a wait is cut."""
+        elapsed = 1e-9 * (self.clock.now_ns() - self._heated_ns)
+        return self._heating_to + (self._heated_from - self._heating_to) * math.exp(-elapsed / THERMAL_TIME)
 
-    def _final_temperature(self) -> float:
-        return AMBIENT + THERMAL_RESISTANCE * self._resistance * self.read("output_current") ** 2
+    def _power_changed(self) -> None:
+        self._heated_from, self._heated_ns = self._temperature(), self.clock.now_ns()
+        self._heating_to = AMBIENT + THERMAL_RESISTANCE * self._resistance * self.read("output_current") ** 2

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from instrument.contracts import signal_generator
+from instrument.contracts.signal_generator import LARGEST_PEAK
 from simulators.clock import VirtualClock
 from simulators.device import ILLEGAL_VALUE, Refused, SimulatedDevice
 from simulators.lti import Periodic
 
-LARGEST_PEAK = 10.0  # V
 HARMONICS = 25
 FREQUENCY_STEPS = 1000  # per Hz
 
@@ -35,6 +35,9 @@ class SignalGenerator(SimulatedDevice):
         self._start_ns, self._start_phase = now, phase
         self.settings = {**new, "phase_reset": 0.0, "error": 0.0}
         self._changed()
+
+    def out_of_range(self) -> None:
+        self.settings["error"] = self.contract["error"].choices["range"]
 
     def read(self, name: str) -> float:
         if name == "status":

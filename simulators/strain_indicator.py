@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from instrument.contracts import strain_indicator
-from simulators.clock import VirtualClock
+from simulators.clock import NEVER, VirtualClock
 from simulators.device import DEVICE_BUSY, Refused, SimulatedDevice
 from simulators.randomness import Stream
 from simulators.rig import Rig
@@ -16,8 +16,8 @@ from simulators.rig import Rig
 if TYPE_CHECKING:
     from simulators.effects.load_cell import LoadCell
 
-SENSITIVITY = 10.306  # mV/N at the gage factor below: line through Table 5.1 [T]
-GAGE_FACTOR = 8.98  # [T]
+IDEAL_SENSITIVITY = 10.306e-3  # V/N of a scene without a load cell: line through Table 5.1 [T]
+GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
 IDEAL_DECIMALS = 4
 UPDATE_NS = 100_000_000  # the display is renewed ten times a second [A]
 DETECTOR_RATE = 2400  # samples a second of the peak detector [A]
@@ -37,22 +37,28 @@ class StrainIndicator(SimulatedDevice):
         self._zero = 0.0
         self._tare = 0.0
         self._command = 0
-        self._command_at_ns = 0
+        self._command_due_ns = NEVER
 
     def write(self, values: dict[str, float]) -> None:
         if "command" in values:
-            self._carry_out()
             if self._command and values["command"]:
                 raise Refused(DEVICE_BUSY)
-            self._command, self._command_at_ns = int(values["command"]), self.clock.now_ns()
+            self._command = int(values["command"])
+            self._command_due_ns = self.clock.now_ns() + COMMAND_NS if self._command else NEVER
         if "filter" in values or "mode" in values:
             self._set_at_ns = self.clock.now_ns()
         self.settings.update(values)
         if "filter" in values:
             self._rig.set_bridge_filter(values["filter"])
 
+    def next_event_ns(self) -> int:
+        return self._command_due_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._command_due_ns:
+            self._carry_out()
+
     def read(self, name: str) -> float:
-        self._carry_out()
         match name:
             case "command":
                 return self._command
@@ -82,7 +88,8 @@ class StrainIndicator(SimulatedDevice):
     def _gross(self) -> float:
         """Displayed reading in mV before zero and tare."""
         update = self.clock.now_ns() // UPDATE_NS
-        ideal: float = self._detected() * SENSITIVITY * GAGE_FACTOR / self.settings["gage_factor"]
+        sensitivity = self._cell.sensitivity if self._cell else IDEAL_SENSITIVITY
+        ideal: float = 1e3 * self._detected() * sensitivity * GAGE_FACTOR / self.settings["gage_factor"]
         return self._cell.display(ideal, self._stream, update) if self._cell else ideal
 
     def _detected(self) -> float:
@@ -103,8 +110,6 @@ class StrainIndicator(SimulatedDevice):
 
     def _carry_out(self) -> None:
         """Zero and tare take a moment; then the command register falls back to idle."""
-        if not self._command or self.clock.now_ns() < self._command_at_ns + COMMAND_NS:
-            return
         name = self.contract.choice("command", self._command)
         result = "done"
         if name in ("zero", "tare") and not self._stable():
@@ -119,4 +124,4 @@ class StrainIndicator(SimulatedDevice):
             self._tare = 0.0
         self.settings["last_command"] = self._command
         self.settings["command_result"] = self.contract["command_result"].choices[result]
-        self._command = 0
+        self._command, self._command_due_ns = 0, NEVER

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from instrument.contract import Contract, Field, Identity, probe
 
+LARGEST_PEAK = 10.0  # V, amplitude + |offset|
+
 CONTRACT = Contract(
     name="signal_generator",
     title="signal generator",

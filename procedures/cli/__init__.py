@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import signal
 import sys
 
 import click
@@ -31,25 +33,32 @@ for group in (sweep, calibrate, runs, contracts):
 def main() -> None:
     """Run, and turn every mistake of the user's or the bench's into one message and an exit status.
 
-    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 130 interrupted.
+    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 130 interrupted,
+    143 terminated.
     """
     from instrument.errors import PalpateError
 
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files can hold bytes that are no text
     try:
-        status = palpate.main(standalone_mode=False)
-        sys.exit(status if isinstance(status, int) else 0)
+        status = palpate.main(prog_name="palpate", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         sys.exit(2)
     except (click.Abort, KeyboardInterrupt) as error:
-        _complain("interrupted", error)
+        _complain("interrupted", error.__cause__ or error)  # what was noted of Ctrl-C is on click's cause
         sys.exit(130)
+    except SystemExit as error:
+        if error.code == 128 + signal.SIGTERM:
+            _complain("terminated", error)
+        raise
     except PalpateError as error:
         _complain(f"error: {error}", error)
         sys.exit(error.exit_code)
-    except BrokenPipeError:  # the reader of a pipe has seen enough
-        sys.stderr.close()
-        sys.exit(0)
+    except OSError as error:
+        _complain(f"error: {error}", error)
+        sys.exit(1)
+    sys.exit(status if isinstance(status, int) else 0)
 
 
 def _complain(message: str, error: BaseException) -> None:

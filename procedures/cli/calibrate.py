@@ -50,19 +50,20 @@ def load_cell(
             out=out,
             settings={"masses_kg": procedure.MASSES, "repeats": procedure.REPEATS},
             check=lambda _: None,
+            calibrating=True,
         ) as session,
     ):
         created = session.started.isoformat(timespec="seconds")
         result = procedure.run(session.bench, session.record, progress, created)
         outcome = session.outcome()
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
+    write_calibration(session.record.folder / "calibration.toml", result.calibration)
     path = calibration_path(session.bench.indicator.serial)
     with storing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    for target in (session.record.folder / "calibration.toml", path):
-        write_calibration(target, result.calibration)
+    write_calibration(path, result.calibration)
     plot = report.plot_load_cell(result, session.bench.simulated, session.record.folder)
-    outcome = {**outcome, "calibration": str(path)}
+    outcome = {**outcome, "calibration": result.calibration.source, "calibration_file": str(path)}
     if output.as_json:
         output.json({**outcome, "points": result.points, **result.summary(), "plot": str(plot)})
     elif output.for_people:

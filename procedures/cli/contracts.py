@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import Output, output_options
+from procedures.cli.options import FILE_NAME, Output, output_options
 
 
 @click.group()
@@ -15,7 +15,7 @@ def contracts() -> None:
 
 
 @contracts.command(epilog="Examples:\n\n  palpate contracts export --to maps")
-@click.option("--to", "folder", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Where they go.")
+@click.option("--to", "folder", required=True, type=FILE_NAME, metavar="DIR", help="Where they go.")
 @output_options
 def export(folder: Path, as_json: bool, quiet: bool) -> None:
     """Write the register tables (Markdown), the node's EDS and a DBC for logging tools."""

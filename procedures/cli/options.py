@@ -27,15 +27,25 @@ def output_options(command: F) -> F:
     return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
+class _FileName(click.Path):
+    """A path that is given: "" would be the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not value:
+            self.fail("the name is empty; leave the option out, or name a file or folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE_NAME = _FileName(path_type=Path)
+
+
 def bench_options(command: F) -> F:
     """Options of every command that uses a bench."""
     for option in (
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),
-        click.option("--bench", type=click.Path(path_type=Path), metavar="FILE", help="Bench file of a real bench."),
-        click.option(
-            "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder of this run (default: new in runs/)."
-        ),
+        click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
+        click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/)."),
     ):
         command = option(command)
     return output_options(command)
@@ -53,7 +63,7 @@ class Output:
         return not self.as_json and not self.quiet
 
     def json(self, value: dict[str, Any]) -> None:
-        """The one object on stdout; NaN becomes null."""
+        """The one object on stdout."""
         click.echo(json.dumps(value, indent=2, allow_nan=False))
 
     def line(self, text: str) -> None:

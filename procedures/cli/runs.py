@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import Output, output_options, store
+from procedures.cli.options import FILE_NAME, Output, output_options, store
 
 
 @click.group()
@@ -15,7 +15,7 @@ def runs() -> None:
 
 
 @runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder that holds the runs.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
 @output_options
 def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
@@ -34,7 +34,7 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs show 20260102T030405Z-sweep-loads\n\n  palpate runs show first-day --json"
 )
 @click.argument("run")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder that holds the runs.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
 @output_options
 def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Show a run: what it was, its points, its events. RUN is a folder or a name in runs/.
@@ -59,7 +59,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 )
 @click.argument("run")
 @click.option("--to", required=True, type=click.Choice(["csv", "parquet"]), help="Format.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Where the files go (default: the run).")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: the run).")
 @output_options
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""

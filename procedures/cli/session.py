@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -16,13 +17,14 @@ from typing import Any
 import click
 
 from drivers.bench import Bench
-from drivers.clock import WallClock
+from drivers.clock import Clock, WallClock
 from instrument.bench import BenchDescription, read_bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration, read_calibration
 from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import ConfigError, UsageError
+from instrument.errors import BenchError, ConfigError, UsageError
+from instrument.operator import Operator
 from instrument.quantity import show
 from instrument.sample import Sample
 from procedures.cli.options import store
@@ -67,15 +69,17 @@ class ConsoleOperator:
     """Asks the person at the console. Meets `instrument.operator.Operator`."""
 
     def mount(self, sample: Sample) -> None:
-        size = show(sample.thickness, "m")
-        click.prompt(f"Mount sample {sample.name} ({sample.material}, {size}), then press Enter", **_SILENT)
+        _ask(f"Mount sample {sample.name} ({sample.material}, {show(sample.thickness, 'm')})")
 
     def place_weight(self, mass: float) -> None:
-        text = f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off"
-        click.prompt(f"{text}, then press Enter", **_SILENT)
+        _ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
 
 
-_SILENT: dict[str, Any] = {"default": "", "show_default": False, "prompt_suffix": " ", "err": True}
+def _ask(what: str) -> None:
+    """Not click's prompt, to which Ctrl-C and the end of input are the same."""
+    click.echo(f"{what}, then press Enter", err=True)
+    if not sys.stdin.readline():
+        raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")
 
 
 @contextmanager
@@ -89,8 +93,11 @@ def open_session(
     out: Path | None,
     settings: Mapping[str, object],
     check: Check,
+    calibrating: bool = False,
 ) -> Iterator[Session]:
-    """Open the bench and its run; on the way out outputs are off and the run is closed.
+    """Open the bench and its run; on the way out outputs are off, then the run is closed.
+
+    A run that is `calibrating` the load cell needs no calibration of it.
 
     Raises:
         UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses.
@@ -110,21 +117,21 @@ def open_session(
     folder = _run_folder(out, procedure, started)
     with ExitStack() as stack:
         stack.callback(_remove_if_empty, folder)
-        clock, operator = WallClock(), ConsoleOperator()
+        clock: Clock = WallClock()
+        operator: Operator = ConsoleOperator()
         if chosen is not None:
             simulated = stack.enter_context(SimulatedBench(chosen))
-            description = simulated.description
+            description, clock, operator = simulated.description, simulated.clock, simulated.operator
             check(description)
-            opened = stack.enter_context(Bench(description, simulated.clock, simulated.operator))
-        else:
-            opened = stack.enter_context(Bench(description, clock, operator))
-        calibration = _calibration(opened)
+        opening = stack.enter_context(ExitStack())
+        opened = opening.enter_context(Bench(description, clock, operator))
+        calibration = THESIS_LOAD_CELL if calibrating else _calibration(opened)
         header = {
             "procedure": procedure,
             "simulated": opened.simulated,
             "started": started.isoformat(timespec="seconds"),
             "settings": dict(settings),
-            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.text},
+            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.to_toml()},
             "seed": None if chosen is None else chosen.seed,
             "bench": description.to_toml(),
             "devices": {device.name: device.serial for device in opened.devices},
@@ -134,15 +141,17 @@ def open_session(
             "commit": _commit(),
         }
         record = stack.enter_context(Recorder.create(folder, header))
+        stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
         with storing(folder):
             (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
             if chosen is not None:
-                (folder / "scene.toml").write_text(chosen.text, encoding="utf-8")
-        design = chosen.design if chosen is not None else get_design("single")
+                (folder / "scene.toml").write_text(chosen.to_toml(), encoding="utf-8")
+        design = get_design(description.design)
         try:
             yield Session(opened, design, chosen, calibration, record, started, wall_start)
         except BaseException as error:
-            error.add_note(f"points already taken are kept in {folder}")
+            if record.points:
+                error.add_note(f"points already taken are kept in {record.folder}")
             raise
 
 
@@ -153,9 +162,11 @@ def calibration_path(serial: str) -> Path:
 
 
 def _calibration(bench: Bench) -> LoadCellCalibration:
-    """The stored calibration of this bench's indicator, else the thesis' own."""
+    """The stored calibration of this bench's indicator; a simulated one that has none takes the thesis' own."""
     path = calibration_path(bench.indicator.serial)
     if not path.exists():
+        if not bench.simulated:
+            raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
         return THESIS_LOAD_CELL
     calibration = read_calibration(path)
     if calibration.simulated != bench.simulated or calibration.device != (bench.indicator.serial or "unknown"):
@@ -167,7 +178,7 @@ def _calibration(bench: Bench) -> LoadCellCalibration:
 
 
 def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
-    scene = read_scene(name or DEFAULT_SCENE)
+    scene = read_scene(DEFAULT_SCENE if name is None else name)
     if seed is not None:
         scene = scene.with_seed(seed)
     return scene.with_model(model) if model is not None else scene
@@ -180,6 +191,8 @@ def _run_folder(out: Path | None, procedure: str, started: datetime) -> Path:
         raise UsageError(f"{out} already holds a run; choose another --out")
     with storing(out):
         out.mkdir(parents=True, exist_ok=True)
+        if any(out.iterdir()):
+            raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
     return out
 
 
@@ -190,12 +203,15 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def _commit() -> str | None:
-    """Commit of the source tree palpate runs from, where there is one."""
-    here = Path(__file__).parent
+    """Commit of the source tree palpate runs from, marked where it was changed; None where there is no such tree."""
+    tree = Path(__file__).parents[2]
+    if not (tree / ".git").exists():
+        return None
     try:
         done = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"], capture_output=True, text=True, check=True, timeout=5
-        )
+            ["git", "-C", str(tree), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            capture_output=True, text=True, check=True, timeout=5,
+        )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()

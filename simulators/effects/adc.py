@@ -21,7 +21,7 @@ class Adc(Effect):
     cancels_in_ratio: ClassVar[bool] = False
 
     # 16 bit [A]
-    bits: int = Field(default=16, ge=4, le=16)
+    bits: int = Field(default=16, ge=4, le=16, strict=True)
 
     def convert(self, fraction: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
         """Converted samples and saturation flags of samples given as a fraction of the range."""

@@ -17,8 +17,8 @@ class ChargeAmplifier(Effect):
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = True
 
-    # 1 GOhm times 1 nF [A]
-    time_constant: Seconds = Field(default=1.0, gt=0)
+    # 1 GOhm times 1 nF [A]; the limits are far beyond any that is built
+    time_constant: Seconds = Field(default=1.0, ge=1e-9, le=1e9)
 
     def system(self) -> StateSpace:
         return first_order_high_pass(self.time_constant)

@@ -24,7 +24,7 @@ class GainScatter(Effect):
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = False
 
-    strength: float = Field(default=1.0, ge=0, le=10)
+    strength: float = Field(default=1.0, ge=0, le=10, strict=True)
 
     def gains(self, design: Design, stream: Stream, set_at_ns: int) -> npt.NDArray[np.float64]:
         """Gain factors of the films for the load set that began at `set_at_ns`, shape (films,)."""

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from instrument.quantity import VoltsPerRootHertz
 from simulators.effects.effect import Effect, Kind
 from simulators.randomness import Stream
 
@@ -19,8 +20,8 @@ class WhiteNoise(Effect):
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
 
-    # V per square root of Hz, one-sided [A]
-    density: float = Field(default=2e-6, ge=0)
+    # one-sided [A]
+    density: VoltsPerRootHertz = Field(default=2e-6, ge=0)
 
     def samples(self, stream: Stream, first: int, count: int, rate: float) -> npt.NDArray[np.float64]:
         """Noise voltages of samples `first` to `first + count - 1` at `rate` Hz, shape (count,)."""

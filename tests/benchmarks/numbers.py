@@ -41,6 +41,6 @@ def measure() -> Iterator[Row]:
 def _run(*command: str) -> dict[str, Any]:
     palpate = str(Path(sys.executable).with_name("palpate"))
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run([palpate, *command, "--json"], cwd=folder, capture_output=True, check=True)
+        done = subprocess.run([palpate, *command, "--json"], cwd=folder, stdout=subprocess.PIPE, check=True)
     result: dict[str, Any] = json.loads(done.stdout)
     return result

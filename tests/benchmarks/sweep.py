@@ -20,7 +20,7 @@ def measure() -> Iterator[Row]:
         start = time.perf_counter()
         done = subprocess.run(
             [str(Path(sys.executable).with_name("palpate")), "sweep", "loads", "--json"],
-            cwd=folder, capture_output=True, check=True,
+            cwd=folder, stdout=subprocess.PIPE, check=True,
         )  # fmt: skip
         process = time.perf_counter() - start
     result = json.loads(done.stdout)

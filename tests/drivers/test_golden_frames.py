@@ -118,26 +118,26 @@ def test_the_contract_gives_the_golden_frame_of_a_register(device: str, name: st
     assert means(contract, name, contract.decode(name, data), value)
 
 
-@modbus_field
-def test_driver_and_simulator_exchange_the_golden_frame_of_a_register(
-    device: str,
-    name: str,
-    pair: tuple[ModbusDevice, SimulatedDevice],
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("device", MODBUS)
+def test_driver_and_simulator_exchange_the_golden_frames_of_all_registers(
+    device: str, pair: tuple[ModbusDevice, SimulatedDevice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver, simulated = pair
-    golden = GOLDEN[device]["fields"][name]
-    field = driver.contract[name]
     wire = listen(driver.link, monkeypatch)
-    if "write" in golden:
-        driver.set(**{name: golden["value"]})
-        written = bits(golden["write"])
-        assert (wire.requests, wire.replies) == ([written], [written[:5]])
-    if field.access != "wo":
-        monkeypatch.setattr(simulated, "read", lambda _: physical(field, golden["value"]))
-        number = driver.get(name)
-        assert (wire.requests[-1], wire.replies[-1]) == read_exchange(field, golden)
-        assert means(driver.contract, name, number, golden["value"])
+    for field in driver.contract.fields:
+        golden = GOLDEN[device]["fields"][field.name]
+        if "write" in golden:
+            driver.set(**{field.name: golden["value"]})
+            written = bits(golden["write"])
+            assert (wire.requests[-1], wire.replies[-1]) == (written, written[:5]), field.name
+        if field.access != "wo":
+            value = physical(field, golden["value"])
+            with monkeypatch.context() as patch:
+                patch.setattr(simulated, "read", {field.name: value}.__getitem__)
+                number = driver.get(field.name)
+            assert (wire.requests[-1], wire.replies[-1]) == read_exchange(field, golden), field.name
+            assert means(driver.contract, field.name, number, golden["value"])
+    assert len(wire.requests) == sum(2 if field.access == "rw" else 1 for field in driver.contract.fields)
 
 
 @pytest.mark.parametrize("device", MODBUS)
@@ -172,39 +172,41 @@ def test_the_contract_gives_the_golden_frame_of_an_object(name: str) -> None:
     assert means(NODE, name, NODE.decode(name, data), value)
 
 
-@pytest.mark.parametrize("name", [name for name in NUMBERS if "write" in NODE_FRAMES[name]])
-def test_a_driver_writes_the_golden_frame_of_an_object(name: str, node_bench: Bench, listener: can.BusABC) -> None:
-    golden = NODE_FRAMES[name]
-    node_bench.nodes[0].set(name, golden["value"])
-    written = bits(golden["write"])
-    assert transfers(listener, 1) == ([written], [b"\x60" + written[1:4] + bytes(4)])
-
-
-@pytest.mark.parametrize("name", [name for name in NUMBERS if NODE[name].access != "wo"])
-def test_a_node_answers_with_the_golden_frame_of_an_object(
-    name: str, node_bench: Bench, sim: SimulatedBench, listener: can.BusABC
-) -> None:
-    golden, field, node = NODE_FRAMES[name], NODE[name], sim.nodes[0]
-    if name.startswith("sample_") and name != "sample_counter":
-        node._last = np.full(4, golden["value"])
-    else:
-        shared = node.id if name.endswith("_cob_id") and name.startswith("tpdo") else 0
-        node.settings[name] = physical(field, golden["value"]) - shared
-    number = node_bench.nodes[0].get(name)
-    if "write" in golden:
+def test_a_driver_writes_the_golden_frames_of_all_objects(node_bench: Bench, listener: can.BusABC) -> None:
+    for name in (name for name in NUMBERS if NODE[name].access != "ro"):
+        golden = NODE_FRAMES[name]
+        node_bench.nodes[0].set(name, golden["value"])
         written = bits(golden["write"])
-        request, response = b"\x40" + written[1:4] + bytes(4), bytes([UPLOAD_OF_DOWNLOAD[written[0]]]) + written[1:]
-    else:
-        request, response = bits(golden["request"]), bits(golden["response"])
-    assert transfers(listener, 1) == ([request], [response])
-    assert means(NODE, name, number, golden["value"])
+        assert transfers(listener, 1) == ([written], [b"\x60" + written[1:4] + bytes(4)]), name
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_a_text_travels_in_the_golden_segments(name: str, node_bench: Bench, listener: can.BusABC) -> None:
-    golden = NODE_FRAMES[name]
-    assert node_bench.nodes[0]._text(NODE[name].address) == golden["text"]
-    assert transfers(listener, 1) == tuple([bits(text) for text in golden[way]] for way in ("requests", "responses"))
+def test_a_node_answers_with_the_golden_frames_of_all_objects(
+    node_bench: Bench, sim: SimulatedBench, listener: can.BusABC
+) -> None:
+    node = sim.nodes[0]
+    for name in (name for name in NUMBERS if NODE[name].access != "wo"):
+        golden, field = NODE_FRAMES[name], NODE[name]
+        if name.startswith("sample_") and name != "sample_counter":
+            node._last = np.full(4, golden["value"])
+        else:
+            shared = node.id if name.startswith("tpdo") and name.endswith("cob_id") else 0
+            node.settings[name] = physical(field, golden["value"]) - shared
+        number = node_bench.nodes[0].get(name)
+        if "write" in golden:
+            written = bits(golden["write"])
+            request, response = b"\x40" + written[1:4] + bytes(4), bytes([UPLOAD_OF_DOWNLOAD[written[0]]]) + written[1:]
+        else:
+            request, response = bits(golden["request"]), bits(golden["response"])
+        assert transfers(listener, 1) == ([request], [response]), name
+        assert means(NODE, name, number, golden["value"])
+
+
+def test_a_text_travels_in_the_golden_segments(node_bench: Bench, listener: can.BusABC) -> None:
+    for name in TEXTS:
+        golden = NODE_FRAMES[name]
+        assert node_bench.nodes[0]._text(NODE[name].address) == golden["text"]
+        segments = tuple([bits(text) for text in golden[way]] for way in ("requests", "responses"))
+        assert transfers(listener, 1) == segments, name
 
 
 def test_samples_travel_as_the_golden_process_data_objects(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import can
 import pytest
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from drivers.modbus import ModbusLink
+from drivers.sensor_node import SensorNode
 
 
 @dataclass
@@ -35,6 +38,37 @@ def listen(link: ModbusLink, monkeypatch: pytest.MonkeyPatch) -> Wire:
 
     monkeypatch.setattr(client.transaction, "trace_packet", trace)
     return wire
+
+
+SHORT = 0.2  # s
+
+
+@contextmanager
+def impatient(link: ModbusLink) -> Iterator[None]:
+    """Inside, the link waits no longer than `SHORT`; a busy machine could miss that where an answer is wanted."""
+    client = link._client
+    patient = client.comm_params.timeout_connect
+    _wait_for(client, SHORT)
+    try:
+        yield
+    finally:
+        _wait_for(client, patient)
+
+
+def _wait_for(client: ModbusTcpClient | ModbusSerialClient, timeout: float) -> None:
+    client.comm_params.timeout_connect = timeout
+    if isinstance(client, ModbusSerialClient) and client.socket is not None:
+        client.socket.timeout = timeout
+
+
+@contextmanager
+def impatient_node(node: SensorNode, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Inside, the node waits no longer than `SHORT`; after it, only for answers that come late."""
+    short = node.link._description.model_copy(update={"timeout": SHORT})
+    monkeypatch.setattr(node.link, "_description", short)
+    with monkeypatch.context() as patch:
+        patch.setattr(node._node.sdo, "RESPONSE_TIMEOUT", SHORT)
+        yield
 
 
 def frames(listener: can.BusABC) -> list[can.Message]:

@@ -1,0 +1,103 @@
+"""A CAN link when its adapter fails, or a node answers late or what nobody asked."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import can
+import pytest
+
+from drivers.bench import Bench
+from drivers.can import CanLink
+from instrument.errors import DeviceError, LinkError, LinkTimeout
+from simulators.bench import SimulatedBench
+from tests.drivers.wire import impatient_node
+
+
+def test_an_unknown_can_interface_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:
+    link = CanLink(sim.description.can.model_copy(update={"interface": "no_such_interface"}))
+    with pytest.raises(LinkError, match=r"CAN bus no_such_interface:.* cannot be opened"):
+        link.open()
+
+
+def test_a_bus_that_is_not_open_is_a_link_error(sim: SimulatedBench) -> None:
+    link = CanLink(sim.description.can)
+    link.close()
+    with pytest.raises(LinkError, match="is not open; open the bench first"):
+        link.add_node(1)
+
+
+def test_a_failing_adapter_is_a_link_error(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unplugged(*_: object, **__: object) -> None:
+        raise can.CanOperationError("adapter unplugged")
+
+    node = bench.nodes[0]
+    monkeypatch.setattr(node.link.network.bus, "send", unplugged)
+    with pytest.raises(LinkError, match=r"sensor node 1 .* failed: adapter unplugged"):
+        node.get("probe")
+    with pytest.raises(LinkError, match="failed: adapter unplugged"):
+        node.arm()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unplugged(*_: object, **__: object) -> None:
+        raise can.CanOperationError("adapter unplugged")
+
+    link = CanLink(sim.description.can)
+    link.open()
+    node = link.add_node(1)
+    monkeypatch.setattr(link.network.bus, "recv", unplugged)
+    notifier: Any = link.network.notifier
+    notifier._readers[0].join()
+    with pytest.raises(LinkError, match=r"^node: virtual:.* failed: adapter unplugged"):
+        link.upload("node", node, 0x1000, 0)
+    with pytest.raises(LinkError, match=r"virtual:.* failed: adapter unplugged"):
+        link.close()
+    link.close()
+
+
+def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = bench.nodes[0]
+    sdo: Any = node._node.sdo
+
+    def interrupted() -> bytes:
+        raise KeyboardInterrupt
+
+    with sim.clock.lock, impatient_node(node, monkeypatch), monkeypatch.context() as patch:
+        patch.setattr(sdo, "read_response", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            node.set("sync_period", 0.5)
+    assert node.get("sync_period") == 0.5
+
+
+def test_a_node_that_answers_what_nobody_asked_is_a_link_error(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = bench.nodes[0]
+    with sim.clock.lock, impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
+        node.get("probe")
+    for _ in range(20):
+        node._node.sdo.responses.put(bytes(8))
+    with pytest.raises(LinkError, match="keeps answering what was not asked"):
+        node.get("probe")
+
+
+def test_an_object_of_another_size_is_not_used(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = bench.nodes[0]
+    monkeypatch.setattr(node._node.sdo, "upload", lambda *_: b"\x00\x00")
+    with pytest.raises(DeviceError, match="probe came with 2 bytes where 4 belong; not used"):
+        node.get("probe")
+
+
+def test_threads_take_turns_on_a_bus(bench: Bench) -> None:
+    node = bench.nodes[0]
+    wanted = ["probe", "heartbeat", "vendor", "sync_period"]
+    with ThreadPoolExecutor(len(wanted)) as pool:
+        answers = list(pool.map(lambda name: {node.get(name) for _ in range(50)}, wanted))
+    assert answers == [{0x12345678}, {1.0}, {0x50414C50}, {0.001}]

@@ -1,0 +1,255 @@
+"""A Modbus link when the other end does not answer, answers late, wrong or by half; and what comes after."""
+
+from __future__ import annotations
+
+import logging
+import re
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+
+import pytest
+from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
+
+from drivers.bench import Bench
+from drivers.modbus import LARGEST_FRAME, ModbusDevice, ModbusLink
+from drivers.signal_generator import SignalGenerator
+from instrument.bench import SerialLine, TcpAddress
+from instrument.contract import PROBE
+from instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene
+from tests.drivers.wire import Wire, impatient, listen
+
+
+@pytest.fixture
+def closed_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+    return port
+
+
+def receive(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, change: Callable[[bytes], bytes]) -> None:
+    """Let `change` happen to each reply on its way to the driver."""
+    monkeypatch.setattr(
+        link._client.transaction, "trace_packet", lambda sending, data: data if sending else change(data)
+    )
+
+
+def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU) -> None:
+    """Let every reply be `reply`."""
+
+    def other(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        reply.dev_id, reply.transaction_id = pdu.dev_id, pdu.transaction_id
+        return pdu if sending else reply
+
+    monkeypatch.setattr(link._client.transaction, "trace_pdu", other)
+
+
+def test_a_closed_port_is_a_link_error_that_names_the_address(closed_port: int) -> None:
+    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
+    with pytest.raises(LinkError, match=f"nothing answers at 127.0.0.1:{closed_port}; .* the bench file"):
+        link.open()
+
+
+def test_a_serial_port_that_does_not_exist_is_a_link_error_that_names_it() -> None:
+    with pytest.raises(LinkError, match=r"there is no serial port /dev/no-such-port; .* the bench file"):
+        ModbusLink.rtu(SerialLine(port="/dev/no-such-port")).open()
+
+
+def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    port = sim.description.line.port
+    with pytest.raises(LinkError, match=f"serial port {port} is in use by another program.* the bench file"):
+        ModbusLink.rtu(sim.description.line).open()
+
+
+@pytest.mark.usefixtures("nothing_left_behind")
+def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
+    with SimulatedBench(scene) as sim:
+        address = sim.description.signal_generator
+        generator = SignalGenerator(ModbusLink.tcp(address), address.unit)
+        generator.link.open()
+        generator.connect()
+    with pytest.raises(LinkError, match=f"signal generator at {address.host}:{address.port}"):
+        generator.get("frequency")
+    with pytest.raises(LinkError, match=f"{address.host}:{address.port}"):
+        generator.get("frequency")
+    generator.link.close()
+
+
+def test_a_late_reply_of_any_length_is_listened_to_in_pieces(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow line delivers a long reply byte by byte."""
+    line = bench.positioner.link
+    with impatient(line), monkeypatch.context() as patch, pytest.raises(LinkTimeout):
+        receive(line, patch, lambda _: b"")
+        bench.positioner.get("position")
+    pieces = [b"\x02"] * (LARGEST_FRAME - 1) + [b""]
+    with monkeypatch.context() as patch:
+        patch.setattr(line._client, "recv", lambda _size: pieces.pop(0))
+        line.open()
+    assert pieces == []
+    assert bench.positioner.get("probe") == PROBE
+
+
+def test_a_line_that_never_falls_silent_is_a_link_error(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = bench.positioner.link
+    with impatient(line), sim.clock.lock, pytest.raises(LinkTimeout):
+        bench.positioner.get("position")
+    with impatient(line):
+        with monkeypatch.context() as patch:
+            patch.setattr(line._client, "recv", lambda _size: b"\xff" * 10)
+            with pytest.raises(LinkError, match="does not fall silent; look for a device that babbles"):
+                bench.positioner.get("position")
+        line.open()
+    assert bench.positioner.get("probe") == PROBE
+
+
+@pytest.mark.parametrize("signal", [KeyboardInterrupt, SystemExit])
+def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
+    signal: type[BaseException], bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    positioner = bench.positioner
+    client = positioner.link._client
+    connect = client.connect
+
+    def interrupted(_size: int | None) -> bytes:
+        raise signal
+
+    with impatient(positioner.link), ExitStack() as stall:
+
+        def reconnect() -> bool:
+            connected: bool = connect()
+            stall.close()
+            return connected
+
+        stall.enter_context(sim.clock.lock)
+        with monkeypatch.context() as patch:
+            patch.setattr(client, "recv", interrupted)
+            with pytest.raises(signal):
+                positioner.get("limit_high")
+        monkeypatch.setattr(client, "connect", reconnect)
+        positioner.link.open()
+    assert positioner.get("limit_low") == 0.0
+
+
+def test_noise_on_the_line_is_a_time_out_and_no_reading(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    line = bench.indicator.link
+    with impatient(line), monkeypatch.context() as noisy:
+        receive(line, noisy, lambda data: data[:-3] + bytes([data[-3] ^ 1]) + data[-2:])
+        with pytest.raises(LinkTimeout):
+            bench.indicator.get("probe")
+        line.open()
+    assert bench.indicator.get("probe") == PROBE
+
+
+@pytest.mark.parametrize("cut", [9, 10, 12])
+def test_a_reply_that_says_it_is_complete_and_is_not_is_no_reading(
+    cut: int, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def truncate(data: bytes) -> bytes:
+        return data[:4] + (cut - 6).to_bytes(2) + data[6:cut]
+
+    with monkeypatch.context() as broken:
+        receive(bench.generator.link, broken, truncate)
+        for ask in (bench.generator.connect, lambda: bench.generator.get("probe")):
+            with pytest.raises((LinkError, DeviceError)):
+                ask()
+    assert bench.generator.get("probe") == PROBE
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        ReadInputRegistersResponse(registers=[0x1234, 0x5678]),
+        ReadHoldingRegistersResponse(registers=[0x1234]),
+        ReadHoldingRegistersResponse(registers=[0x1234, 0x5678, 0x9ABC]),
+    ],
+)
+def test_a_reply_to_another_question_is_not_used(
+    reply: ModbusPDU, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        exchange(bench.generator.link, patch, reply)
+        with pytest.raises(DeviceError, match=r"answered function \d with \d registers where function 3 with 2"):
+            bench.generator.get("probe")
+
+
+def test_a_write_that_another_address_confirms_is_uncertain(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        trace = bench.generator.link._client.transaction
+
+        def elsewhere(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+            if not sending:
+                pdu.address += 1
+            return pdu
+
+        patch.setattr(trace, "trace_pdu", elsewhere)
+        with pytest.raises(DeviceError, match=r"did not confirm amplitude = 1 V.*the setting is uncertain"):
+            bench.generator.set(amplitude=1)
+
+
+def test_fields_that_stand_together_travel_in_one_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire: Wire = listen(bench.generator.link, monkeypatch)
+    bench.generator.sine(10.0, 1.5, offset=-0.5)
+    assert [request[0] for request in wire.requests] == [16]
+    bench.generator.read()
+    assert [request[0] for request in wire.requests] == [16, 3]
+
+
+def test_fields_that_stand_apart_are_not_written(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = listen(bench.generator.link, monkeypatch)
+    with pytest.raises(UsageError, match="frequency, output do not stand together"):
+        bench.generator.set(frequency=1, output="on")
+    assert wire.requests == []
+
+
+def test_devices_on_one_line_are_told_apart_by_their_unit(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    units = []
+
+    def trace(sending: bool, data: bytes) -> bytes:
+        if sending:
+            units.append(data[0])
+        return data
+
+    monkeypatch.setattr(bench.indicator.link._client.transaction, "trace_packet", trace)
+    assert bench.indicator.get("gage_factor") == 8.98
+    assert bench.positioner.get("speed") == 1e-3
+    assert units == [1, 2]
+
+
+def test_a_failure_is_told_by_its_exception_only(
+    closed_port: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a handler of its own a library's warnings go to stderr, beside the one message that belongs there."""
+    monkeypatch.setattr(logging.root, "handlers", [])
+    link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=closed_port))
+    with pytest.raises(LinkError):
+        link.open()
+    for name in ("canopen.sdo.client", "can.bus"):
+        logging.getLogger(name).error("told by an exception too")
+    assert capsys.readouterr().err == ""
+
+
+def test_a_message_names_the_link_that_failed(bench: Bench, sim: SimulatedBench) -> None:
+    port = re.escape(sim.description.line.port)
+    with impatient(bench.indicator.link), sim.clock.lock, pytest.raises(LinkTimeout, match=port):
+        bench.indicator.read()
+
+
+def test_threads_take_turns_on_a_link(bench: Bench) -> None:
+    """The line carries one request at a time, whoever asks whom."""
+    wanted: list[tuple[ModbusDevice, str]] = [
+        (bench.indicator, "gage_factor"),
+        (bench.indicator, "full_scale"),
+        (bench.positioner, "limit_high"),
+        (bench.positioner, "speed"),
+    ]
+    with ThreadPoolExecutor(len(wanted)) as pool:
+        answers = list(pool.map(lambda one: {one[0].get(one[1]) for _ in range(25)}, wanted))
+    assert answers == [{8.98}, {200.0}, {0.025}, {0.001}]

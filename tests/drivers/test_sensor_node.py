@@ -1,0 +1,262 @@
+"""A sensor node's driver brings every sample home, or says that it did not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.sensor_node import Recording, SensorNode, acquire
+from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from instrument.errors import DeviceError, LinkError, RangeError
+from instrument.sample import SAMPLES
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene
+from simulators.sensor_node import SensorNode as SimulatedNode
+from tests.conformance import CanopenConformance
+from tests.drivers.wire import frames
+
+SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit of the error register
+
+
+class TestSensorNode(CanopenConformance):
+    @staticmethod
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[SensorNode, SimulatedNode]:
+        return bench.nodes[0], sim.nodes[0]
+
+
+@pytest.fixture
+def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
+    with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+        yield bus
+
+
+def put_on_films(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, total: float) -> None:
+    """Let the film of channel 2 give `total` V, the other none."""
+    volts = np.array([total if film.name == "total" else 0.0 for film in sim.scene.design.films])
+    monkeypatch.setattr(sim.rig, "film_voltages", lambda time_ns: np.outer(volts, np.ones(len(time_ns))))
+
+
+def shake(bench: Bench) -> None:
+    """A sample under the probe, pressed and shaken at 10 Hz."""
+    bench.operator.mount(SAMPLES["2"])
+    bench.positioner.move(15e-3, speed=5e-3)
+    bench.drive()
+    bench.generator.sine(10.0, 1.0)
+
+
+def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind: None) -> None:
+    with (
+        SimulatedBench(replace(scene, nodes=20)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        recordings = acquire(bench.nodes, 1.0)
+        assert [recording.node for recording in recordings] == list(range(1, 21))
+        for recording, node in zip(recordings, bench.nodes, strict=True):
+            assert recording.voltage.shape == recording.saturated.shape == (4, 1000)
+            assert node.get("sample_counter") == 1000
+        assert recordings[0].time[[0, -1]].tolist() == [0.001, 1.0]
+        assert len({recording.voltage.tobytes() for recording in recordings}) == 20
+
+
+def test_a_second_recording_starts_again_from_one(bench: Bench) -> None:
+    node = bench.nodes[0]
+    node.acquire(0.05)
+    assert node.acquire(0.02).voltage.shape == (4, 20)
+    assert node.get("sample_counter") == 20
+
+
+def test_the_films_sine_stands_in_its_channels_and_nowhere_else(bench: Bench) -> None:
+    shake(bench)
+    bench.clock.wait(5.0)
+    voltage = bench.nodes[0].acquire(1.0).voltage
+    spectrum = np.abs(np.fft.rfft(voltage, axis=1))[:, 10] * 2 / 1000
+    rigid, total = (film.channel - 1 for film in sorted(bench_films(bench), key=lambda film: film.name))
+    assert spectrum[total] > 10 * spectrum[rigid] > 100 * spectrum[2:].max()
+
+
+def bench_films(bench: Bench) -> Any:
+    return bench.operator._rig.scene.design.films  # type: ignore[attr-defined]
+
+
+def test_a_range_ten_times_smaller_resolves_ten_times_finer(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = bench.nodes[0]
+    steps = []
+    for range_ in ("5 V", "500 mV"):
+        node.set_range(3, range_)
+        levels = np.unique(node.acquire(0.5).voltage[2])
+        steps.append(np.diff(levels).min())
+    assert steps == pytest.approx([5 / 32768, 0.5 / 32768])
+
+
+# --- saturation ----------------------------------------------------------------------------------------
+
+
+def test_a_saturated_channel_is_flagged_and_reported_once(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_on_films(sim, monkeypatch, total=-6.0)
+    node = bench.nodes[0]
+    recording = node.acquire(0.01)
+    assert recording.saturated.tolist() == [[False] * 10, [True] * 10, [False] * 10, [False] * 10]
+    assert recording.voltage[1].tolist() == [-5.0] * 10
+    assert node.contract.set_bits("saturation", node.get("saturation")) == {"channel_2"}
+    assert node.contract.set_bits("error_register", node.get("error_register")) == {"voltage"}
+    assert node.emergencies == [SATURATED]
+    node.acquire(1.2)  # in two stretches: a heartbeat stands between
+    assert node.emergencies == [SATURATED] * 2  # starting clears the error
+
+
+def test_the_last_count_before_the_rail_is_not_saturated(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sim.nodes[0], "_noise", None)
+    for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
+        put_on_films(sim, monkeypatch, total)
+        assert bench.nodes[0].acquire(0.001).saturated[1].tolist() == [saturated], total
+    assert len(bench.nodes[0].emergencies) == 2
+
+
+def test_a_node_without_converter_effect_still_saturates_at_16_bits(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        SimulatedBench(replace(scene, effects={})) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        put_on_films(sim, monkeypatch, total=7.0)
+        recording = bench.nodes[0].acquire(0.002)
+    assert recording.saturated[1].all()
+    assert recording.voltage[1].tolist() == [32767 * 5 / 32768] * 2
+
+
+def test_resetting_the_integrators_starts_the_films_from_zero(scene: Scene) -> None:
+    with (
+        SimulatedBench(
+            replace(scene, effects={k: v for k, v in scene.effects.items() if k == "charge_amplifier"})
+        ) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        bench.operator.mount(SAMPLES["2"])
+        bench.positioner.move(20e-3, speed=5e-3)
+        node = bench.nodes[0]
+        assert node.acquire(0.001).voltage[1, 0] > 0.05  # the step of the preload has not drained yet
+        node.reset_integrators()
+        assert abs(node.acquire(0.001).voltage[1, 0]) < 1e-3
+
+
+# --- what is noticed -----------------------------------------------------------------------------------
+
+
+def tamper(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, change: Callable[[Any, can.Message], None]) -> None:
+    """Let `change(send, message)` stand between the nodes and the bus."""
+    bus = sim._can._bus
+    send = bus.send
+    monkeypatch.setattr(bus, "send", lambda message: change(send, message))
+
+
+@pytest.mark.parametrize("cob_id", [0x181, 0x281])
+@pytest.mark.parametrize("lost", [1, 7, 20])
+def test_a_lost_frame_is_noticed(
+    cob_id: int, lost: int, sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = [0]
+
+    def drop(send: Any, message: can.Message) -> None:
+        seen[0] += message.arbitration_id == cob_id
+        if message.arbitration_id != cob_id or seen[0] != lost:
+            send(message)
+
+    tamper(sim, monkeypatch, drop)
+    with pytest.raises(LinkError, match=f"sensor node 1 .* missing from number {lost} on; .*record again"):
+        bench.nodes[0].acquire(0.02)
+
+
+def test_a_doubled_frame_is_noticed(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = [0]
+
+    def double(send: Any, message: can.Message) -> None:
+        send(message)
+        seen[0] += message.arbitration_id == 0x181
+        if message.arbitration_id == 0x181 and seen[0] == 5:
+            send(message)
+
+    tamper(sim, monkeypatch, double)
+    with pytest.raises(LinkError, match="missing from number"):
+        bench.nodes[0].acquire(0.02)
+
+
+def test_a_whole_sample_lost_is_noticed_by_its_number(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = [0]
+
+    def drop(send: Any, message: can.Message) -> None:
+        seen[0] += message.arbitration_id in (0x181, 0x281)
+        if seen[0] not in (13, 14):
+            send(message)
+
+    tamper(sim, monkeypatch, drop)
+    node = bench.nodes[0]
+    node.arm()
+    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    sim.clock.wait(0.03)
+    assert node.get("sample_counter") == 30
+    with pytest.raises(LinkError, match="missing from number 7 on"):
+        node.collect(20)
+
+
+def test_nodes_that_do_not_sample_are_a_device_error(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench.nodes[0], "arm", lambda: None)
+    with pytest.raises(DeviceError, match="20 of 20 samples were not taken; check SYNC and NMT state"):
+        bench.nodes[0].acquire(0.02)
+    assert sim.nodes[0].settings["sync_cob_id"] == SYNC_COB_ID
+
+
+def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
+    for duration in (0.0, -1.0, 1e-9, math.nan, math.inf):
+        with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
+            bench.nodes[0].acquire(duration)
+    assert frames(listener) == []
+
+
+def test_a_sample_rate_out_of_range_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
+    for rate in (0.0, -1.0, 0.05, 20_000.0, math.nan, math.inf):
+        with pytest.raises(RangeError):
+            bench.nodes[0].set_sample_rate(rate)
+    assert frames(listener) == []
+
+
+def test_the_sample_rate_is_what_the_node_can_hold(bench: Bench) -> None:
+    node = bench.nodes[0]
+    node.set_sample_rate(3000.0)
+    assert node.rate == 1 / 333e-6
+
+
+# --- the same again ------------------------------------------------------------------------------------
+
+
+def record(scene: Scene) -> list[Recording]:
+    with (
+        SimulatedBench(replace(scene, nodes=2)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        shake(bench)
+        bench.clock.wait(0.5)
+        return acquire(bench.nodes, 0.2)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(scene: Scene) -> None:
+    first, again, other = (record(scene.with_seed(seed)) for seed in (7, 7, 8))
+    for one, same, different in zip(first, again, other, strict=True):
+        assert one.voltage.tobytes() == same.voltage.tobytes() != different.voltage.tobytes()
+        assert one.voltage[2:].tobytes() != different.voltage[2:].tobytes()  # no film there: noise alone
+    assert first[0].voltage.tobytes() != first[1].voltage.tobytes()

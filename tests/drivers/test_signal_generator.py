@@ -1,0 +1,120 @@
+"""The signal generator sets all of a waveform at once, and keeps its phase."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from drivers.bench import Bench
+from drivers.modbus import ModbusDevice
+from instrument.errors import RangeError
+from simulators.bench import SimulatedBench
+from simulators.device import SimulatedDevice
+from simulators.signal_generator import SignalGenerator as SimulatedGenerator
+from tests.conformance import ModbusConformance
+from tests.drivers.wire import listen
+
+
+class TestSignalGenerator(ModbusConformance):
+    @staticmethod
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
+        return bench.generator, sim.generator
+
+
+def volts_at(generator: SimulatedGenerator, *times: float) -> npt.NDArray[np.float64]:
+    """Output voltage `times` s after now."""
+    now = generator.clock.now_ns()
+    return generator.voltage().at(np.array([now + round(time * 1e9) for time in times]))
+
+
+def test_a_frequency_change_is_one_request_and_keeps_the_phase(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.generator.sine(10.0, 2.0)
+    bench.generator.output(True)
+    sim.clock.wait(0.1234567)
+    before = volts_at(sim.generator, 0.0)
+    slope = np.diff(volts_at(sim.generator, 0.0, 1e-6))
+    wire = listen(bench.generator.link, monkeypatch)
+    bench.generator.sine(20.0, 2.0)
+    assert [request[0] for request in wire.requests] == [16]
+    assert volts_at(sim.generator, 0.0) == pytest.approx(before, abs=1e-12)
+    assert np.diff(volts_at(sim.generator, 0.0, 1e-6)) == pytest.approx(2 * slope, rel=1e-3)
+
+
+def test_a_phase_reset_restarts_the_waveform_at_zero(bench: Bench, sim: SimulatedBench) -> None:
+    bench.generator.sine(10.0, 2.0)
+    bench.generator.output(True)
+    sim.clock.wait(0.0321)
+    assert abs(volts_at(sim.generator, 0.0)) > 1.0
+    bench.generator.reset_phase()
+    assert volts_at(sim.generator, 0.0, 0.025, 0.075) == pytest.approx([0.0, 2.0, -2.0], abs=1e-12)
+
+
+def test_the_phase_is_exact_after_a_month(bench: Bench, sim: SimulatedBench) -> None:
+    bench.generator.sine(9.999, 1.0)
+    bench.generator.output(True)
+    generator, month = sim.generator, 30 * 86_400 * 1_000_000_000
+    phase = generator.voltage().phase(np.array([generator.clock.now_ns() + month]))
+    assert phase.tolist() == [9_999 * month % 10**12]
+
+
+def test_the_output_relay_opens_and_closes(bench: Bench, sim: SimulatedBench) -> None:
+    bench.generator.sine(10.0, 2.0, offset=1.0)
+    assert volts_at(sim.generator, 0.025).tolist() == [0.0]
+    assert bench.generator.get("status") == 0
+    bench.generator.output(True)
+    assert volts_at(sim.generator, 0.025) == pytest.approx([3.0])
+    assert bench.generator.get("status") == 1
+
+
+@pytest.mark.parametrize(("amplitude", "offset"), [(6.0, 4.000001), (9.0, -1.1), (math.nan, 0.0), (0.1, math.nan)])
+def test_a_peak_above_the_rail_is_refused_before_it_is_sent(
+    amplitude: float, offset: float, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = listen(bench.generator.link, monkeypatch)
+    with pytest.raises(RangeError, match="signal generator: "):
+        bench.generator.sine(10.0, amplitude, offset)
+    assert wire.requests == []
+
+
+def test_every_peak_up_to_the_rail_is_taken(bench: Bench) -> None:
+    for tenths in range(0, 101, 7):
+        bench.generator.sine(10.0, tenths / 10, offset=(tenths - 100) / 10)
+    assert bench.generator.read() == (10.0, 9.8, -0.2)
+
+
+def test_the_generator_says_why_it_refused(bench: Bench) -> None:
+    generator = bench.generator
+    reasons = []
+    for address, microvolts in ((0x14, 5_000_000), (0x12, 6_000_000), (0x12, 10_000_001), (0x12, 1)):
+        registers = [microvolts >> 16, microvolts & 0xFFFF]
+        reply = generator.link._client.write_registers(address, registers, device_id=generator.unit)
+        reasons.append((reply.isError(), generator.contract.choice("error", generator.get("error"))))
+    assert reasons == [(False, "none"), (True, "amplitude_plus_offset"), (True, "range"), (False, "none")]
+    assert generator.read() == (10.0, 1e-6, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "harmonic"),
+    [
+        ("sine", lambda k: 1.0 if k == 1 else 0.0),
+        ("square", lambda k: 4 / (np.pi * k)),
+        ("triangle", lambda k: 8 / (np.pi * k) ** 2 * (-1) ** (k // 2)),
+    ],
+)
+def test_a_waveform_has_the_harmonics_of_its_shape(
+    shape: str, harmonic: Callable[[int], float], bench: Bench, sim: SimulatedBench
+) -> None:
+    bench.generator.waveform(shape, 10.0, 3.0, offset=0.5)
+    bench.generator.output(True)
+    bench.generator.reset_phase()
+    spectrum = np.fft.rfft(volts_at(sim.generator, *(np.arange(100) / 1000))) / 50
+    assert spectrum[0] / 2 == pytest.approx(0.5)
+    for k in range(1, 30):
+        expected = -3j * harmonic(k) if k % 2 and k <= 25 else 0.0
+        assert spectrum[k] == pytest.approx(expected, abs=1e-9), k

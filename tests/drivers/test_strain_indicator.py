@@ -1,0 +1,206 @@
+"""The strain indicator reads the load cell, and takes zero and tare by command and acknowledge."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.modbus import ModbusDevice
+from instrument.errors import DeviceError
+from instrument.models.response import Load, response
+from instrument.sample import SAMPLES
+from simulators.bench import SimulatedBench
+from simulators.device import SimulatedDevice
+from simulators.scene import Scene
+from tests.conformance import RtuConformance
+
+GRAVITY = 9.80665  # m/s2
+MILLIVOLT_PER_NEWTON = 10.306  # of Table 5.1
+
+
+class TestStrainIndicator(RtuConformance):
+    @staticmethod
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
+        return bench.indicator, sim.indicator
+
+
+def drive(bench: Bench, amplitude: float) -> None:
+    bench.drive()
+    bench.generator.sine(10.0, amplitude)
+
+
+@pytest.mark.parametrize(("mass", "reading"), [(0.0, 2), (0.14, 16), (0.44, 46), (0.74, 77)])
+def test_a_weight_reads_as_in_table_5_1(mass: float, reading: int, bench: Bench) -> None:
+    bench.operator.place_weight(mass)
+    bench.clock.wait(2.0)
+    shown = bench.indicator.read()
+    assert shown.reading_mV == pytest.approx(reading, abs=1)
+    assert (shown.resolution_mV, shown.valid) == (1.0, True)
+
+
+def ideal(scene: Scene) -> Scene:
+    """The scene without its load cell's zero, noise and steps."""
+    return replace(scene, effects={})
+
+
+def test_the_gage_factor_divides_the_reading(scene: Scene) -> None:
+    with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.operator.place_weight(0.5)
+        shown = []
+        for factor in (8.98, 4.49, 17.96):
+            bench.indicator.configure(factor, 200)
+            bench.clock.wait(2.0)
+            shown.append(bench.indicator.read().reading_mV)
+    millivolts = 0.5 * GRAVITY * MILLIVOLT_PER_NEWTON
+    assert shown == pytest.approx([millivolts, 2 * millivolts, millivolts / 2], abs=1e-4)
+
+
+def test_a_load_that_just_changed_is_not_stable(bench: Bench, sim: SimulatedBench) -> None:
+    bench.indicator.track(0.1)
+    bench.operator.place_weight(0.3)
+    assert not bench.indicator.read().stable
+    sim.clock.wait(0.699)
+    assert not bench.indicator.read().valid
+    sim.clock.wait(0.002)
+    assert bench.indicator.read().valid
+
+
+def test_the_filter_follows_with_its_time_constant(scene: Scene) -> None:
+    with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.indicator.track(2.0)
+        bench.clock.wait(20.0)
+        bench.operator.place_weight(0.5)
+        sim.clock.wait(2.0)
+        final = 0.5 * GRAVITY * MILLIVOLT_PER_NEWTON
+        assert bench.indicator.read().reading_mV == pytest.approx(final * (1 - math.exp(-1)), abs=1e-3)
+
+
+def test_zero_and_tare_are_taken_acknowledged_and_cleared(bench: Bench) -> None:
+    indicator = bench.indicator
+    bench.operator.place_weight(0.3)
+    bench.clock.wait(2.0)
+    gross = indicator.read().reading_mV
+    indicator.zero()
+    assert indicator.read().reading_mV == pytest.approx(0, abs=1)
+    assert indicator.contract.choice("last_command", indicator.get("last_command")) == "zero"
+    bench.operator.place_weight(0.5)
+    bench.clock.wait(2.0)
+    indicator.tare()
+    assert indicator.contract.set_bits("status", indicator.get("status")) == {"stable", "net"}
+    assert indicator.read().reading_mV == pytest.approx(0, abs=1)
+    indicator.clear_tare()
+    assert indicator.contract.set_bits("status", indicator.get("status")) == {"stable"}
+    assert indicator.read().reading_mV == pytest.approx(0.2 * GRAVITY * MILLIVOLT_PER_NEWTON, abs=1.5)
+    indicator.clear_zero()
+    assert indicator.read().reading_mV == pytest.approx(gross + 0.2 * GRAVITY * MILLIVOLT_PER_NEWTON, abs=1.5)
+
+
+def test_a_command_is_pending_until_it_is_carried_out_and_a_second_one_is_refused_as_busy(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    indicator = bench.indicator
+    bench.clock.wait(2.0)
+    indicator.set(command="tare")
+    assert indicator.get("command") == 3
+    with pytest.raises(DeviceError, match="answered exception 6, device busy, to command = zero"):
+        indicator.set(command="zero")
+    sim.clock.wait(0.049)
+    assert indicator.get("command") == 3
+    sim.clock.wait(0.001)
+    assert indicator.get_many("command", "last_command", "command_result") == [0, 3, 1]
+    indicator.set(command="zero")
+
+
+def test_zero_and_tare_are_refused_while_the_reading_moves(bench: Bench) -> None:
+    for command in (bench.indicator.zero, bench.indicator.tare):
+        bench.operator.place_weight(0.3)
+        with pytest.raises(DeviceError, match=f"{command.__name__} ended in refused_unstable; wait for a stable"):
+            command()
+        bench.operator.place_weight(0.0)
+        bench.indicator.clear_zero()
+        bench.indicator.clear_tare()
+    assert bench.indicator.get("status") == 0
+
+
+def test_a_command_is_carried_out_when_it_is_due_whether_anybody_looks_or_not(scene: Scene) -> None:
+    with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.indicator.track(1.0)
+        sim.clock.wait(10.0)
+        bench.operator.place_weight(0.3)
+        sim.clock.wait(7.0)
+        bench.indicator.set(command="tare")
+        sim.clock.wait(0.95)
+        final = 0.3 * GRAVITY * MILLIVOLT_PER_NEWTON
+        missed = final * (math.exp(-7.05) - math.exp(-7.95))  # what the filter gained since the tare
+        assert bench.indicator.read().reading_mV == pytest.approx(missed, abs=1e-4)
+        bench.operator.place_weight(0.5)
+        sim.clock.wait(10.0)
+        net = 0.2 * GRAVITY * MILLIVOLT_PER_NEWTON + final * math.exp(-7.05)
+        assert bench.indicator.read().reading_mV == pytest.approx(net, abs=2e-3)
+
+
+def test_a_command_that_is_never_carried_out_is_a_device_error(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = sim.indicator.read
+    monkeypatch.setattr(sim.indicator, "read", lambda name: 1 if name == "command" else read(name))
+    with pytest.raises(DeviceError, match="zero was not carried out within 1 s"):
+        bench.indicator.zero()
+
+
+def test_a_reading_above_full_scale_is_an_overload(bench: Bench) -> None:
+    bench.indicator.configure(8.98, full_scale_mV=50)
+    for mass, overload in ((0.4, False), (0.6, True)):
+        bench.operator.place_weight(mass)
+        bench.clock.wait(2.0)
+        shown = bench.indicator.read()
+        assert (shown.overload, shown.valid) == (overload, not overload)
+
+
+def test_two_readings_that_disagree_are_not_used(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = sim.indicator.read
+    monkeypatch.setattr(sim.indicator, "read", lambda name: 12.0 if name == "reading_float" else read(name))
+    with pytest.raises(DeviceError, match="2 mV as an integer and 12 mV as a float; not used"):
+        bench.indicator.read()
+
+
+def test_an_open_bridge_is_no_reading(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = {"status": 4.0, "reading_float": math.nan, "reading": 0.0}
+    read = sim.indicator.read
+    monkeypatch.setattr(sim.indicator, "read", lambda name: opened[name] if name in opened else read(name))
+    shown = bench.indicator.read()
+    assert math.isnan(shown.reading_mV)
+    assert (shown.bridge_open, shown.valid) == (True, False)
+
+
+@pytest.mark.parametrize("name", ["1", "6"])
+def test_the_peak_to_peak_of_a_known_load(name: str, scene: Scene) -> None:
+    with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.operator.mount(SAMPLES[name])
+        bench.positioner.move(20e-3, speed=5e-3)
+        bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=2.0)
+        bench.indicator.peak_to_peak(1.0)
+        drive(bench, 1.5)
+        bench.clock.wait(0.999)
+        assert not bench.indicator.read().stable
+        bench.clock.wait(0.002)
+        shown = bench.indicator.read()
+        stack = response(scene.design, Load(1.0, SAMPLES[name]), scene.model).stiffness
+        rig = scene.rig
+    force = 2 * 1.5 * 2.0 / rig.coil_resistance * rig.force_constant * stack / (stack + rig.suspension_stiffness)
+    assert shown.stable
+    assert shown.reading_mV == pytest.approx(force * MILLIVOLT_PER_NEWTON, rel=1e-4)
+
+
+def test_peak_to_peak_sees_only_its_window(bench: Bench) -> None:
+    bench.indicator.peak_to_peak(1.0)
+    bench.operator.place_weight(0.5)
+    bench.clock.wait(0.5)
+    assert bench.indicator.read().reading_mV > 40
+    bench.clock.wait(0.6)
+    assert bench.indicator.read().reading_mV < 4

@@ -1,0 +1,198 @@
+"""A contract declares a device once: what it says of itself, and how it turns values into bytes and back."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from dataclasses import replace
+
+import pytest
+
+from instrument.contract import PROBE, Contract, Field, Identity, sdo
+from instrument.contracts import CONTRACTS, contracts_digest
+from instrument.contracts.sensor_node import bus_load
+from instrument.errors import RangeError, UnknownName
+
+EVERY_FIELD = [pytest.param(c, f, id=f"{c.name}.{f.name}") for c in CONTRACTS.values() for f in c.fields]
+RANGES = {
+    "uint8": (0, 255), "int8": (-128, 127), "uint16": (0, 65535), "int16": (-32768, 32767),
+    "uint32": (0, 4294967295), "int32": (-2147483648, 2147483647),
+}  # fmt: skip
+
+TOY = Contract(
+    name="toy",
+    title="toy device",
+    bus="modbus",
+    identity=Identity("Palpate", "TOY", "1.0"),
+    fields=(
+        Field("speed", 0x10, "uint16", "speed", "m/s", 1e-3, "rw", 0.5, 20.0, 1.0),
+        Field("position", 0x11, "int32", "position", "m", 1e-6),
+        Field("mode", 0x13, "uint16", "mode", access="rw", choices={"slow": 0, "fast": 2}),
+        Field("status", 0x14, "uint16", "status", bits={"ready": 0, "hot": 3}),
+        Field("reading", 0x15, "float32", "reading", "mV"),
+    ),
+)
+
+
+# --- every contract ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("contract", "field"), EVERY_FIELD)
+def test_a_field_says_what_it_means_and_fits_its_type(contract: Contract, field: Field) -> None:
+    assert field.meaning
+    assert field.scale > 0
+    if field.type not in RANGES:
+        return
+    low, high = RANGES[field.type]
+    for limit in (field.minimum, field.maximum):
+        assert limit is None or low <= round(limit / field.scale) <= high
+    assert all(low <= raw <= high for raw in field.choices.values())
+    assert all(0 <= bit < 8 * field.size for bit in field.bits.values())
+
+
+@pytest.mark.parametrize(("contract", "field"), EVERY_FIELD)
+def test_what_can_be_written_has_limits_or_choices_and_a_default_within_them(contract: Contract, field: Field) -> None:
+    if field.access == "ro":
+        return
+    assert field.choices or (field.minimum is not None and field.maximum is not None)
+    assert not (field.choices and field.minimum is not None)
+    assert field.access == "wo" or contract.allows(field.name, float(field.default))
+
+
+@pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
+def test_no_two_fields_overlap_or_share_a_name(contract: Contract) -> None:
+    assert len({field.name for field in contract.fields}) == len(contract.fields)
+    words = [f.address + i for f in contract.fields for i in range(f.size // 2 if contract.bus == "modbus" else 1)]
+    assert len(set(words)) == len(words)
+    assert [field.address for field in contract.fields] == sorted(field.address for field in contract.fields)
+
+
+@pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
+def test_every_device_carries_the_word_order_probe(contract: Contract) -> None:
+    probe = contract["probe"]
+    assert (probe.type, probe.default, probe.access) == ("uint32", 0x12345678, "ro")
+    expected = "12 34 56 78" if contract.bus == "modbus" else "78 56 34 12"
+    assert contract.encode("probe", float(PROBE)) == bytes.fromhex(expected)
+
+
+def test_a_process_data_object_fits_a_classic_frame_and_leaves_sync_alone() -> None:
+    node = CONTRACTS["sensor_node"]
+    for pdo in node.pdos:
+        assert sum(node[name].size for name in pdo.fields) <= 8
+        assert pdo.base in (0x180, 0x280, 0x380, 0x480)
+
+
+def test_twenty_nodes_at_1_kHz_need_five_real_buses() -> None:
+    assert bus_load(1, 1000, 1e6) == pytest.approx(0.29, abs=0.01)
+    assert 4 < bus_load(20, 1000, 1e6) < 5
+    assert bus_load(20, 1000, 500e3) == 2 * bus_load(20, 1000, 1e6)
+
+
+# --- values and bytes ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [0.4994, 20.0006, -1.0, math.nan, math.inf, -math.inf, 1e308])
+def test_a_value_outside_its_limits_is_refused_with_device_field_value_and_limit(value: float) -> None:
+    with pytest.raises(RangeError, match=re.escape(f"toy device: speed = {value:g} m/s is outside 0.5 to 20 m/s")):
+        TOY.encode("speed", value)
+    assert not TOY.allows("speed", value)
+
+
+@pytest.mark.parametrize(("value", "raw"), [(0.5, 500), (20.0, 20000), (0.4996, 500), (20.0004, 20000), (1.2346, 1235)])
+def test_limits_hold_to_the_resolution_of_the_field(value: float, raw: int) -> None:
+    assert TOY.raw("speed", value) == raw
+    assert TOY.encode("speed", value) == raw.to_bytes(2)
+
+
+@pytest.mark.parametrize("value", [1.0, 3.0, -1.0, 0.4, "medium", "Fast", ""])
+def test_what_is_no_choice_is_refused_with_the_valid_ones(value: float | str) -> None:
+    with pytest.raises(RangeError, match=r"toy device: mode = .* is no choice; valid: slow.*fast"):
+        TOY.encode("mode", value)
+
+
+def test_a_choice_goes_by_its_name_or_number() -> None:
+    assert TOY.encode("mode", "fast") == TOY.encode("mode", 2.0) == b"\x00\x02"
+    assert TOY.choice("mode", 2.0) == "fast"
+    assert TOY.choice("mode", 7.0) == "7"
+
+
+def test_a_name_where_a_number_belongs_is_refused() -> None:
+    with pytest.raises(RangeError, match="speed = 'fast' is no choice"):
+        TOY.encode("speed", "fast")
+
+
+def test_status_bits_have_names() -> None:
+    assert TOY.set_bits("status", 0b1001) == {"ready", "hot"}
+    assert TOY.set_bits("status", 0b0110) == set()
+
+
+def test_a_setting_describes_itself_with_its_limits_or_choices() -> None:
+    assert TOY.described("speed", 3.5) == "speed = 3.5 m/s (0.5 to 20)"
+    assert TOY.described("mode", "fast") == "mode = fast (slow, fast)"
+
+
+def test_a_reading_has_no_limits_but_those_of_its_type() -> None:
+    assert TOY.pack("position", -2147.483648) == b"\x80\x00\x00\x00"
+    with pytest.raises(struct.error):
+        TOY.pack("position", -2147.483649)
+
+
+def test_a_reading_that_is_not_a_number_stays_one() -> None:
+    assert math.isnan(TOY.decode("reading", TOY.pack("reading", math.nan)))
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00", b"\x00\x00\x00"])
+def test_bytes_of_another_length_are_refused(data: bytes) -> None:
+    with pytest.raises(struct.error):
+        TOY.decode("speed", data)
+
+
+def test_every_decimal_comes_back_as_it_was_written() -> None:
+    """25000 * 1e-6 is not 0.025, and a limit read back would be below the limit."""
+    for raw in range(0, 65536, 7):
+        assert TOY.decode("speed", raw.to_bytes(2)) == float(f"{raw}e-3")
+        assert TOY.decode("position", raw.to_bytes(4)) == float(f"{raw}e-6")
+
+
+def test_word_order_follows_the_bus() -> None:
+    assert TOY.pack("position", 1e-6) == b"\x00\x00\x00\x01"
+    assert replace(TOY, bus="canopen").pack("position", 1e-6) == b"\x01\x00\x00\x00"
+
+
+def test_a_block_holds_the_named_fields() -> None:
+    assert TOY.block(["mode", "position"]) == (0x11, 3)
+    assert TOY.block(["reading"]) == (0x15, 2)
+
+
+def test_an_object_is_addressed_by_index_and_subindex() -> None:
+    field = CONTRACTS["sensor_node"]["serial"]
+    assert field.address == sdo(0x1018, 4) == 0x101804
+    assert (field.index, field.subindex) == (0x1018, 4)
+
+
+def test_an_unknown_field_is_refused_with_the_nearest_name() -> None:
+    with pytest.raises(UnknownName, match=r"unknown field of the toy device 'positon' \(did you mean 'position'\?\)"):
+        TOY.encode("positon", 1.0)
+
+
+# --- the digest that a run keeps -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"scale": 1e-2}, {"address": 0x09}, {"type": "int16"}, {"unit": "mm/s"}, {"minimum": 0.0}, {"maximum": 19.0},
+        {"access": "ro"}, {"choices": {"a": 1}}, {"bits": {"a": 1}}, {"meaning": "velocity"}, {"default": 2.0},
+    ],
+)  # fmt: skip
+def test_any_change_of_a_contract_changes_its_digest(change: dict[str, object]) -> None:
+    first, *rest = TOY.fields
+    changed = replace(TOY, fields=(replace(first, **change), *rest))  # type: ignore[arg-type]
+    assert changed.digest() != TOY.digest()
+
+
+def test_the_digest_is_the_same_each_time() -> None:
+    assert TOY.digest() == replace(TOY).digest()
+    assert len(contracts_digest()) == 64
+    assert contracts_digest() == contracts_digest()

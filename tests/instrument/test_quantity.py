@@ -1,0 +1,62 @@
+"""Text with units at the edge."""
+
+from __future__ import annotations
+
+import pytest
+
+from instrument.errors import QuantityError
+from instrument.quantity import parse, show
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("3 N", "N", 3.0),
+        ("24 kPa", "Pa", 24_000.0),
+        ("10 Hz", "Hz", 10.0),
+        ("140 gf", "N", 0.140 * 9.80665),
+        ("3 mm", "m", 0.003),
+        ("1e-3 s", "s", 0.001),
+        ("-2.5N", "N", -2.5),
+        ("0.5", "", 0.5),
+    ],
+)
+def test_text_becomes_an_SI_value(text: str, unit: str, value: float) -> None:
+    assert parse(text, unit) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("24 kPa", "in kPa where N belongs"),
+        ("3", "has no unit where N belongs"),
+        ("three N", "is not a quantity"),
+        ("", "is not a quantity"),
+        ("nan N", "is not a quantity"),
+        ("1e999 N", "is not finite"),
+        ("3 bananas", "'bananas' is no unit"),
+        ("1 N,", "is not a quantity"),
+        ("__import__('os').getcwd()", "is not a quantity"),
+        ("9**9**9**9 N", "is not a quantity"),  # would be computed for ever
+        ("1 N**99999999", "is not a quantity"),
+    ],
+)
+def test_what_is_no_force_is_refused_with_the_text_and_an_example(text: str, says: str) -> None:
+    with pytest.raises(QuantityError, match=says):
+        parse(text, "N")
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (24_000.0, "Pa", "24 kPa"),
+        (0.0969, "N", "96.9 mN"),
+        (1234.5, "N", "1234 N"),
+        (12_000.0, "Hz", "12 kHz"),
+        (0.0, "V", "0 V"),
+        (3e-6, "m", "3 µm"),
+        (-0.002, "V", "-2 mV"),
+    ],
+)
+def test_a_value_is_shown_with_a_prefix(value: float, unit: str, text: str) -> None:
+    assert show(value, unit) == text

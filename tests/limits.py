@@ -1,0 +1,53 @@
+"""Values at the limits of a field and just beyond them."""
+
+from __future__ import annotations
+
+import math
+
+from instrument.contract import Contract, Field, Value
+
+RAW_LIMITS = {
+    "uint8": (0, 2**8 - 1), "int8": (-(2**7), 2**7 - 1), "uint16": (0, 2**16 - 1), "int16": (-(2**15), 2**15 - 1),
+    "uint32": (0, 2**32 - 1), "int32": (-(2**31), 2**31 - 1),
+}  # fmt: skip
+
+
+def settings(contract: Contract) -> list[Field]:
+    """Fields that keep what is written; a command register falls back to idle."""
+    return [f for f in contract.fields if f.access == "rw" and "idle" not in f.choices]
+
+
+def writable(contract: Contract) -> list[Field]:
+    return [f for f in contract.fields if f.access != "ro"]
+
+
+def inside(field: Field) -> list[Value]:
+    """Every choice, or the limits and a value between them that the field can hold."""
+    if field.choices:
+        return list(field.choices)
+    assert field.minimum is not None
+    assert field.maximum is not None
+    middle = round((0.4 * field.minimum + 0.6 * field.maximum) / field.scale) / (1 / field.scale)
+    return [field.minimum, field.maximum, middle]
+
+
+def outside(field: Field) -> list[Value]:
+    """One step beyond each limit, and what is no number."""
+    beyond: list[Value] = [math.nan, math.inf, -math.inf, "nonsense"]
+    if field.choices:
+        return [*beyond, min(field.choices.values()) - 1, max(field.choices.values()) + 1]
+    assert field.minimum is not None
+    assert field.maximum is not None
+    return [*beyond, field.minimum - field.scale, field.maximum + field.scale]
+
+
+def outside_raw(field: Field) -> list[tuple[int, bool]]:
+    """Raw values one step beyond each limit that the type can hold, and whether they are too high."""
+    limits = list(field.choices.values()) or [round(x / field.scale) for x in (field.minimum or 0, field.maximum or 0)]
+    low, high = RAW_LIMITS[field.type]
+    beyond = [(min(limits) - 1, False), (max(limits) + 1, True)]
+    return [(raw, too_high) for raw, too_high in beyond if low <= raw <= high]
+
+
+def number(field: Field, value: Value) -> float:
+    return field.choices[value] if isinstance(value, str) else value

@@ -1,0 +1,236 @@
+"""The command line in this process, sweeps on an open bench, and things that happen in the middle of one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+from matplotlib.figure import Figure
+
+from drivers.bench import Bench
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
+from instrument.designs import get_design
+from instrument.sample import Sample
+from procedures import load_sweep
+from procedures.cli import main, session
+from procedures.cli.options import Output
+from procedures.load_sweep import Progress, SweepResult, SweepSettings
+from procedures.record import Recorder
+from simulators.bench import SimulatedBench
+from simulators.clock import NEVER
+from simulators.scene import Scene, read_scene
+
+HEADER = {"procedure": "sweep-loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
+
+# Nothing but the converter: what is left is the model, the chain and the arithmetic.
+IDEAL_SCENE = """
+name = "ideal"
+purpose = "Everything exact but the converter."
+design = "single"
+
+[effects.adc]
+"""
+
+# Of an indicator without zero offset and with four decimals, as the ideal scene has it.
+IDEAL_CALIBRATION = THESIS_LOAD_CELL.model_copy(
+    update={"sensitivity_mV_per_N": 10.306, "zero_mV": 0.0, "resolution_mV": 1e-4}
+)
+
+
+# --- the command line ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Spoken:
+    """What a command said, and its exit status."""
+
+    status: object
+    out: str
+    err: str
+
+    @property
+    def object(self) -> dict[str, Any]:
+        """The one JSON object on stdout of a command that succeeded."""
+        assert self.status == 0, self.err
+        value: dict[str, Any] = json.loads(self.out)
+        assert isinstance(value, dict)
+        return value
+
+    @property
+    def complaint(self) -> str:
+        """The one message of a command that failed, which said nothing else."""
+        assert self.out == ""
+        assert "Traceback" not in self.err
+        assert [line.startswith("palpate: ") for line in self.err.splitlines()].count(True) == 1, self.err
+        assert self.err.startswith("palpate: error: ")
+        return self.err.removeprefix("palpate: error: ").rstrip("\n")
+
+
+Palpate = Callable[..., Spoken]
+
+
+@pytest.fixture
+def palpate(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, nothing_left_behind: None
+) -> Palpate:
+    """Runs `palpate` with some arguments in an empty folder, without a process of its own.
+
+    An empty file stands for each plot: drawing one takes as long as measuring six points.
+    """
+    monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: Path(path).touch())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+
+    def run(*arguments: str) -> Spoken:
+        monkeypatch.setattr(sys, "argv", ["palpate", *arguments])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return Spoken(ended.value.code, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def default_sweep(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """`palpate sweep loads --json`, once for all tests."""
+    out, err = StringIO(), StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.chdir(tmp_path_factory.mktemp("default"))
+        patch.delenv("PALPATE_STORE", raising=False)
+        patch.setattr(sys, "argv", ["palpate", "sweep", "loads", "--json"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert err.getvalue() == ""
+    return Spoken(ended.value.code, out.getvalue(), err.getvalue()).object
+
+
+class Benches(list[SimulatedBench]):
+    """The simulated benches that commands open, each doctored before it is used."""
+
+    @staticmethod
+    def doctor(sim: SimulatedBench) -> None:
+        pass
+
+
+@pytest.fixture
+def benches(monkeypatch: pytest.MonkeyPatch) -> Benches:
+    opened = Benches()
+
+    class Doctored(SimulatedBench):
+        def __enter__(self) -> Self:
+            super().__enter__()
+            opened.append(self)
+            opened.doctor(self)
+            return self
+
+    monkeypatch.setattr(session, "SimulatedBench", Doctored)
+    return opened
+
+
+@pytest.fixture
+def on_progress(monkeypatch: pytest.MonkeyPatch) -> Callable[[Progress], None]:
+    """Has a function called with every progress that a command reports."""
+
+    def install(report: Progress) -> None:
+        @contextmanager
+        def progress(_self: Output) -> Iterator[Progress]:
+            yield report
+
+        monkeypatch.setattr(Output, "progress", progress)
+
+    return install
+
+
+@pytest.fixture
+def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The file of a bench that is served here; what is not real about it is the clock, and who mounts samples."""
+
+    class Person(session.ConsoleOperator):
+        def mount(self, sample: Sample) -> None:
+            super().mount(sample)
+            sim.operator.mount(sample)
+
+    monkeypatch.setattr(session, "WallClock", lambda: sim.clock)
+    monkeypatch.setattr(session, "ConsoleOperator", Person)
+    Path("lab.toml").write_text(sim.description.to_toml(), encoding="utf-8")
+    return "lab.toml"
+
+
+# --- without the command line --------------------------------------------------------------------------
+
+
+def silent(_done: int, _total: int, _what: str) -> None:
+    """Hears of progress and does nothing."""
+
+
+def sweep(
+    bench: Bench,
+    folder: Path,
+    samples: tuple[str, ...] = ("1", "2"),
+    loads: tuple[float, ...] = (2.0, 3.0),
+    dwell: float = 1.0,
+    frequency: float = 10.0,
+    calibration: LoadCellCalibration = THESIS_LOAD_CELL,
+    progress: Progress = silent,
+) -> SweepResult:
+    """A sweep on an open bench, recorded in `folder`."""
+    settings = SweepSettings(samples, loads, dwell, frequency)
+    with Recorder.create(folder, HEADER) as record:
+        result = load_sweep.run(bench, get_design("single"), calibration, settings, record, progress)
+        record.finish("complete", result.summary())
+    return result
+
+
+def sweep_scene(scene: Scene, folder: Path, **settings: Any) -> SweepResult:
+    """A sweep on the bench of a scene."""
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        return sweep(bench, folder, **settings)
+
+
+def scene_of(text: str, folder: Path) -> Scene:
+    """The scene that a TOML text describes."""
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_scene(str(path))
+
+
+# --- what happens in the middle ------------------------------------------------------------------------
+
+
+class _Happening:
+    """One moment on the virtual clock."""
+
+    def __init__(self, at_ns: int, action: Callable[[], object]) -> None:
+        self._at_ns = at_ns
+        self._action = action
+
+    def next_event_ns(self) -> int:
+        return self._at_ns
+
+    def advance(self, _start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._at_ns:
+            self._at_ns = NEVER
+            self._action()
+
+
+def happens_in(sim: SimulatedBench, delay: float, action: Callable[[], object]) -> None:
+    """Calls `action` when the bench's clock has gone on by `delay` s."""
+    sim.clock.add(_Happening(sim.clock.now_ns() + round(delay * 1e9), action))
+
+
+def outputs(sim: SimulatedBench) -> tuple[bool, bool, float]:
+    """Amplifier enabled, generator's relay closed, generator's amplitude in V."""
+    generator = sim.generator.settings
+    return bool(sim.amplifier.settings["enable"]), bool(generator["output"]), generator["amplitude"]
+
+
+OFF = (False, False, 0.0)

@@ -1,0 +1,218 @@
+"""A bench or a disk that cannot ends a command with one clear message, outputs off and points kept."""
+
+from __future__ import annotations
+
+import resource
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from instrument.bench import BenchDescription
+from instrument.contract import Identity
+from procedures.run import Run
+from simulators import bench as simulated_bench
+from simulators.bench import SimulatedBench
+from simulators.modbus import ServerThread
+from tests.conftest import hasty
+from tests.procedures.conftest import Benches, Palpate, outputs
+
+SWEEP = ("sweep", "loads")
+SMALL = (*SWEEP, "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
+
+
+def nothing_in_runs() -> bool:
+    return not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+def bench_file(description: BenchDescription) -> str:
+    Path("lab.toml").write_text(hasty(description).to_toml(), encoding="utf-8")
+    return "lab.toml"
+
+
+# --- devices -------------------------------------------------------------------------------------------
+
+
+def closed_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+    return port
+
+
+@pytest.mark.parametrize(
+    ("part", "update", "message"),
+    [
+        ("signal_generator", {"port": None}, "nothing answers at 127.0.0.1:"),
+        ("shaker_amplifier", {"port": None}, "nothing answers at 127.0.0.1:"),
+        ("line", {"port": "/dev/ttyNONE"}, "there is no serial port /dev/ttyNONE"),
+        ("strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
+        ("can", {"nodes": (9,)}, "sensor node 9 at virtual:"),
+        ("can", {"interface": "nosuch"}, "CAN bus nosuch:"),
+        ("strain_indicator", {"unit": 2}, "identifies itself as Palpate MP-1"),
+    ],
+)
+def test_an_absent_device_is_named(
+    palpate: Palpate, lab: str, sim: SimulatedBench, part: str, update: dict[str, Any], message: str
+) -> None:
+    update = {key: closed_port() if value is None else value for key, value in update.items()}
+    section = getattr(sim.description, part).model_copy(update=update)
+    said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={part: section})))
+    assert said.status == 1
+    assert message in said.complaint
+    assert nothing_in_runs()
+
+
+def other_identity(sim: SimulatedBench) -> None:
+    stranger = replace(sim.generator.contract, identity=Identity("Acme", "G-9", "1.0"))
+    sim.generator.contract = stranger  # type: ignore[misc]
+
+
+def other_word_order(sim: SimulatedBench) -> None:
+    sim.amplifier.settings["probe"] = float(0x56781234)
+
+
+def other_node(sim: SimulatedBench) -> None:
+    sim.nodes[0].settings["product"] += 1
+
+
+def other_byte_order(sim: SimulatedBench) -> None:
+    sim.nodes[0].settings["probe"] = float(0x78563412)
+
+
+@pytest.mark.parametrize(
+    ("doctor", "message"),
+    [
+        (other_identity, "identifies itself as Acme G-9 1.0, the contract is for Palpate SG-1 1.0"),
+        (other_word_order, "word-order probe reads 0x56781234, should read 0x12345678"),
+        (other_node, "sensor node 1 at virtual:"),
+        (other_byte_order, "byte-order probe reads 0x78563412"),
+    ],
+)
+def test_a_device_of_another_identity_or_word_order_is_refused(
+    palpate: Palpate, benches: Benches, doctor: Callable[[SimulatedBench], None], message: str
+) -> None:
+    benches.doctor = doctor  # type: ignore[method-assign]
+    said = palpate(*SWEEP)
+    assert said.status == 1
+    assert message in said.complaint
+    assert nothing_in_runs()
+
+
+@pytest.fixture
+def servers(monkeypatch: pytest.MonkeyPatch) -> list[ServerThread]:
+    """The Modbus servers of the simulated benches that are opened."""
+    started: list[ServerThread] = []
+
+    class Kept(ServerThread):
+        def __init__(self) -> None:
+            super().__init__()
+            started.append(self)
+
+    monkeypatch.setattr(simulated_bench, "ServerThread", Kept)
+    return started
+
+
+LINE, GENERATOR, AMPLIFIER, NODE = range(4)
+
+
+@pytest.mark.parametrize(
+    ("cut", "message", "left_on"),
+    [
+        (LINE, "strain indicator at ", (False, False)),
+        (GENERATOR, "signal generator at ", (False, True)),
+        (AMPLIFIER, "shaker amplifier at ", (True, False)),
+        (NODE, "sensor node 1 at ", (False, False)),
+    ],
+    ids=["line", "generator", "amplifier", "node"],
+)
+def test_a_device_cut_off_in_the_middle_ends_the_run_with_the_other_outputs_off(
+    palpate: Palpate, benches: Benches, servers: list[ServerThread], on_progress: Any,
+    cut: int, message: str, left_on: tuple[bool, bool],
+) -> None:  # fmt: skip
+    def shorten(sim: SimulatedBench) -> None:
+        sim.description = hasty(sim.description)
+
+    def progress(done: int, _total: int, what: str) -> None:
+        if (done, what) != (1, "sample 1, 3 N"):
+            return
+        if cut == NODE:
+            can = benches[0]._can
+            can._network.unsubscribe(can._local[1].sdo.rx_cobid)
+        else:
+            servers[0]._run(servers[0]._servers[cut].shutdown())
+
+    benches.doctor = shorten  # type: ignore[method-assign]
+    on_progress(progress)
+    said = palpate(*SMALL, "--out", "day", "--json")
+    assert said.status == 1
+    assert said.complaint.startswith(message)
+    assert f"points already taken are kept in {Path('day').absolute()}" in said.err
+    # an output that cannot be reached is left to the amplifier's watchdog, and that is said
+    assert outputs(benches[0])[:2] == left_on
+    assert ("outputs could not all be switched off" in said.err) is any(left_on)
+    run = Run.open(Path("day"))
+    assert [p["load_N"] for p in run.points()] == [2.0]
+    assert run.status == "failed"
+
+
+# --- the disk ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("folder", ["/dev/null/x", "/proc/palpate", "file", "file/x"])
+def test_a_folder_that_cannot_be_written_is_refused(palpate: Palpate, benches: Benches, folder: str) -> None:
+    Path("file").write_text("mine", encoding="utf-8")
+    said = palpate(*SWEEP, "--out", folder)
+    assert said.status == 1
+    assert said.complaint.startswith(f"cannot write {folder}: ")
+    assert "choose a writable folder with --out" in said.complaint
+    assert Path("file").read_text(encoding="utf-8") == "mine"
+    assert benches == []
+
+
+def test_a_second_run_in_the_same_folder_is_refused(palpate: Palpate, benches: Benches) -> None:
+    assert palpate(*SMALL, "--out", "day", "--quiet").status == 0
+    before = {path: path.read_bytes() for path in Path("day").iterdir()}
+    for command in (SWEEP, ("calibrate", "load-cell")):
+        said = palpate(*command, "--out", "day")
+        assert said.status == 2
+        assert said.complaint == "day already holds a run; choose another --out"
+    assert {path: path.read_bytes() for path in Path("day").iterdir()} == before
+    assert len(benches) == 1
+
+
+@contextmanager
+def no_file_above(size: int) -> Iterator[None]:
+    """A disk that is full after `size` bytes of a file."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_nothing(palpate: Palpate) -> None:
+    with no_file_above(1000):
+        said = palpate(*SMALL)
+    assert said.status == 1
+    assert "cannot write" in said.complaint
+    assert nothing_in_runs()
+
+
+def test_a_disk_that_runs_full_ends_the_run_with_outputs_off_and_points_kept(
+    palpate: Palpate, benches: Benches, on_progress: Any
+) -> None:
+    reported: list[int] = []
+    on_progress(lambda done, _total, _what: reported.append(done))
+    with no_file_above(64_000):
+        said = palpate(*SWEEP, "--samples", "1", "--out", "day")
+    assert said.status == 1
+    assert said.complaint.startswith("cannot write")
+    assert outputs(benches[0])[:2] == (False, False)
+    assert 0 < max(reported) < 6
+    assert len(Run.open(Path("day")).points()) >= max(reported)

@@ -1,0 +1,209 @@
+"""What cannot be is refused with one clear message and an exit status, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.procedures.conftest import IDEAL_SCENE, Palpate
+
+SWEEP = ("sweep", "loads")
+SMALL = (*SWEEP, "--samples", "1", "--loads", "2 N, 3 N")
+NO_TEXT = os.fsdecode(b"\xff")
+LONG = 300 * "x"
+
+
+def nothing_in_runs() -> bool:
+    return not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+# --- texts ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "message"),
+    [
+        ("--loads", "", "'' is not a quantity"),
+        ("--loads", "2", "'2' has no unit where N belongs; write for example '3 N'"),
+        ("--loads", "24 kPa", "'24 kPa' is in kPa where N belongs"),
+        ("--loads", "nan N", "'nan N'"),
+        ("--loads", "inf N", "'inf N'"),
+        ("--loads", "1e400 N", "'1e400 N' is not finite"),
+        ("--loads", "-1 N", "loads must be above zero"),
+        ("--loads", "0 N", "loads must be above zero"),
+        ("--loads", "1 N,1 N", "increasing and distinct"),
+        ("--loads", "2 N,1 N", "increasing and distinct"),
+        ("--loads", "1 N,,2 N", "'' is not a quantity"),
+        ("--loads", "1.5 N:4 N", "give first:last:step"),
+        ("--loads", "1 N:2 N:3 N:4 N", "give first:last:step"),
+        ("--loads", "4 N:1 N:1 N", "last >= first and step > 0"),
+        ("--loads", "1 N:4 N:0 N", "last >= first and step > 0"),
+        ("--loads", "1.5:4:0.5 N", "'1.5' has no unit"),
+        ("--loads", "1 N:1e308 N:1e-300 N", "more than 1000 loads"),
+        ("--loads", "1e9 N", "above the bench's force limit of 10 N; loads up to 9.09 N are possible"),
+        ("--loads", NO_TEXT, "is not a quantity"),
+        ("--samples", "", "unknown sample ''; valid: 1, 2, 3, 4, 5, 6"),
+        ("--samples", "7", "unknown sample '7'"),
+        ("--samples", "1-", "unknown sample ''"),
+        ("--samples", "0-3", "unknown sample '0'"),
+        ("--samples", "3-1", "runs backwards; write '1-3'"),
+        ("--samples", "1,1", "named twice"),
+        ("--samples", NO_TEXT, "unknown sample"),
+        ("--dwell", "1", "'1' has no unit where s belongs"),
+        ("--dwell", "0 s", "dwell 0 s is outside 0 to 3600 s"),
+        ("--dwell", "-1 s", "dwell -1 s is outside"),
+        ("--dwell", "2 h", "dwell 7200 s is outside"),
+        ("--dwell", "24 ms", "dwell 0.024 s at 10 Hz: record of 0.24 cycles"),
+        ("--dwell", "10 ms", "dwell 0.01 s at 10 Hz"),
+        ("--frequency", "10 N", "'10 N' is in N where Hz belongs"),
+        ("--frequency", "0 Hz", "outside 0.5 to 100 Hz"),
+        ("--frequency", "1 kHz", "outside 0.5 to 100 Hz"),
+        ("--frequency", "10.0004 Hz", "between the generator's steps of 0.001 Hz; take 10 Hz"),
+        ("--model", "colum", "unknown model 'colum' (did you mean 'column'?)"),
+        ("--model", NO_TEXT, "unknown model"),
+        ("--scene", "thesis_singel", "unknown scene 'thesis_singel' (did you mean 'thesis_single'?)"),
+        ("--scene", NO_TEXT, "unknown scene"),
+    ],
+)
+def test_a_bad_text_is_refused(palpate: Palpate, option: str, text: str, message: str) -> None:
+    said = palpate(*SWEEP, option, text)
+    assert said.status == 2
+    assert message in said.complaint
+    assert nothing_in_runs()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--seed", "-1"),
+        ("--seed", "x"),
+        ("--sample", "1"),
+        ("--out", ""),
+        ("--bench", ""),
+        ("extra",),
+    ],
+)
+def test_what_click_refuses_is_a_usage_error_too(palpate: Palpate, arguments: tuple[str, ...]) -> None:
+    said = palpate(*SWEEP, *arguments)
+    assert (said.status, said.out) == (2, "")
+    assert "Error: " in said.err
+    assert nothing_in_runs()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (*SWEEP, "--out", LONG),
+        (*SWEEP, "--scene", LONG),
+        ("runs", "show", LONG),
+        ("runs", "list", "--out", LONG),
+        ("runs", "export", LONG, "--to", "csv"),
+    ],
+    ids=" ".join,
+)
+def test_a_name_too_long_for_a_file_is_one_message(palpate: Palpate, arguments: tuple[str, ...]) -> None:
+    said = palpate(*arguments)
+    assert said.status == 1
+    assert "File name too long" in said.complaint
+
+
+@pytest.mark.parametrize("command", [("show",), ("export", "--to", "csv")])
+@pytest.mark.parametrize("name", ["none", "", NO_TEXT])
+def test_an_unknown_run_is_refused(palpate: Palpate, command: tuple[str, ...], name: str) -> None:
+    said = palpate("runs", *command, name)
+    assert said.status == 2
+    assert "unknown run" in said.complaint
+
+
+@pytest.mark.parametrize("option", [("--scene", "thesis_single"), ("--seed", "1"), ("--model", "beam")])
+def test_a_bench_file_excludes_what_only_a_scene_has(palpate: Palpate, lab: str, option: tuple[str, str]) -> None:
+    said = palpate(*SWEEP, "--bench", lab, *option)
+    assert said.status == 2
+    assert f"{option[0]}: only a simulated bench has it" in said.complaint
+    assert nothing_in_runs()
+
+
+# --- files ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("option", ["--scene", "--bench"])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file"),
+        (b"name = ", "is not TOML"),
+        (b"\xff\xfe", "is not text"),
+        (b"", "name: is missing"),
+    ],
+)
+def test_a_missing_or_malformed_file_is_refused(
+    palpate: Palpate, option: str, content: bytes | None, message: str
+) -> None:
+    if content is not None:
+        Path("my.toml").write_bytes(content)
+    said = palpate(*SWEEP, option, "my.toml")
+    assert said.status == 2
+    assert f"my.toml: {message}" in said.complaint
+    assert nothing_in_runs()
+
+
+@pytest.mark.parametrize(
+    ("addition", "message"),
+    [
+        ("bitz = 12", "bitz: unknown key (did you mean 'bits'?)"),
+        ("bits = 40", "less than or equal to 16 (got 40)"),
+        ("[effects.charge_amplifier]\ntime_constant = 1", "time_constant: 1 needs a unit"),
+        ("[effects.charge_amplifier]\ntime_constant = '1 N'", "'1 N' is in N where s belongs"),
+        ("[effects.charge_amplifier]\ntime_constant = '0 s'", "time_constant: Input should be greater than"),
+        ("[effects.chargeamplifier]", "unknown effect (did you mean 'charge_amplifier'?)"),
+        ("[rigs]", "rigs: unknown key (did you mean 'rig'?)"),
+        ('[rig]\nforce_constant = "nan N/A"', "rig.force_constant"),
+    ],
+)
+def test_a_wrong_key_of_a_scene_is_named(palpate: Palpate, addition: str, message: str) -> None:
+    Path("my.toml").write_text(f"{IDEAL_SCENE}{addition}\n", encoding="utf-8")
+    said = palpate(*SWEEP, "--scene", "my.toml")
+    assert said.status == 2
+    assert said.complaint.startswith("my.toml: ")
+    assert message in said.complaint
+    assert nothing_in_runs()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('design = "single"', 'design = "singel"', "unknown design 'singel' (did you mean 'single'?)"),
+        ('design = "single"', 'design = "single"\nmodel = "bem"', "unknown model 'bem' (did you mean 'beam'?)"),
+        ('design = "single"', 'design = "single"\nseed = -1', "seed: "),
+        ('name = "ideal"', "name = 5", "name: "),
+    ],
+)
+def test_a_wrong_value_of_a_scene_is_named(palpate: Palpate, old: str, new: str, message: str) -> None:
+    Path("my.toml").write_text(IDEAL_SCENE.replace(old, new), encoding="utf-8")
+    said = palpate(*SWEEP, "--scene", "my.toml")
+    assert said.status == 2
+    assert message in said.complaint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("watchdog =", "watchdg =", "watchdg: unknown key (did you mean 'watchdog'?)"),
+        ('force_limit = "10.0 N"', "force_limit = 10.0", "force_limit: 10.0 needs a unit"),
+        ('force_limit = "10.0 N"', 'force_limit = "10 kPa"', "force_limit: '10 kPa' is in kPa where N belongs"),
+        ('force_limit = "10.0 N"', 'force_limit = "-1 N"', "force_limit: "),
+        ("baudrate = 115200", "baudrate = 1", "line.baudrate: "),
+        ("unit = 1", "unit = 300", "unit: "),
+    ],
+)
+def test_a_wrong_key_of_a_bench_file_is_named(palpate: Palpate, lab: str, old: str, new: str, message: str) -> None:
+    text = Path(lab).read_text(encoding="utf-8")
+    assert old in text
+    Path(lab).write_text(text.replace(old, new), encoding="utf-8")
+    said = palpate(*SWEEP, "--bench", lab)
+    assert said.status == 2
+    assert f"{lab}: " in said.complaint
+    assert message in said.complaint
+    assert nothing_in_runs()

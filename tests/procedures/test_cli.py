@@ -1,0 +1,282 @@
+"""What the command line promises: help, one JSON object, SIMULATED everywhere, safe and readable ends."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sqlite3
+import sys
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import click
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from procedures.cli import palpate as root
+from procedures.load_sweep import Progress
+from procedures.record import Recorder
+from procedures.run import Run
+from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, outputs
+
+SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
+ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")
+SWEEP = {
+    "simulated", "run", "design", "seed", "bench_seconds", "wall_seconds", "points", "samples", "softness_order",
+}  # fmt: skip
+
+
+def commands(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    yield path, group
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+# --- help ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("path", "command"), [pytest.param(*c, id=" ".join(c[0])) for c in commands(root)])
+def test_every_command_has_help_and_those_that_do_something_have_examples(
+    palpate: Palpate, path: tuple[str, ...], command: click.Command
+) -> None:
+    said = palpate(*path, "--help")
+    assert (said.status, said.err) == (0, "")
+    assert said.out.startswith("Usage: palpate")
+    if not isinstance(command, click.Group):
+        assert f"palpate {' '.join(path)}" in said.out.split("Examples:")[1]
+        assert {"--json", "--quiet"} <= {option for p in command.params for option in p.opts}
+
+
+@pytest.mark.parametrize("path", [("sweep", "loads"), ("calibrate", "load-cell")])
+def test_every_command_that_uses_a_bench_takes_the_same_options(palpate: Palpate, path: tuple[str, ...]) -> None:
+    text = palpate(*path, "--help").out
+    for option in ("--json", "--out DIR", "--seed", "--bench FILE", "--scene NAME|FILE", "--quiet"):
+        assert option in text
+
+
+# --- what a sweep says ---------------------------------------------------------------------------------
+
+
+def test_the_json_of_a_sweep_has_the_public_names(default_sweep: dict[str, Any]) -> None:
+    assert default_sweep.keys() >= SWEEP
+    assert default_sweep["simulated"] is True
+    assert (default_sweep["design"], default_sweep["seed"]) == ("single", 1)
+    assert default_sweep["bench_seconds"] > 36 * 6 > default_sweep["wall_seconds"] > 0
+    assert Path(default_sweep["plot"]).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+@pytest.mark.parametrize("command", [ONE_POINT, ("calibrate", "load-cell")])
+def test_json_is_one_object_on_stdout_and_nothing_else(
+    palpate: Palpate, command: tuple[str, ...], quiet: tuple[str, ...]
+) -> None:
+    said = palpate(*command, "--json", *quiet)
+    assert said.object["simulated"] is True
+    assert said.err == ""
+    assert said.out == json.dumps(said.object, indent=2) + "\n"
+
+
+def test_the_progress_bar_stays_off_stdout(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    said = palpate(*ONE_POINT, "--json")
+    assert said.object["simulated"] is True
+    assert "sample 1, 2 N" in said.err
+    assert palpate(*ONE_POINT, "--json", "--quiet").err == ""
+
+
+def test_quiet_says_nothing(palpate: Palpate) -> None:
+    said = palpate(*ONE_POINT, "--quiet")
+    assert (said.status, said.out, said.err) == (0, "", "")
+    assert len(list(Path("runs").iterdir())) == 1
+
+
+def test_the_table_is_stamped_and_says_where_everything_is(palpate: Palpate) -> None:
+    said = palpate(*SMALL, "--out", "day")
+    assert (said.status, said.err) == (0, "")
+    assert said.out.startswith("SIMULATED Load sets")
+    assert "\nSIMULATED Mean force ratio" in said.out
+    assert "softness order, hard to soft: 1 > 2   (thesis: 1 > 2)" in said.out
+    assert f"run            {Path('day').absolute()}\n" in said.out
+    assert f"plot           {Path('day').absolute() / 'plot.png'}\n" in said.out
+    assert "calibration    thesis Table 5.1\n" in said.out
+
+
+def test_the_database_the_shown_run_and_the_list_are_stamped(palpate: Palpate) -> None:
+    folder = Path(palpate(*ONE_POINT, "--json").object["run"])
+    with sqlite3.connect(folder / "run.sqlite") as database:
+        assert database.execute("SELECT value FROM run WHERE key = 'simulated'").fetchone() == ("true",)
+    database.close()
+    assert palpate("runs", "show", folder.name).out.startswith("SIMULATED ")
+    assert palpate("runs", "show", folder.name, "--json").object["simulated"] is True
+    assert "SIMULATED" in palpate("runs", "list").out
+    (row,) = palpate("runs", "list", "--json").object["runs"]
+    assert (row["run"], row["simulated"], row["status"], row["points"]) == (str(folder), True, "complete", 1)
+
+
+def test_a_model_a_seed_and_a_scene_are_used_and_named(palpate: Palpate) -> None:
+    Path("my.toml").write_text(IDEAL_SCENE, encoding="utf-8")
+    plain = palpate(*ONE_POINT, "--scene", "my.toml", "--json").object
+    other = palpate(*ONE_POINT, "--scene", "my.toml", "--model", "column", "--seed", "7", "--json").object
+    assert (plain["scene"], plain["model"], plain["seed"]) == ("ideal", "experiment", 1)
+    assert (other["scene"], other["model"], other["seed"]) == ("ideal", "column", 7)
+    assert abs(other["points"][0]["force_ratio"] / plain["points"][0]["force_ratio"] - 1) > 0.1
+    assert Run.open(Path(other["run"])).header["seed"] == 7
+
+
+# --- determinism ---------------------------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not(palpate: Palpate) -> None:
+    for folder, seed in (("a", "3"), ("b", "3"), ("c", "4")):
+        assert palpate(*SMALL, "--seed", seed, "--out", folder, "--quiet").status == 0
+    a, b, c = (Run.open(Path(name)) for name in "abc")
+    assert a.points() == b.points() != c.points()
+    assert a.digest() == b.digest() != c.digest()
+    bytes_a, bytes_b, bytes_c = (Path(name, "waveforms.f32").read_bytes() for name in "abc")
+    assert bytes_a == bytes_b != bytes_c
+
+
+# --- runs ----------------------------------------------------------------------------------------------
+
+
+def test_runs_are_listed_newest_first_from_any_folder(palpate: Palpate) -> None:
+    assert "no runs in runs; make one with: palpate sweep loads" in palpate("runs", "list").out
+    for name in ("first", "second"):
+        palpate(*ONE_POINT, "--out", f"kept/{name}", "--quiet")
+    names = [Path(row["run"]).name for row in palpate("runs", "list", "--out", "kept", "--json").object["runs"]]
+    assert sorted(names) == ["first", "second"]
+
+
+@pytest.mark.parametrize(("to", "read"), [("csv", pd.read_csv), ("parquet", pd.read_parquet)])
+def test_a_run_is_exported_once(palpate: Palpate, to: str, read: Any) -> None:
+    result = palpate(*SMALL, "--out", "day", "--json").object
+    files = palpate("runs", "export", "day", "--to", to, "--out", "tables", "--json").object["files"]
+    assert files == [f"tables/points.{to}", f"tables/waveforms.{to}"]
+    points, waveforms = (read(file) for file in files)
+    assert points["force_ratio"].tolist() == pytest.approx([p["force_ratio"] for p in result["points"]])
+    assert points["simulated"].all()
+    assert waveforms["simulated"].all()
+    assert len(waveforms) == 4 * 2 * 50
+    before = [Path(file).read_bytes() for file in files]
+    again = palpate("runs", "export", "day", "--to", to, "--out", "tables")
+    assert again.status == 2
+    assert "exists and is not overwritten" in again.complaint
+    assert [Path(file).read_bytes() for file in files] == before
+
+
+def test_the_contracts_are_exported(palpate: Palpate) -> None:
+    files = palpate("contracts", "export", "--to", "maps", "--json").object["files"]
+    assert {".md", ".eds", ".dbc"} <= {Path(file).suffix for file in files}
+    assert all(Path(file).stat().st_size > 0 for file in files)
+
+
+# --- a bench file --------------------------------------------------------------------------------------
+
+
+def test_a_bench_file_gives_what_the_simulated_bench_gives(
+    palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", StringIO("\n\n"))
+    said = palpate(*SMALL, "--bench", lab, "--json")
+    own = palpate(*SMALL, "--json").object
+    assert said.object["points"] == own["points"]
+    assert (said.object["simulated"], said.object["scene"], said.object["seed"]) == (True, None, None)
+    first, second = said.err.splitlines()
+    assert first == "Mount sample 1 (white silicone rubber, 3 mm), then press Enter"
+    assert second == "Mount sample 2 (Neoprene G-231-N, 3 mm), then press Enter"
+    assert Run.open(Path(said.object["run"])).digest() == Run.open(Path(own["run"])).digest()
+
+
+def test_what_the_person_is_asked_is_seen_beside_the_progress_bar(
+    palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[str] = []
+
+    class Console(StringIO):
+        def readline(self, _size: int | None = -1) -> str:
+            seen.append(capsys.readouterr().err)
+            return "\n"
+
+    monkeypatch.setattr(sys, "stdin", Console())
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    assert palpate(*ONE_POINT, "--bench", lab).status == 0
+    assert "Mount sample 1" in seen[0]
+
+
+def test_nobody_at_the_console_ends_the_run(palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", StringIO(""))
+    said = palpate(*ONE_POINT, "--bench", lab)
+    assert said.status == 1
+    assert "run palpate in a terminal" in said.err
+
+
+# --- ends ----------------------------------------------------------------------------------------------
+
+
+def interrupted_at(_done: int, _total: int, what: str) -> None:
+    if what == "sample 1, 3 N":
+        raise KeyboardInterrupt
+
+
+def terminated_at(_done: int, _total: int, what: str) -> None:
+    if what == "sample 1, 3 N":
+        signal.raise_signal(signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("report", "status", "message"),
+    [(interrupted_at, 130, "palpate: interrupted\n"), (terminated_at, 143, "palpate: terminated\n")],
+)
+def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run(
+    palpate: Palpate, benches: Benches, on_progress: Any, monkeypatch: pytest.MonkeyPatch,
+    report: Progress, status: int, message: str,
+) -> None:  # fmt: skip
+    closed: list[tuple[tuple[bool, bool, float], str]] = []
+    finish = Recorder.finish
+
+    def watched(self: Recorder, state: Any, *args: Any) -> None:
+        closed.append((outputs(benches[0]), state))
+        finish(self, state, *args)
+
+    monkeypatch.setattr(Recorder, "finish", watched)
+    on_progress(report)
+    said = palpate(*SMALL, "--out", "day", "--json")
+    assert (said.status, said.out) == (status, "")
+    assert said.err.lstrip("\n") == f"{message}points already taken are kept in {Path('day').absolute()}\n"
+    assert closed == [(OFF, "stopped")]
+    run = Run.open(Path("day"))
+    assert run.status == "stopped"
+    assert [p["load_N"] for p in run.points()] == [2.0]
+    assert palpate("runs", "show", "day").status == 0
+
+
+def test_ctrl_c_at_a_question_stops_the_run(palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Console(StringIO):
+        def readline(self, _size: int | None = -1) -> str:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "stdin", Console())
+    assert palpate(*ONE_POINT, "--bench", lab, "--out", "day").status == 130
+    assert Run.open(Path("day")).status == "stopped"
+
+
+def test_a_crashed_plot_leaves_a_complete_run_and_the_outputs_off(
+    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", crash)
+    said = palpate(*ONE_POINT, "--out", "day")
+    assert said.status == 1
+    assert "plot.png: No space left on device; free space" in said.complaint
+    assert Run.open(Path("day")).status == "complete"
+    assert outputs(benches[0]) == OFF

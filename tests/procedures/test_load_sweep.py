@@ -1,0 +1,254 @@
+"""The load-set sweep measures what the scene holds, and says how well."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from drivers.bench import Bench
+from instrument.designs import get_design
+from instrument.errors import RangeError, UnreachableError
+from instrument.estimate import amplitude_ratio, fit_sine
+from instrument.models.response import Load, response
+from instrument.sample import SAMPLES
+from procedures.load_sweep import LoadPoint, evaluate, parse_loads
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene
+from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
+
+LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+REPEATABILITY = 0.041  # of the force ratio, thesis Tables A2.9 to A2.14
+TABLES = Path(__file__).parents[1] / "data" / "thesis"
+POINT = {
+    "sample", "load_N", "indicator_mV", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N",
+    "force_ratio", "force_ratio_u", "valid",
+}  # fmt: skip
+SAMPLE = {"sample", "force_ratio", "force_ratio_u", "thesis_force_ratio"}
+
+
+def printed_averages() -> dict[str, float]:
+    with (TABLES / "experiments_printed_averages_A2_9_to_A2_20.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["arrangement"] == "single"]
+    return {row["sample"]: float(row["average_force_ratio"]) for row in rows}
+
+
+def modelled(sample: str, model: str) -> float:
+    return response(get_design("single"), Load(force=1.0, sensed=SAMPLES[sample]), model).force_ratio
+
+
+def assert_plausible(z: list[float]) -> None:
+    """Sum of squares of standard deviates within what 998 of 1000 such sums keep to."""
+    low, high = chi2.ppf([0.001, 0.999], len(z))
+    assert low < math.fsum(x * x for x in z) < high
+
+
+# --- the default sweep ---------------------------------------------------------------------------------
+
+
+def test_the_default_sweep_has_every_load_set_of_the_thesis_under_the_public_names(
+    default_sweep: dict[str, Any],
+) -> None:
+    points = default_sweep["points"]
+    assert [(p["sample"], p["load_N"]) for p in points] == [(s, load) for s in "123456" for load in LOADS]
+    assert all(p.keys() >= POINT for p in points)
+    assert all(p["valid"] is True for p in points)
+    assert all(s.keys() >= SAMPLE for s in default_sweep["samples"])
+
+
+def test_each_mean_force_ratio_lies_within_the_thesis_repeatability_of_its_own(default_sweep: dict[str, Any]) -> None:
+    thesis = printed_averages()
+    assert [s["sample"] for s in default_sweep["samples"]] == sorted(thesis)
+    for sample in default_sweep["samples"]:
+        assert sample["thesis_force_ratio"] == thesis[sample["sample"]]
+        assert sample["force_ratio"] == pytest.approx(thesis[sample["sample"]], rel=REPEATABILITY)
+
+
+def test_the_softness_order_is_that_of_figure_5_3(default_sweep: dict[str, Any]) -> None:
+    assert default_sweep["softness_order"] == ["1", "6", "4", "3", "5", "2"]
+
+
+def test_a_mean_is_that_of_its_points(default_sweep: dict[str, Any]) -> None:
+    for sample in default_sweep["samples"]:
+        points = [p for p in default_sweep["points"] if p["sample"] == sample["sample"]]
+        assert sample["force_ratio"] == pytest.approx(np.mean([p["force_ratio"] for p in points]))
+        u = np.linalg.norm([p["force_ratio_u"] for p in points]) / len(points)
+        assert sample["force_ratio_u"] == pytest.approx(u)
+
+
+def test_forces_and_ratio_of_a_point_follow_from_its_voltages(default_sweep: dict[str, Any]) -> None:
+    for p in default_sweep["points"]:
+        assert p["force_rigid_N"] == pytest.approx(p["voltage_rigid_V"] / 5.995e-3)
+        assert p["force_total_N"] == pytest.approx(p["voltage_total_V"] / 68.60e-3)
+        assert p["force_ratio"] == pytest.approx(p["force_rigid_N"] / p["force_total_N"])
+
+
+def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:
+    step = 1 / 10.306  # N
+    for p in default_sweep["points"]:
+        # 0.6 steps is the servo's tolerance; the mean of four readings scatters by a fifth of a step
+        assert p["load_measured_N"] == pytest.approx(p["load_N"], abs=(0.6 + 3 * 0.2) * step)
+        assert p["load_measured_N"] == pytest.approx((p["indicator_mV"] - 1.81) / 10.306, abs=0.002)
+
+
+def test_over_seeds_the_deviations_are_as_large_as_their_stated_uncertainty(
+    default_sweep: dict[str, Any], scene: Scene, tmp_path: Path
+) -> None:
+    thesis = printed_averages()
+    results = [
+        sweep_scene(scene.with_seed(seed), tmp_path / str(seed), samples=tuple("123456"), loads=(2.0, 4.0), dwell=0.2)
+        for seed in (2, 3, 4, 5)
+    ]
+    points = [*default_sweep["points"], *(asdict(p) for result in results for p in result.points)]
+    means = [*default_sweep["samples"], *(asdict(s) for result in results for s in result.samples)]
+    assert (len(points), len(means)) == (36 + 4 * 12, 5 * 6)
+    for values in (points, means):
+        assert_plausible([(v["force_ratio"] - thesis[v["sample"]]) / v["force_ratio_u"] for v in values])
+    scatter = [p["force_ratio"] / thesis[p["sample"]] - 1 for p in points]
+    assert np.std(scatter) == pytest.approx(REPEATABILITY, rel=0.25)
+    assert all(result.softness_order == ["1", "6", "4", "3", "5", "2"] for result in results)
+
+
+def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_path: Path) -> None:
+    scene = scene_of(IDEAL_SCENE + '[effects.white_noise]\ndensity = "20 µV/√Hz"\n', tmp_path)
+    loads = tuple(2 + 0.1 * i for i in range(20))
+    points = sweep_scene(scene, tmp_path / "run", samples=("1",), loads=loads).points
+    assert_plausible([(p.force_ratio - modelled("1", "experiment")) / p.noise_u for p in points])
+    assert all(p.force_ratio_u == pytest.approx(math.hypot(p.noise_u, REPEATABILITY * p.force_ratio)) for p in points)
+
+
+# --- other scenes and settings -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", ["experiment", "column", "beam", "beam_printed"])
+def test_without_imperfections_the_ratio_is_the_models_and_the_force_is_the_load(tmp_path: Path, model: str) -> None:
+    scene = scene_of(IDEAL_SCENE, tmp_path).with_model(model)
+    # a large load on hard samples: on less the converter's steps, 15 µV, are more than 1e-3 of the rigid film
+    result = sweep_scene(scene, tmp_path / "run", samples=("1", "6"), loads=(8.0,), calibration=IDEAL_CALIBRATION)
+    for p in result.points:
+        assert p.force_ratio == pytest.approx(modelled(p.sample, model), rel=1e-3)
+        assert p.load_measured_N == pytest.approx(8.0, rel=0.01)
+        assert p.force_total_N == pytest.approx(p.load_measured_N, rel=1e-3)
+        assert p.force_rigid_N == pytest.approx(p.load_measured_N * modelled(p.sample, model), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "dwell", "rate", "samples"), [(0.5, 4.0, 12.5, 50), (10.0, 0.3, 250.0, 75), (20.0, 1.0, 500.0, 500)]
+)
+def test_other_frequencies_and_dwells_give_the_same_ratio(
+    tmp_path: Path, frequency: float, dwell: float, rate: float, samples: int
+) -> None:
+    scene = scene_of(IDEAL_SCENE + "[effects.charge_amplifier]\n", tmp_path)
+    folder = tmp_path / "run"
+    result = sweep_scene(
+        scene,
+        folder,
+        samples=("1",),
+        loads=(7.0, 8.0),
+        frequency=frequency,
+        dwell=dwell,
+        calibration=IDEAL_CALIBRATION,
+    )
+    assert [p.force_ratio for p in result.points] == pytest.approx([modelled("1", "experiment")] * 2, rel=1e-3)
+    waveforms = list(Run.open(folder).waveforms())
+    assert [(w.point_id, w.name) for w in waveforms] == [(1, "rigid"), (1, "total"), (2, "rigid"), (2, "total")]
+    assert {(w.rate, w.samples.size, w.samples.dtype.str) for w in waveforms} == {(rate, samples, "<f4")}
+
+
+def test_an_over_ranged_film_marks_the_point_and_leaves_the_mean_out(tmp_path: Path, scene: Scene) -> None:
+    rigid, total = scene.design.films
+    loud = replace(scene.design, films=(rigid, replace(total, sensitivity=10 * total.sensitivity)))
+    result = sweep_scene(replace(scene, design=loud), tmp_path / "run", samples=("1",), loads=(3.0,))
+    assert [p.valid for p in result.points] == [False]
+    assert (result.samples[0].force_ratio, result.samples[0].valid_points) == (None, 0)
+    assert result.softness_order == []
+
+
+def test_a_load_above_the_force_limit_is_refused_before_anything_is_sent(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path
+) -> None:
+    before = dict(sim.amplifier.settings), dict(sim.indicator.settings), sim.clock.now_ns()
+    with pytest.raises(RangeError, match=r"above the bench's force limit of 10 N; loads up to 9\.09 N are possible"):
+        sweep(bench, tmp_path / "run", loads=(2.0, 9.2))
+    assert (sim.amplifier.settings, sim.indicator.settings, sim.clock.now_ns()) == before
+
+
+def test_a_load_below_two_steps_of_the_indicator_is_refused_before_anything_is_sent(
+    tmp_path: Path, scene: Scene
+) -> None:
+    with pytest.raises(UnreachableError, match=r"load 0\.15 N .* below 2 steps .* ask for 194 mN or more"):
+        sweep_scene(scene, tmp_path / "run", loads=(0.15,))
+    assert Run.open(tmp_path / "run").points() == []
+
+
+# --- the record ----------------------------------------------------------------------------------------
+
+
+def test_the_record_holds_the_points_of_the_result(default_sweep: dict[str, Any]) -> None:
+    run = Run.open(Path(default_sweep["run"]))
+    assert run.status == "complete"
+    stored = [{k: v for k, v in p.items() if k not in ("id", "bench_ns")} for p in run.points()]
+    assert stored == default_sweep["points"]
+    assert run.summary["samples"] == default_sweep["samples"]
+    assert run.summary["softness_order"] == default_sweep["softness_order"]
+
+
+def test_a_stored_waveform_gives_the_stored_result_again(default_sweep: dict[str, Any]) -> None:
+    run = Run.open(Path(default_sweep["run"]))
+    for point in (run.points()[0], run.points()[-1]):
+        films = np.array([run.waveform(point["id"], name) for name in ("rigid", "total")])
+        assert films.dtype == np.float32
+        fit = fit_sine(np.arange(250) / 250.0, films, 10.0)
+        assert 2 * fit.amplitude == pytest.approx([point["voltage_rigid_V"], point["voltage_total_V"]], rel=1e-6)
+        ratio, ratio_u = amplitude_ratio(fit, 0, 1)
+        assert ratio * 68.60 / 5.995 == pytest.approx(point["force_ratio"], rel=1e-6)
+        assert ratio_u * 68.60 / 5.995 == pytest.approx(point["noise_u"], rel=1e-3)
+
+
+# --- in between ----------------------------------------------------------------------------------------
+
+
+def point(sample: str, force_ratio: float, valid: bool = True) -> LoadPoint:
+    return LoadPoint(sample, 2.0, 22.4, 2.0, 0.03, 4e-3, 0.137, 0.6, 2.0, force_ratio, 0.04, 1e-4, 1.1, valid)
+
+
+def test_only_valid_points_enter_a_mean_and_the_order() -> None:
+    bad = {"force_ratio": 9.9, "valid": False}
+    points = [point("2", 0.2), point("2", **bad), point("2", 0.3), point("1", 0.4), point("3", **bad)]
+    result = evaluate(points, get_design("single"))
+    two, one, three = result.samples
+    assert (two.force_ratio, two.force_ratio_u, two.valid_points) == pytest.approx((0.25, 0.04 / math.sqrt(2), 2))
+    assert (one.force_ratio, one.valid_points) == (0.4, 1)
+    assert (three.force_ratio, three.force_ratio_u, three.valid_points) == (None, None, 0)
+    assert result.softness_order == ["1", "2"]
+    assert result.points == points
+
+
+@pytest.mark.parametrize(
+    ("text", "loads"),
+    [
+        ("1.5 N:4 N:0.5 N", LOADS),
+        ("2 N, 3 N", (2.0, 3.0)),
+        ("2 N", (2.0,)),
+        ("1 N:1 N:1 N", (1.0,)),
+        ("0.1 N:0.3 N:0.1 N", (0.1, 0.2, 0.3)),
+        ("1 N:1.9 N:0.5 N", (1.0, 1.5)),
+        ("150 gf", (0.15 * 9.80665,)),
+    ],
+)
+def test_loads_are_read_with_their_units(text: str, loads: tuple[float, ...]) -> None:
+    assert parse_loads(text) == pytest.approx(loads, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["1 N:1001 N:1 N", "1 N:1e308 N:1e-300 N"])
+def test_more_than_a_thousand_loads_are_refused(text: str) -> None:
+    assert len(parse_loads("1 N:1000 N:1 N")) == 1000
+    with pytest.raises(RangeError, match="more than 1000 loads"):
+        parse_loads(text)

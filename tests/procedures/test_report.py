@@ -1,0 +1,210 @@
+"""Tables and plots say what was measured, and say SIMULATED where it was."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from io import BytesIO, StringIO, TextIOWrapper
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.designs import get_design
+from instrument.errors import RecordError
+from procedures import report
+from procedures.load_cell import LoadCellResult
+from procedures.load_sweep import LoadPoint, evaluate
+from procedures.record import Recorder
+from procedures.run import Run, RunSummary
+from tests.procedures.conftest import HEADER, Palpate
+
+DESIGN = get_design("single")
+MARKUP = "a[bold]b[/red] :bug: [/]"  # as a part of the name of a folder
+OUTCOME = {
+    "simulated": True, "calibration": f"cal {MARKUP}", "calibration_file": "cell.toml", "bench_seconds": 100.0, "wall_seconds": 0.5, "run": f"/{MARKUP}",
+}  # fmt: skip
+
+
+def point(sample: str, load: float, force_ratio: float, valid: bool = True) -> LoadPoint:
+    return LoadPoint(sample, load, 22.4, load, 0.03, 4e-3, 0.137, 0.6, 2.0, force_ratio, 0.0123, 1e-4, 1.1, valid)
+
+
+SWEEP = evaluate([point("1", 2.0, 0.3), point("1", 3.0, 0.4, valid=False), point("2", 2.0, 0.15)], DESIGN)
+CALIBRATION = LoadCellResult(
+    THESIS_LOAD_CELL,
+    [
+        {"direction": direction, "load_gf": gf, "load_N": gf * 9.80665e-3, "reading_mV": 1.81 + 0.101 * gf}
+        for direction in ("loading", "unloading")
+        for gf in (140.0, 240.0)
+    ],
+)
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
+    """The figures that are saved, drawn but not written."""
+    saved: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+    yield saved
+    for figure in saved:
+        figure.draw_without_rendering()
+
+
+def stamps(figure: Figure) -> list[bool]:
+    """Whether the title, and then each panel, says SIMULATED."""
+    return [
+        figure.get_suptitle().startswith(report.STAMP),
+        *(any(text.get_text() == report.STAMP for text in axes.texts) for axes in figure.axes),
+    ]
+
+
+# --- plots ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_plot_is_stamped_if_and_only_if_it_is_simulated(
+    figures: list[Figure], tmp_path: Path, simulated: bool
+) -> None:
+    assert report.plot_sweep(SWEEP, DESIGN, simulated, tmp_path) == tmp_path / "plot.png"
+    assert report.plot_load_cell(CALIBRATION, simulated, tmp_path) == tmp_path / "plot.png"
+    assert [stamps(figure) for figure in figures] == [[simulated] * 3] * 2
+
+
+def test_equal_results_give_equal_bytes(tmp_path: Path) -> None:
+    paths = [tmp_path / "a", tmp_path / "b"]
+    for path in paths:
+        path.mkdir()
+        report.plot_sweep(SWEEP, DESIGN, True, path)
+    a, b = ((path / "plot.png").read_bytes() for path in paths)
+    assert a == b
+    assert a.startswith(b"\x89PNG")
+
+
+def test_the_plot_of_a_sweep_shows_the_points_and_the_means(figures: list[Figure], tmp_path: Path) -> None:
+    report.plot_sweep(SWEEP, DESIGN, True, tmp_path)
+    left, right = figures[0].axes
+    lines = {line.get_label(): line for line in left.lines}
+    (one,) = (c for c in left.containers if c.get_label() == "sample 1")
+    assert [list(axis) for axis in one[0].get_data()] == [[2.0, 3.0], [0.3, 0.4]]
+    assert [list(axis) for axis in lines["not valid"].get_data()] == [[3.0], [0.4]]
+    assert [label.get_text() for label in right.get_xticklabels()] == ["1", "2"]
+    (ours,) = (c for c in right.containers if c.get_label() == "this run")
+    assert list(ours[0].get_ydata()) == [0.3, 0.15]
+    (thesis,) = (line for line in right.lines if str(line.get_label()).startswith("thesis"))
+    assert list(thesis.get_ydata()) == [0.314, 0.142]
+
+
+def test_a_sweep_without_a_valid_point_can_be_plotted_and_printed(
+    figures: list[Figure], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nothing = evaluate([point("1", 2.0, 0.3, valid=False)], DESIGN)
+    report.plot_sweep(nothing, DESIGN, True, tmp_path)
+    report.print_sweep(nothing, DESIGN, OUTCOME, tmp_path)
+    assert " NO" in capsys.readouterr().out
+
+
+def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: list[Figure], tmp_path: Path) -> None:
+    report.plot_load_cell(CALIBRATION, True, tmp_path)
+    left, right = figures[0].axes
+    (readings,) = (line for line in left.lines if line.get_label() == "loading")
+    (deviations,) = (line for line in right.lines if line.get_label() == "loading")
+    for load, reading, deviation in zip(*readings.get_data(), deviations.get_ydata(), strict=True):
+        assert deviation == pytest.approx(reading - THESIS_LOAD_CELL.reading(load))
+
+
+def test_a_plot_that_cannot_be_written_is_a_record_error(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"cannot write .*plot\.png: No such file or directory"):
+        report.plot_sweep(SWEEP, DESIGN, True, tmp_path / "gone")
+
+
+# --- tables --------------------------------------------------------------------------------------------
+
+
+def test_the_table_of_a_sweep_shows_each_point_and_mean_beside_the_thesis(capsys: pytest.CaptureFixture[str]) -> None:
+    report.print_sweep(SWEEP, DESIGN, OUTCOME, Path("plot.png"))
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["1", "3", "22.4", "4.000", "137.00", "0.600", "2.000", "0.4000", "0.0123", "NO"] in rows
+    assert ["1", "0.3000", "0.0123", "0.314", "-4.5", "%", "1"] in rows
+    assert ["2", "0.1500", "0.0123", "0.142", "+5.6", "%", "1"] in rows
+    assert ["softness", "order,", "hard", "to", "soft:", "1", ">", "2", "(thesis:", "1", ">", "2)"] in rows
+    assert ["time", "100", "s", "on", "the", "bench,", "0.5", "s", "here", "(x", "200)"] in rows
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, simulated: bool
+) -> None:
+    outcome: dict[str, Any] = {**OUTCOME, "simulated": simulated}
+    report.print_sweep(SWEEP, DESIGN, outcome, Path("plot.png"))
+    assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
+    report.print_load_cell(CALIBRATION, outcome, Path("plot.png"))
+    assert capsys.readouterr().out.count("SIMULATED ") == simulated
+    report.print_runs([RunSummary(tmp_path, datetime(2025, 3, 14, tzinfo=UTC), "sweep", simulated)], tmp_path)
+    assert capsys.readouterr().out.count("SIMULATED") == simulated
+    with Recorder.create(tmp_path / "run", {**HEADER, "simulated": simulated}) as record:
+        record.point({"load_N": 2.0}, {}, 1)
+    report.print_run(Run.open(tmp_path / "run"), "digest")
+    assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
+
+
+def test_the_table_of_a_calibration_shows_its_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    report.print_load_cell(CALIBRATION, OUTCOME, Path("plot.png"))
+    text = capsys.readouterr().out
+    assert "sensitivity    10.306 mV/N, u = 0.056 mV/N   (thesis: 10.3 mV/N)" in text
+    assert "resolution     1 mV = 97.03 mN" in text
+    assert ["140", "1.3729", "15.95", "15.95"] in [line.split() for line in text.splitlines()]
+
+
+def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = tmp_path / MARKUP.replace("/", "\\")
+    with Recorder.create(folder, HEADER) as record:
+        record.point({"sample": MARKUP}, {}, 1)
+        record.event("odd", MARKUP, 2)
+    report.print_run(Run.open(folder), "digest")
+    text = capsys.readouterr().out
+    assert str(folder) in text
+    assert text.count(MARKUP) == 2
+    report.print_sweep(SWEEP, DESIGN, OUTCOME, Path(f"/{MARKUP}/plot.png"))
+    assert capsys.readouterr().out.count(MARKUP) == 3
+    damaged = RunSummary(folder, datetime(2025, 3, 14, tzinfo=UTC), fault=MARKUP)
+    report.print_runs([damaged], folder)
+    text = capsys.readouterr().out
+    assert f"damaged: {MARKUP}" in text
+    assert text.count(folder.name) == 2
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_folder_whose_name_is_no_text_is_shown_escaped(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, encoding: str
+) -> None:
+    name = os.fsdecode(b"day-\xff")
+    assert palpate("sweep", "loads", "--samples", "1", "--loads", "2 N", "--out", name, "--quiet").status == 0
+    raw = BytesIO()
+    monkeypatch.setattr(sys, "stdout", TextIOWrapper(raw, encoding, errors="strict"))
+    assert palpate("runs", "show", name).status == 0
+    assert rb"day-\udcff" in raw.getvalue()
+
+
+def test_without_a_stdout_there_is_no_table_and_no_crash(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    report.print_runs([], Path("runs"))
+
+
+def test_a_terminal_narrower_than_the_table_does_not_break_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr(sys, "stdout", terminal)
+    path = "/" + 30 * "folder/" + "plot.png"
+    report.print_sweep(replace(SWEEP), DESIGN, {**OUTCOME, "run": path}, Path(path))
+    assert terminal.getvalue().count(path) == 2

@@ -1,0 +1,256 @@
+"""The load is brought to where it should be, and the shaker stops where it should not be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.sensor_node import Recording
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.errors import DeviceError, PalpateError, SafetyError, UnreachableError
+from instrument.models.response import Load, response
+from instrument.sample import SAMPLES
+from procedures.load_sweep import Progress
+from procedures.run import Run
+from procedures.servo import LoadServo, preload
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import OFF, happens_in, outputs, sweep
+
+PRELOAD = 2.4  # N
+MOMENTS = ["servo", "settling", "dwell"]
+SERVO_STEP = 1.0  # s at 10 Hz: 0.5 s of window and four readings
+
+
+def mount(bench: Bench, sample: str = "2", force: float = PRELOAD) -> LoadServo:
+    """A sample under the probe and the amplifier on, the amplitude still at zero."""
+    bench.operator.mount(SAMPLES[sample])
+    preloaded = preload(bench, THESIS_LOAD_CELL, force)
+    bench.drive()
+    return LoadServo(bench, THESIS_LOAD_CELL, 10.0, preloaded)
+
+
+def stiffen(sim: SimulatedBench, factor: float = 100.0) -> None:
+    """The stack becomes much stiffer: a part has come loose and jams."""
+    rig = sim.rig
+    assert rig._stack is not None
+    rig._stack = replace(rig._stack, stiffness=factor * rig._stack.stiffness)
+    rig._begin(rig.coil_voltage())
+
+
+@contextmanager
+def limited(sim: SimulatedBench, force_limit: float) -> Iterator[Bench]:
+    description = sim.description.model_copy(update={"force_limit": force_limit})
+    with Bench(description, sim.clock, sim.operator) as bench:
+        yield bench
+
+
+@contextmanager
+def off_within(sim: SimulatedBench, since_ns: Callable[[], int], longest: float) -> Iterator[None]:
+    """The amplifier is switched off at most `longest` s of bench time after `since_ns`."""
+    off_ns: list[int] = []
+    write = sim.amplifier.write
+
+    def watched(values: dict[str, float]) -> None:
+        if values.get("enable") == 0.0:
+            off_ns.append(sim.clock.now_ns())
+        write(values)
+
+    sim.amplifier.write = watched  # type: ignore[method-assign]
+    yield
+    assert outputs(sim) == OFF
+    assert 0 <= min(t for t in off_ns if t >= since_ns()) - since_ns() <= longest * 1e9
+
+
+def during(bench: Bench, sim: SimulatedBench, moment: str, step: str, action: Callable[[], object]) -> Progress:
+    """Does `action` in the middle of a moment of a load set ("servo", "settling" or "dwell"); hears of progress."""
+    node, delay = bench.nodes[0], {"servo": 0.2, "settling": 4.0, "dwell": 0.2}[moment]
+    acquire = node.acquire
+    armed = False
+
+    def acquired(duration: float) -> Recording:
+        if armed and moment == "dwell":
+            happens_in(sim, delay, action)
+        return acquire(duration)
+
+    def progress(_done: int, _total: int, what: str) -> None:
+        nonlocal armed
+        if what == step and not armed:
+            armed = True
+            if moment != "dwell":
+                happens_in(sim, delay, action)
+
+    node.acquire = acquired  # type: ignore[method-assign]
+    return progress
+
+
+def open_bridge(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on the indicator shows what it shows while a wire of the bridge is off."""
+    read = sim.indicator.read
+    sick = {"status": float(1 | 1 << 2), "reading": 0.0, "reading_float": math.nan}
+    monkeypatch.setattr(sim.indicator, "read", lambda name: sick[name] if name in sick else read(name))
+
+
+# --- preload -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sample", ["1", "2"])
+def test_the_probe_is_pressed_on_with_the_preload(sim: SimulatedBench, bench: Bench, sample: str) -> None:
+    bench.operator.mount(SAMPLES[sample])
+    reached = preload(bench, THESIS_LOAD_CELL, PRELOAD)
+    assert reached == pytest.approx(PRELOAD, rel=0.05)
+    assert sim.rig._segments[-1].force.mean == pytest.approx(PRELOAD, rel=0.05, abs=0.05)
+
+
+def test_a_preload_beyond_the_travel_is_refused(bench: Bench) -> None:
+    bench.operator.mount(SAMPLES["2"])
+    bench.positioner.set_limits(0.0, 10e-3)
+    with pytest.raises(UnreachableError, match=r"preload of 2\.4 N is not reached: .* ends at 10\.000 mm"):
+        preload(bench, THESIS_LOAD_CELL, PRELOAD)
+
+
+def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBench) -> None:
+    with limited(sim, 1.0) as bench:
+        bench.operator.mount(SAMPLES["1"])
+        with pytest.raises(SafetyError, match=r"passes the bench's force limit of 1 N"):
+            preload(bench, THESIS_LOAD_CELL, PRELOAD)
+        assert bench.positioner.position() == 0.0
+    assert sim.rig._segments[-1].force.mean == 0.0
+
+
+def test_an_open_bridge_ends_the_approach(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.operator.mount(SAMPLES["1"])
+    open_bridge(sim, monkeypatch)
+    with pytest.raises(DeviceError, match="no valid reading at 2"):
+        preload(bench, THESIS_LOAD_CELL, PRELOAD)
+
+
+# --- the dynamic load ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sample", ["1", "2"])
+def test_each_load_is_reached_in_a_few_steps(sim: SimulatedBench, bench: Bench, sample: str) -> None:
+    servo = mount(bench, sample)
+    began = sim.clock.now_ns()
+    for load in (1.5, 4.0, 2.0):
+        assert servo.set(load) == pytest.approx(load, abs=0.06)  # N, 0.6 steps of the indicator
+        swing = float(abs(sim.rig._segments[-1].force.amplitude).sum())
+        assert 2 * swing == pytest.approx(load, abs=0.12)
+    assert sim.clock.now_ns() - began < 9 * SERVO_STEP * 1e9
+
+
+def test_a_load_beyond_the_current_limit_is_refused_before_the_amplifier_trips(
+    sim: SimulatedBench, bench: Bench
+) -> None:
+    servo = mount(bench)
+    bench.amplifier.configure(2.0, 1.0, bench.description.watchdog)
+    servo = LoadServo(bench, THESIS_LOAD_CELL, 10.0, PRELOAD)
+    with pytest.raises(UnreachableError, match=r"4 N peak to peak needs .* A from the amplifier, whose limit is 1 A"):
+        servo.set(4.0)
+    assert bench.amplifier.read().faults_latched == frozenset()
+
+
+def test_a_load_beyond_the_generators_amplitude_is_refused(bench: Bench) -> None:
+    servo = mount(bench)
+    bench.amplifier.set(gain=0.5)
+    with pytest.raises(UnreachableError, match=r"needs 1\d(\.\d)? V from the generator, which gives 10 V"):
+        servo.set(4.0)
+
+
+def test_where_no_load_appears_the_amplitude_does_not_grow_for_ever(sim: SimulatedBench, bench: Bench) -> None:
+    servo = mount(bench)
+    bench.amplifier.disable()
+    with pytest.raises(UnreachableError, match=r"no load appears at 6\.75 V from the generator"):
+        servo.set(2.0)
+
+
+# --- over-force ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_stack_that_stiffens_stops_the_shaker_within_a_servo_step(
+    sim: SimulatedBench, tmp_path: Path, moment: str
+) -> None:
+    happened: list[int] = []
+
+    def jam() -> None:
+        happened.append(sim.clock.now_ns())
+        stiffen(sim)
+
+    dwell = 1.0  # s, after which the reading tells
+    with (
+        limited(sim, 5.0) as bench,
+        off_within(sim, lambda: happened[0], SERVO_STEP + dwell * (moment == "dwell")),
+        pytest.raises(SafetyError, match=r"force of .* N passes the bench's limit of 5 N; outputs are off"),
+    ):
+        progress = during(bench, sim, moment, "sample 2, 4 N", jam)
+        sweep(bench, tmp_path / "run", samples=("2",), loads=(2.0, 4.0), progress=progress)
+    run = Run.open(tmp_path / "run")
+    assert run.status == "failed"
+    assert [p["load_N"] for p in run.points()] == [2.0]
+    assert run.events()[-1]["message"].startswith("SafetyError: force of")
+
+
+def test_the_preload_counts_towards_the_force_limit(sim: SimulatedBench) -> None:
+    with limited(sim, PRELOAD + 1.5) as bench:
+        servo = mount(bench)
+        servo.set(2.0)
+        with pytest.raises(SafetyError, match=r"passes the bench's limit of 3\.9 N"):
+            servo.set(4.0)
+        assert outputs(sim) == OFF
+
+
+def test_a_load_that_has_drifted_off_by_the_end_of_the_dwell_marks_the_point(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path
+) -> None:
+    k, suspension = response(sim.scene.design, Load(3.0, SAMPLES["2"])).stiffness, sim.scene.rig.suspension_stiffness
+    grown = 1.3 * (suspension + k) / (suspension + 1.3 * k)  # of the share of the shaker's force that reaches it
+    progress = during(bench, sim, "dwell", "sample 2, 3 N", lambda: stiffen(sim, 1.3))
+    result = sweep(bench, tmp_path / "run", samples=("2",), loads=(2.0, 3.0), progress=progress)
+    assert [p.valid for p in result.points] == [True, False]
+    assert result.points[1].load_measured_N == pytest.approx(3.0 * grown, abs=0.12)
+
+
+# --- other ends ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_an_amplifier_that_trips_stops_the_run(sim: SimulatedBench, bench: Bench, tmp_path: Path, moment: str) -> None:
+    happened: list[int] = []
+
+    def trip() -> None:
+        happened.append(sim.clock.now_ns())
+        sim.amplifier._trip("over_temperature")
+        sim.amplifier._changed()
+
+    progress = during(bench, sim, moment, "sample 1, 3 N", trip)
+    with pytest.raises(SafetyError, match="tripped on over_temperature; the output is off"):
+        sweep(bench, tmp_path / "run", samples=("1",), progress=progress)
+    assert sim.clock.now_ns() - happened[0] <= 1.0e9
+    bench.__exit__(None, None, None)
+    assert outputs(sim) == OFF
+    assert [p["load_N"] for p in Run.open(tmp_path / "run").points()] == [2.0]
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_an_open_bridge_stops_the_run_and_enters_no_point(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    progress = during(bench, sim, moment, "sample 1, 3 N", lambda: open_bridge(sim, monkeypatch))
+    with pytest.raises(DeviceError, match="no valid reading while driving; outputs are off"):
+        sweep(bench, tmp_path / "run", samples=("1",), progress=progress)
+    assert outputs(sim) == OFF
+    assert [p["load_N"] for p in Run.open(tmp_path / "run").points()] == [2.0]
+
+
+def test_an_output_that_vanishes_never_gives_a_valid_point(sim: SimulatedBench, bench: Bench, tmp_path: Path) -> None:
+    at_the_front_panel = {"output": 0.0}
+    progress = during(bench, sim, "dwell", "sample 1, 3 N", lambda: sim.generator.write(at_the_front_panel))
+    with pytest.raises(PalpateError):
+        sweep(bench, tmp_path / "run", samples=("1",), loads=(2.0, 3.0, 4.0), progress=progress)
+    assert [(p["load_N"], p["valid"]) for p in Run.open(tmp_path / "run").points()] == [(2.0, True), (3.0, False)]

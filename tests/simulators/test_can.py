@@ -1,0 +1,169 @@
+"""Sensor nodes on the bus: CiA 301 timing on the virtual clock, samples on SYNC, and what acquiring them notices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import can
+import pytest
+
+from drivers.bench import Bench
+from drivers.sensor_node import acquire
+from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from instrument.errors import DeviceError, LinkTimeout
+from simulators.bench import SimulatedBench
+from simulators.can import CanSegment
+from simulators.clock import VirtualClock
+from simulators.rig import Rig
+from simulators.scene import Scene
+from tests.drivers.wire import frames, impatient_node, payloads
+
+BOOT_UP, PRE_OPERATIONAL, OPERATIONAL, STOPPED = b"\x00", b"\x7f", b"\x05", b"\x04"
+HEARTBEAT, EMERGENCY = 0x700, 0x80
+SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit of the error register
+
+
+@pytest.fixture
+def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
+    with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+        yield bus
+
+
+def sync(listener: can.BusABC) -> None:
+    listener.send(can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False))
+
+
+# --- communication by CiA 301 --------------------------------------------------------------------------
+
+
+def test_a_node_boots_up_when_it_is_switched_on(scene: Scene) -> None:
+    clock = VirtualClock()
+    with (
+        can.Bus(interface="virtual", channel="boot-up") as listener,
+        CanSegment(clock, Rig(scene, clock), [5, 9], "virtual", "boot-up"),
+    ):
+        started = frames(listener)
+    assert payloads(started, HEARTBEAT + 5) == payloads(started, HEARTBEAT + 9) == [BOOT_UP]
+
+
+def test_a_node_sends_its_heartbeat_every_second_of_bench_time(
+    sim: SimulatedBench, bench: Bench, listener: can.BusABC
+) -> None:
+    beats = []
+    for _ in range(7):
+        sim.clock.wait(0.5)
+        beats.append(payloads(frames(listener), HEARTBEAT + 1))
+    assert beats == [[], [PRE_OPERATIONAL]] * 3 + [[]]
+
+
+def test_the_heartbeat_follows_its_period_and_tells_the_state(
+    sim: SimulatedBench, bench: Bench, listener: can.BusABC
+) -> None:
+    node = bench.nodes[0]
+    node.set("heartbeat", 0.1)
+    node.arm()
+    node.get("probe")
+    sim.clock.wait(0.35)
+    assert payloads(frames(listener), HEARTBEAT + 1) == [OPERATIONAL] * 3
+    node.set("heartbeat", 0.0)
+    sim.clock.wait(5.0)
+    assert payloads(frames(listener), HEARTBEAT + 1) == []
+
+
+def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: Bench, listener: can.BusABC) -> None:
+    node = bench.nodes[0]
+    with pytest.raises(DeviceError, match="0x06090031"):
+        node.link.download(node.name, node._node, 0x1017, 0, (60_001).to_bytes(2, "little"))
+    sim.clock.wait(1.0)
+    assert payloads(frames(listener), HEARTBEAT + 1) == [PRE_OPERATIONAL]
+
+
+def test_a_stopped_node_answers_no_request_and_sends_no_samples(
+    bench: Bench, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = bench.nodes[0]
+    node.arm()
+    node.link.command(node._node, "STOPPED")
+    with impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
+        node.get("probe")
+    sync(listener)
+    sim.clock.wait(1.0)
+    sent = frames(listener)
+    assert payloads(sent, 0x181) == []
+    assert payloads(sent, HEARTBEAT + 1) == [STOPPED]
+    node.disarm()
+    assert node.get("probe") == 0x12345678
+
+
+def test_only_an_operational_node_samples(bench: Bench, listener: can.BusABC) -> None:
+    node = bench.nodes[0]
+    sync(listener)
+    assert node.get("sample_counter") == 0
+    node.arm()
+    sync(listener)
+    assert node.get("sample_counter") == 1
+    node.disarm()
+    sync(listener)
+    assert node.get("sample_counter") == 1
+    assert len(payloads(frames(listener), 0x181)) == 1
+
+
+@pytest.mark.parametrize("command", ["RESET", "RESET COMMUNICATION"])
+def test_a_reset_boots_the_node_with_its_defaults(
+    command: str, sim: SimulatedBench, bench: Bench, listener: can.BusABC
+) -> None:
+    node = bench.nodes[0]
+    node.set("heartbeat", 0.1)
+    node.set_range(2, "500 mV")
+    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    node.arm()
+    frames(listener)
+    node.link.command(node._node, command)
+    assert (node.get("range_2"), node.get("heartbeat"), node.get("sync_cob_id")) == (0, 1, SYNC_COB_ID)
+    assert payloads(frames(listener), HEARTBEAT + 1) == [BOOT_UP]
+    sim.clock.wait(1.0)
+    sent = frames(listener)
+    assert payloads(sent, HEARTBEAT + 1) == [PRE_OPERATIONAL]
+    assert payloads(sent, 0x181) == payloads(sent, SYNC_COB_ID) == []
+
+
+# --- SYNC ----------------------------------------------------------------------------------------------
+
+
+def test_the_producer_sends_sync_from_one_period_on_until_it_is_told_to_stop(
+    sim: SimulatedBench, bench: Bench, listener: can.BusABC
+) -> None:
+    node = bench.nodes[0]
+    node.set_sample_rate(100.0)
+    sim.clock.wait(0.0034)
+    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    sim.clock.wait(0.0099)
+    assert payloads(frames(listener), SYNC_COB_ID) == []
+    sim.clock.wait(0.0902)
+    assert payloads(frames(listener), SYNC_COB_ID) == [b""] * 10
+    node.set("sync_cob_id", SYNC_COB_ID)
+    sim.clock.wait(1.0)
+    assert payloads(frames(listener), SYNC_COB_ID) == []
+
+
+def test_a_node_samples_at_the_sync_of_a_master(sim: SimulatedBench, bench: Bench, listener: can.BusABC) -> None:
+    node = bench.nodes[0]
+    node.arm()
+    for number in (1, 2, 3):
+        sim.clock.wait(0.01)
+        sync(listener)
+        assert node.get("sample_counter") == number
+    assert node.collect(3).voltage.shape == (4, 3)
+
+
+def test_frames_come_sync_by_sync(scene: Scene) -> None:
+    with (
+        SimulatedBench(replace(scene, nodes=2)) as sim,
+        can.Bus(interface="virtual", channel=sim.description.can.channel) as listener,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        acquire(bench.nodes, 0.003)
+        ids = [message.arbitration_id for message in frames(listener)]
+    samples = [cob_id for cob_id in ids if cob_id in (0x80, 0x181, 0x182, 0x281, 0x282)]
+    assert samples == 3 * [0x80, 0x181, 0x281, 0x182, 0x282]

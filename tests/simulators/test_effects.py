@@ -1,0 +1,273 @@
+"""Each effect does what it says, nothing at zero strength, and nothing to the others."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from instrument.designs import DESIGNS, get_design
+from instrument.errors import UnknownName
+from instrument.sample import SAMPLES
+from simulators.clock import VirtualClock
+from simulators.effects import EFFECTS, effect_class
+from simulators.effects.adc import Adc
+from simulators.effects.charge_amplifier import ChargeAmplifier
+from simulators.effects.effect import Effect, Kind
+from simulators.effects.gain_scatter import GainScatter
+from simulators.effects.load_cell import LoadCell
+from simulators.effects.white_noise import WhiteNoise
+from simulators.lti import Floats
+from simulators.randomness import Stream
+from simulators.rig import Rig
+from simulators.sensor_node import SensorNode
+from simulators.strain_indicator import StrainIndicator
+from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
+
+STRONG: dict[str, Effect] = {
+    "charge_amplifier": ChargeAmplifier(time_constant="0.4 s"),
+    "adc": Adc(bits=10),
+    "white_noise": WhiteNoise(density="100 µV/√Hz"),
+    "gain_scatter": GainScatter(strength=3.0),
+    "load_cell": LoadCell(zero="2.5 mV", noise="1.5 mV", decimals=3),
+}
+
+
+def seen(effects: Mapping[str, Effect], seed: int = 1, node_id: int = 1) -> tuple[bytes, list[float]]:
+    """Samples and saturation flags of one second and the indicator's readings, after two load sets."""
+    clock = VirtualClock()
+    rig = Rig(replace(scene(), effects=effects, seed=seed), clock)
+    pressed(rig, "2", BALANCE + 7e-3, 1.0)
+    clock.wait(0.3)
+    pressed(rig, "2", BALANCE + 7e-3, 2.0)
+    node = SensorNode(clock, node_id, 1, rig, lambda: None)
+    indicator = StrainIndicator(clock, "SIM-SI-0001", rig)
+    times = clock.now_ns() + np.arange(1, 1001) * MS
+    samples = node.sample(times, node.film_channels() @ rig.film_voltages(times), MS)
+    readings = []
+    for _ in range(5):
+        clock.wait(0.1)
+        readings.append(indicator.read("reading_float"))
+    return samples.counts.tobytes() + samples.saturation.tobytes(), readings
+
+
+# --- the shape of an effect ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_has_a_kind_defaults_for_all_and_cannot_be_changed(name: str) -> None:
+    effect = effect_class(name)()
+    assert effect.kind in get_args(Kind)
+    assert isinstance(effect.cancels_in_ratio, bool)
+    assert type(effect).__module__ == f"simulators.effects.{name}"
+    for parameter in type(effect).model_fields:
+        with pytest.raises(ValueError, match="frozen"):
+            setattr(effect, parameter, 1.0)
+
+
+def test_an_unknown_effect_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UnknownName, match=r"unknown effect 'white_nose' \(did you mean 'white_noise'\?\)"):
+        effect_class("white_nose")
+
+
+def test_the_effects_of_this_test_are_all_there_are() -> None:
+    assert list(STRONG) == list(EFFECTS)
+
+
+# --- absent, present, together -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_that_is_called_for_changes_something(name: str) -> None:
+    assert seen({name: STRONG[name]}) != seen({})
+
+
+@pytest.mark.parametrize(
+    "nothing", [{"white_noise": WhiteNoise(density="0 V/√Hz")}, {"gain_scatter": GainScatter(strength=0.0)}]
+)
+@pytest.mark.parametrize("others", [(), ("charge_amplifier", "adc", "load_cell")])
+def test_zero_strength_is_absent_bit_for_bit(nothing: dict[str, Effect], others: tuple[str, ...]) -> None:
+    beside = {name: STRONG[name] for name in others}
+    assert seen({**beside, **nothing}) == seen(beside)
+
+
+def test_a_16_bit_converter_gives_the_counts_that_travel_without_one() -> None:
+    assert seen({"adc": Adc(bits=16)}) == seen({})
+
+
+def test_the_order_of_the_effects_does_not_change_anything() -> None:
+    orders = list(itertools.permutations(STRONG.items()))[::13]
+    expected = seen(STRONG)
+    assert all(seen(dict(order)) == expected for order in orders)
+
+
+def test_another_seed_changes_every_random_effect() -> None:
+    for name in ("white_noise", "gain_scatter", "load_cell"):
+        assert seen({name: STRONG[name]}, seed=1) != seen({name: STRONG[name]}, seed=2), name
+    for name in ("charge_amplifier", "adc"):
+        assert seen({name: STRONG[name]}, seed=1) == seen({name: STRONG[name]}, seed=2), name
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name: str) -> None:
+    """Films with no force on them show the noise alone, static readings the indicator's noise alone."""
+
+    def noise(effects: Mapping[str, Effect]) -> tuple[bytes, list[float], Floats]:
+        clock = VirtualClock()
+        rig = Rig(replace(scene(), effects=effects), clock)
+        rig.mount(SAMPLES["2"])
+        clock.wait(1.234)
+        node = SensorNode(clock, 3, 1, rig, lambda: None)
+        times = clock.now_ns() + np.arange(1, 501) * MS
+        samples = node.sample(times, node.film_channels() @ rig.film_voltages(times), MS)
+        reading = StrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
+        return samples.counts.tobytes(), [round(reading, 9)], rig._gains()
+
+    base = {each: STRONG[each] for each in ("white_noise", "gain_scatter", "load_cell") if each != name}
+    (counts, reading, gains), (more_counts, more_reading, more_gains) = noise(base), noise({**base, name: STRONG[name]})
+    if name not in ("adc", "white_noise"):
+        assert more_counts == counts
+    if name != "load_cell":
+        assert more_reading == reading
+    if name != "gain_scatter":
+        assert more_gains.tobytes() == gains.tobytes()
+
+
+def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -> None:
+    def sampled(size: int) -> tuple[bytes, bytes, list[int]]:
+        clock = VirtualClock()
+        rig = Rig(replace(scene(), effects=STRONG), clock)
+        pressed(rig, "1", BALANCE + 7e-3, 4.0)
+        node = SensorNode(clock, 1, 1, rig, lambda: None)
+        times = 17 * MS + np.arange(1, 1001) * MS
+        blocks = [
+            node.sample(t, node.film_channels() @ rig.film_voltages(t), MS)
+            for t in (times[i : i + size] for i in range(0, len(times), size))
+        ]
+        counts = b"".join(block.counts.tobytes() for block in blocks)
+        flags = b"".join(block.saturation.tobytes() for block in blocks)
+        return counts, flags, [block.counter for block in blocks]
+
+    whole = sampled(1000)
+    for size in (7, 333):
+        cut = sampled(size)
+        assert cut[:2] == whole[:2]
+        assert cut[2] == list(range(1, 1001, size))
+
+
+# --- gain scatter --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_gain_scatter_has_the_stated_spread_of_films_and_ratio_over_4000_draws(design: str) -> None:
+    chosen, stream, effect = get_design(design), Stream(1, "gain_scatter"), GainScatter()
+    draws = np.array([effect.gains(chosen, stream, number * SECOND) for number in range(4000)])
+    for film, gains in zip(chosen.films, draws.T, strict=True):
+        assert gains.mean() == pytest.approx(1.0, abs=4 * film.scatter / np.sqrt(4000))
+        assert gains.std() == pytest.approx(film.scatter, rel=0.045)  # 4 standard errors
+    names = [film.name for film in chosen.films]
+    ratio = draws[:, names.index("rigid")] / draws[:, names.index("total")]
+    assert ratio.std() / ratio.mean() == pytest.approx(chosen.ratio_scatter, rel=0.045)
+
+
+def test_the_single_sensor_scatters_as_the_thesis_measured() -> None:
+    single = get_design("single")
+    assert [(film.name, film.scatter) for film in single.films] == [("rigid", 0.033), ("total", 0.030)]
+    assert single.ratio_scatter == 0.041
+
+
+def test_strength_scales_the_scatter_and_load_sets_draw_independently() -> None:
+    single, stream = get_design("single"), Stream(1, "gain_scatter")
+    once, thrice = (
+        np.array([GainScatter(strength=s).gains(single, stream, n * SECOND) for n in range(2000)]) for s in (1.0, 3.0)
+    )
+    assert np.allclose(thrice - 1, 3 * (once - 1), rtol=1e-12, atol=1e-15)
+    for film in once.T:
+        assert abs(np.corrcoef(film[1:], film[:-1])[0, 1]) < 4 / np.sqrt(2000)
+
+
+def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene("gain_scatter"), clock)
+    pressed(rig, "2", BALANCE + 7e-3, 1.0)
+    first = rig._segments[-1].gains
+    clock.wait(1.0)
+    rig.set_position(BALANCE + 8e-3)
+    assert rig._segments[-1].gains.tobytes() == first.tobytes()
+    clock.wait(1.0)
+    pressed(rig, "2", BALANCE + 7e-3, 1.1)
+    assert (rig._segments[-1].gains != first).all()
+
+
+# --- noise, converter, indicator -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
+def test_white_noise_has_its_density_at_any_sample_rate(rate: float) -> None:
+    volts = WhiteNoise(density="2 µV/√Hz").samples(Stream(1, "white_noise", 1, 0), 0, 40_000, rate)
+    assert volts.std() == pytest.approx(2e-6 * np.sqrt(rate / 2), rel=4 / np.sqrt(80_000))
+    spectrum = np.abs(np.fft.rfft(volts)) ** 2 * 2 / (rate * len(volts))  # one-sided, V2/Hz
+    for band in np.array_split(spectrum[1:-1], 10):
+        assert np.sqrt(band.mean()) == pytest.approx(2e-6, rel=0.05)
+
+
+def test_white_noise_is_independent_between_channels_and_nodes() -> None:
+    counts: dict[tuple[int, int], Floats] = {}
+    for node_id in (1, 2):
+        data, _ = seen({"white_noise": WhiteNoise(density="1 mV/√Hz")}, node_id=node_id)
+        quiet, _ = seen({}, node_id=node_id)
+        difference = np.frombuffer(data[:8000], "<i2").astype(float) - np.frombuffer(quiet[:8000], "<i2")
+        counts |= {(node_id, channel): column for channel, column in enumerate(difference.reshape(-1, 4).T)}
+    for one, other in itertools.combinations(counts.values(), 2):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 4.5 / np.sqrt(1000)
+    assert all(column.std() > 10 for column in counts.values())
+
+
+@pytest.mark.parametrize("bits", [4, 12, 16])
+def test_the_converter_rounds_to_its_steps_and_flags_what_it_cuts(bits: int) -> None:
+    step = 2.0 ** (1 - bits)
+    fraction = np.array([0.0, 0.49 * step, 0.51 * step, -1.0, -1.0 - 0.4 * step, 1.0 - step, 1.0 - 0.6 * step])
+    values, saturated = Adc(bits=bits).convert(fraction)
+    assert values.tolist() == [0.0, 0.0, step, -1.0, -1.0, 1.0 - step, 1.0 - step]
+    assert not saturated.any()
+    values, saturated = Adc(bits=bits).convert(np.array([1.0, 7.0, -1.0 - 0.6 * step, np.inf, -np.inf]))
+    assert values.tolist() == [1.0 - step, 1.0 - step, -1.0, 1.0 - step, -1.0]
+    assert saturated.all()
+
+
+def test_a_sample_that_is_no_number_is_flagged() -> None:
+    _, saturated = Adc().convert(np.array([np.nan, 0.0]))
+    assert saturated.tolist() == [True, False]
+
+
+def test_the_display_shows_the_load_with_its_zero_noise_and_decimals() -> None:
+    cell = LoadCell(zero="1.81 mV", noise="0.3 mV", decimals=4)
+    shown = np.array([cell.display(20.0, Stream(1, "load_cell"), update) for update in range(4000)])
+    assert shown.mean() == pytest.approx(21.81, abs=4 * 0.3 / np.sqrt(4000))
+    assert shown.std() == pytest.approx(0.3, rel=0.045)
+    assert cell.display(20.0, Stream(1, "load_cell"), 7) == shown[7]
+    assert abs(np.corrcoef(shown[1:], shown[:-1])[0, 1]) < 4 / np.sqrt(4000)
+    quiet = LoadCell(zero="1.81 mV", noise="0 mV", decimals=0)
+    assert [quiet.display(mv, Stream(1, "load_cell"), 0) for mv in (0.0, 10.0, -10.0)] == [2.0, 12.0, -8.0]
+
+
+def test_a_thesis_reading_rarely_differs_by_more_than_a_count() -> None:
+    cell = LoadCell()
+    shown = np.array([cell.display(19.9, Stream(1, "load_cell"), update) for update in range(2000)])
+    assert set(np.unique(shown)) <= {20.0, 21.0, 22.0, 23.0}
+    assert (np.abs(shown - 22.0) <= 1).mean() > 0.99
+
+
+def test_the_charge_amplifier_passes_10_hz_and_forgets_the_preload() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene("charge_amplifier"), clock)
+    rig.mount(SAMPLES["2"])
+    rig.set_position(BALANCE + 8e-3)
+    peak = rig.film_voltages(np.array([0]))[1, 0]
+    times: npt.NDArray[np.int64] = np.array([0, 1, 2, 5]) * SECOND
+    assert rig.film_voltages(times)[1] == pytest.approx(peak * np.exp([0.0, -1.0, -2.0, -5.0]), rel=1e-12)

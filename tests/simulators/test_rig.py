@@ -1,0 +1,242 @@
+"""The physical scene: force by the stack, films and bridge against stepping, and no trace of when one looks."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.integrate import solve_ivp
+
+from instrument.models import experiment
+from instrument.sample import SAMPLES
+from simulators.clock import VirtualClock
+from simulators.effects import effect_class
+from simulators.lti import CYCLE, Floats
+from simulators.rig import Rig
+from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
+
+Times = npt.NDArray[np.int64]
+
+
+# --- the films against brute force ---------------------------------------------------------------------
+
+
+@dataclass
+class Story:
+    """What happens to the bench, told to the rig and to an integrator that knows no closed form."""
+
+    rig: Rig
+    clock: VirtualClock
+    tau: float
+    amplitude: float = 0.0
+    frequency: float = 10.0
+    turned: float = 0.0  # cycles at the last change
+    since_ns: int = 0
+    position: float = 0.0
+    sample: str = "2"
+    gains: Floats = field(default_factory=lambda: np.zeros(2))  # V per N of coil and suspension together
+    drained: Floats = field(default_factory=lambda: np.zeros(2))  # the charge, in volts, that has leaked
+
+    def change(self, **what: float | str) -> None:
+        """Carry the phase on, take the new settings, and tell the rig."""
+        now = self.clock.now_ns()
+        self.turned = (self.turned + self.frequency * 1e-9 * (now - self.since_ns)) % 1
+        self.since_ns = now
+        for name, value in what.items():
+            setattr(self, name, value)
+        if "sample" in what:
+            self.rig.mount(SAMPLES[self.sample])
+        if "position" in what:
+            self.rig.set_position(self.position)
+        ratio = experiment.force_ratio(self.rig.scene.design, SAMPLES[self.sample])
+        self.gains = share(self.rig.scene, self.sample) * np.array([5.995e-3 * ratio, 68.60e-3])
+        assert 4.0 / 3.5 * self.amplitude <= 1000.0 * abs(self.position - BALANCE), "the story keeps contact"
+        if {"amplitude", "frequency"} & set(what):
+            drive = waveform("sine", self.amplitude, round(1000 * self.frequency), now)
+            self.rig.set_voltage(replace(drive, start_phase=round(self.turned * CYCLE)))
+
+    def charge(self, t: npt.ArrayLike) -> Floats:
+        """Film charges as voltages, t s after the last change: shape (2, n)."""
+        volts = self.amplitude * np.sin(2 * np.pi * (self.turned + self.frequency * np.atleast_1d(t)))
+        return np.outer(self.gains, 4.0 / 3.5 * volts + 1000.0 * (self.position - BALANCE))
+
+    def live(self, duration: float, times: int = 200) -> float:
+        """Integrate over `duration`, wait, and give the largest difference to the rig in V."""
+        grid = np.round(np.linspace(0, duration, times) * 1e9).astype(np.int64)
+        solved = solve_ivp(
+            lambda t, x: (self.charge(t)[:, 0] - x) / self.tau,
+            (0, 1e-9 * grid[-1]),
+            self.drained,
+            method="DOP853",
+            t_eval=1e-9 * grid,
+            rtol=1e-12,
+            atol=1e-15,
+            max_step=0.02,
+        )
+        stepped = self.charge(1e-9 * grid) - solved.y
+        difference = np.abs(self.rig.film_voltages(self.since_ns + grid) - stepped).max()
+        self.drained = solved.y[:, -1]
+        self.clock.wait(duration)
+        return float(difference)
+
+
+@pytest.mark.parametrize("tau", [0.05, 1.0, 300.0])
+def test_charge_amplifier_outputs_equal_stepping_through_every_kind_of_change(tau: float) -> None:
+    clock = VirtualClock()
+    chosen = scene("charge_amplifier")
+    slow = effect_class("charge_amplifier").model_validate({"time_constant": f"{tau} s"})
+    rig = Rig(replace(chosen, effects={"charge_amplifier": slow}), clock)
+    story = Story(rig, clock, tau)
+    story.change(sample="2")
+    story.change(position=BALANCE + 4e-3)
+    differences = [story.live(0.3)]
+    for what in (
+        {"amplitude": 2.5},
+        {"frequency": 12.345},
+        {"amplitude": 1.25, "frequency": 3.0},
+        {"position": BALANCE + 7e-3},
+        {"sample": "4"},
+        {"position": BALANCE + 5e-3, "amplitude": 3.0},
+        {"amplitude": 0.0},
+    ):
+        story.change(**what)
+        differences.append(story.live(0.277_777_7))
+    assert max(differences) < 1e-9
+    assert np.abs(story.drained).max() > 1e-4  # there was something to get wrong
+
+
+def test_shorting_an_integrator_starts_its_output_from_zero_and_it_settles_again() -> None:
+    clock, chosen = VirtualClock(), scene("charge_amplifier")
+    rig, other = Rig(chosen, clock), Rig(chosen, clock)
+    for each in (rig, other):
+        pressed(each, "2", BALANCE + 4e-3, 2.0)
+    clock.wait(0.521)
+    now = np.array([clock.now_ns()])
+    assert np.abs(rig.film_voltages(now)).min() > 1e-4
+    rig.reset_film(2)
+    assert abs(rig.film_voltages(now)[1, 0]) < 1e-15
+    assert np.array_equal(rig.film_voltages(now)[0], other.film_voltages(now)[0])  # the other channel runs on
+    rig.reset_film(1)
+    assert np.abs(rig.film_voltages(now)).max() < 1e-15
+    clock.wait(20.0)
+    late = clock.now_ns() + np.arange(0, 100 * MS, MS)
+    assert np.abs(rig.film_voltages(late) - other.film_voltages(late)).max() < 1e-9
+
+
+def test_without_a_charge_amplifier_the_films_give_gain_times_force() -> None:
+    clock, chosen = VirtualClock(), scene()
+    rig = Rig(chosen, clock)
+    pressed(rig, "3", BALANCE + 6e-3, 2.0)
+    times = np.arange(0, SECOND, 3 * MS)
+    ratio = experiment.force_ratio(chosen.design, SAMPLES["3"])
+    expected = np.outer([5.995e-3 * ratio, 68.60e-3], rig.cell_force(times))
+    assert np.allclose(rig.film_voltages(times), expected, rtol=1e-14, atol=0)
+
+
+def test_the_bridge_filter_equals_stepping_when_load_and_filter_change() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene(), clock)
+    pressed(rig, "1", BALANCE + 5e-3, 2.0)
+    part, tau, static, x = share(rig.scene, "1"), 0.1, 5.0 * share(rig.scene, "1"), 0.0
+
+    def slope(t: float, y: Floats) -> Floats:
+        swing = part * 2.0 * 4.0 / 3.5 * math.sin(20 * math.pi * t)
+        return np.asarray((static + swing - y) / tau)
+
+    for number in range(4):
+        if number == 1:
+            rig.set_position(BALANCE + 6e-3)
+            static += 1.0 * part
+        elif number == 2:
+            tau = 0.033
+            rig.set_bridge_filter(tau)
+        elif number == 3:
+            rig.place_weight(0.44)
+            static += 0.44 * 9.80665
+        span = (number * 0.33, (number + 1) * 0.33)
+        x = float(solve_ivp(slope, span, [x], method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.02).y[0, -1])
+        clock.wait(0.33)
+        assert rig.filtered_cell_force(clock.now_ns()) == pytest.approx(x, abs=1e-9)
+
+
+# --- looking does not change anything ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["sine", "square"])
+@pytest.mark.parametrize("loss_of_contact", [False, True])
+def test_blocks_of_any_size_give_the_same_bytes(kind: str, loss_of_contact: bool) -> None:
+    clock = VirtualClock()
+    rig = Rig(scene("charge_amplifier", "gain_scatter"), clock)
+    pressed(rig, "2", BALANCE + (1e-3 if loss_of_contact else 8e-3), 2.0, kind)
+    clock.wait(0.0123)
+    times = clock.now_ns() + np.arange(0, 1020) * MS
+    for look in (rig.film_voltages, lambda t: rig.cell_force(t)[np.newaxis]):
+        whole = look(times)
+        for size in (1, 7, 333, 1000):
+            some = times[: 20 * size]
+            blocks = [look(some[i : i + size]) for i in range(0, len(some), size)]
+            assert np.concatenate(blocks, axis=1).tobytes() == whole[:, : len(some)].tobytes(), size
+
+
+def seen(pieces: int, *, looking: bool) -> tuple[bytes, float]:
+    """The films after a life with changes at fixed times, waited for in pieces."""
+    clock = VirtualClock()
+    rig = Rig(scene("charge_amplifier", "gain_scatter"), clock)
+    pressed(rig, "5", BALANCE + 3e-3, 1.0)
+    for amplitude in (0.5, 2.0, 1.5):
+        for _ in range(pieces):
+            clock.wait(0.42 / pieces)
+            if looking:
+                rig.film_voltages(np.array([clock.now_ns()]))
+                rig.filtered_cell_force(clock.now_ns())
+                rig.cell_force(clock.now_ns() - np.arange(0, SECOND, 100 * MS))
+        rig.set_voltage(waveform("sine", amplitude))
+    return rig.film_voltages(clock.now_ns() + np.arange(500) * MS).tobytes(), rig.filtered_cell_force(clock.now_ns())
+
+
+def test_a_wait_cut_into_pieces_with_looks_in_between_gives_the_same_state() -> None:
+    assert seen(1, looking=False) == seen(7, looking=True) == seen(420, looking=False)
+
+
+def test_a_second_change_at_the_same_moment_replaces_the_first() -> None:
+    rigs = [Rig(scene("charge_amplifier", "gain_scatter"), VirtualClock()) for _ in range(2)]
+    for rig, amplitudes in zip(rigs, ((2.0,), (5.0, 0.1, 2.0)), strict=True):
+        rig.mount(SAMPLES["2"])
+        rig.set_position(BALANCE + 5e-3)
+        for amplitude in amplitudes:
+            rig.set_voltage(waveform("sine", amplitude))
+    times = np.arange(0, SECOND, 7 * MS)
+    assert rigs[0].film_voltages(times).tobytes() == rigs[1].film_voltages(times).tobytes()
+    assert len(rigs[1]._segments) == 1
+
+
+def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene(), clock)
+    pressed(rig, "2", BALANCE + 8e-3, 0.5)
+    written: list[tuple[Times, Floats]] = []
+    for amplitude in itertools.chain(np.linspace(0.5, 3.0, 60)):
+        rig.set_voltage(waveform("sine", float(amplitude)))
+        times = clock.now_ns() + np.arange(0, 250 * MS, 13 * MS)
+        written.append((times, rig.cell_force(times)))
+        clock.wait(0.25)
+    times = np.concatenate([t for t, _ in written[-40:]])
+    force = np.concatenate([f for _, f in written[-40:]])
+    assert rig.cell_force(times).tobytes() == force.tobytes()
+    assert len(rig._segments) < 52  # and no more than it has to
+
+
+def test_after_30_days_the_films_are_as_good_as_on_the_first() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene("charge_amplifier"), clock)
+    pressed(rig, "2", BALANCE + 8e-3, 2.0)
+    clock.wait(30 * 86_400.0)
+    amplitude = 68.60e-3 * share(rig.scene, "2") * 4.0 / 3.5 * 2.0
+    phasor = amplitude * 1j * 20 * math.pi / (1 + 1j * 20 * math.pi)  # of the steady state, tau 1 s
+    times = np.arange(0, 100 * MS, MS)
+    expected = (phasor * np.exp(20j * np.pi * 1e-9 * times)).imag  # 30 days are whole cycles
+    assert np.abs(rig.film_voltages(clock.now_ns() + times)[1] - expected).max() < 1e-12

@@ -1,0 +1,256 @@
+"""Scene files: what is right is read, what is wrong is named, and what is absent is never imported."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instrument.errors import ConfigError, RangeError, UnknownName, UsageError
+from instrument.quantity import parse
+from instrument.sample import SAMPLES, get_sample
+from simulators.clock import VirtualClock
+from simulators.effects import EFFECTS
+from simulators.rig import Rig
+from simulators.scene import LARGEST_SEED, Scene, read_scene, shipped
+
+HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
+EVERYTHING = {
+    "gain_scatter": "strength = 0.5",
+    "charge_amplifier": 'time_constant = "250 ms"',
+    "white_noise": 'density = "3 µV/√Hz"',
+    "adc": "bits = 12",
+    "load_cell": 'zero = "-1.5 mV"\nnoise = "250 µV"\ndecimals = 2',
+}
+
+
+def read(tmp_path: Path, text: str) -> Scene:
+    path = tmp_path / "scene.toml"
+    path.write_text(HEAD + text)
+    return read_scene(str(path))
+
+
+# --- what is right -------------------------------------------------------------------------------------
+
+
+def test_every_key_and_parameter_of_the_file_arrives_in_si_units(tmp_path: Path) -> None:
+    scene = read(
+        tmp_path,
+        'model = "column"\nseed = 77\nnodes = 3\n'
+        '[rig]\nforce_constant = "5 N/A"\nsensor_position = "13 mm"\n'
+        + "".join(f"[effects.{name}]\n{parameters}\n" for name, parameters in EVERYTHING.items()),
+    )
+    assert (scene.name, scene.purpose, scene.design.name) == ("try", "a test", "single")
+    assert (scene.model, scene.seed, scene.nodes) == ("column", 77, 3)
+    rig = scene.rig
+    assert (rig.force_constant, rig.coil_resistance, rig.suspension_stiffness) == (5.0, 3.5, 1000.0)
+    assert rig.sensor_position == pytest.approx(13e-3, rel=1e-15)
+    assert {name: effect.model_dump() for name, effect in scene.effects.items()} == {
+        "charge_amplifier": {"time_constant": "0.25 s"},
+        "adc": {"bits": 12},
+        "white_noise": {"density": "3e-06 V/√Hz"},
+        "gain_scatter": {"strength": 0.5},
+        "load_cell": {"sensitivity": "0.010306 V/N", "zero": "-0.0015 V", "noise": "0.00025 V", "decimals": 2},
+    }
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_scene_is_read_by_its_file_name_and_says_what_it_is_for(name: str) -> None:
+    scene = read_scene(name)
+    assert scene.name == name
+    assert len(scene.purpose) > 20
+    assert scene.file.name == name
+
+
+def test_the_thesis_scene_has_the_rig_parameters_of_the_thesis() -> None:
+    scene = read_scene("thesis_single")
+    cell = scene.effects["load_cell"].model_dump()
+    assert parse(cell["zero"], "V") == pytest.approx(1.81e-3)  # Table 5.1
+    assert cell["decimals"] == 0
+    assert scene.effects["gain_scatter"].model_dump() == {"strength": 1.0}
+    films = {film.name: (film.sensitivity, film.scatter) for film in scene.design.films}
+    assert films == {"rigid": (5.995e-3, 0.033), "total": (68.60e-3, 0.030)}  # Tables A2.9 to A2.14
+
+
+def test_a_scene_that_names_no_effect_has_none(tmp_path: Path) -> None:
+    assert read(tmp_path, "").effects == {}
+
+
+def test_the_order_of_the_file_does_not_change_anything(tmp_path: Path) -> None:
+    forces = set()
+    for order in itertools.islice(itertools.permutations(EVERYTHING.items()), 0, None, 17):
+        scene = read(tmp_path, "".join(f"[effects.{name}]\n{parameters}\n" for name, parameters in order))
+        assert list(scene.effects) == list(EFFECTS)
+        rig = Rig(scene, VirtualClock())
+        rig.mount(SAMPLES["2"])
+        rig.set_position(15e-3)
+        forces.add(rig.film_voltages(np.arange(0, 10**9, 10**7)).tobytes())
+    assert len(forces) == 1
+
+
+def test_another_seed_or_model_leaves_the_rest_and_the_original_alone() -> None:
+    scene = read_scene("thesis_single")
+    assert (scene.with_seed(5).seed, scene.with_seed(5).effects, scene.seed) == (5, scene.effects, 1)
+    assert scene.with_seed(LARGEST_SEED).seed == LARGEST_SEED
+    assert (scene.with_model("column").model, scene.model) == ("column", "experiment")
+
+
+# --- what is wrong -------------------------------------------------------------------------------------
+
+WRONG = {
+    "not TOML": ("seed = = 1", ["is not TOML", "line 4"]),
+    "an unknown key": ("sead = 1", ["sead: unknown key (did you mean 'seed'?)"]),
+    "a sample, which the operator mounts": ('sample = "2"', ["sample: unknown key"]),
+    "an unknown key of the rig": ('[rig]\ncoil_resistence = "3.5 ohm"', ["rig.coil_resistence", "'coil_resistance'?"]),
+    "an unknown effect": (
+        "[effects.charge_amplifer]",
+        ["effects.charge_amplifer: unknown effect (did you mean 'charge_amplifier'?)", "white_noise"],
+    ),
+    "an unknown parameter": (
+        '[effects.charge_amplifier]\ntime_constnt = "1 s"',
+        ["effects.charge_amplifier: time_constnt: unknown key (did you mean 'time_constant'?)"],
+    ),
+    "a wrong unit": (
+        '[effects.charge_amplifier]\ntime_constant = "1 N"',
+        ["effects.charge_amplifier: time_constant", "'1 N' is in N where s belongs", "'1 s'"],
+    ),
+    "a number without a unit": (
+        "[effects.charge_amplifier]\ntime_constant = 1.5",
+        ["effects.charge_amplifier: time_constant", "1.5 needs a unit", "'1 s'"],
+    ),
+    "a text without a unit": (
+        '[effects.charge_amplifier]\ntime_constant = "1.5"',
+        ["effects.charge_amplifier: time_constant", "'1.5' has no unit", "'1 s'"],
+    ),
+    "a negative time constant": (
+        '[effects.charge_amplifier]\ntime_constant = "-20 ms"',
+        ["effects.charge_amplifier: time_constant", "greater than", "-0.02"],
+    ),
+    "no time constant at all": (
+        '[effects.charge_amplifier]\ntime_constant = "0 s"',
+        ["effects.charge_amplifier: time_constant", "greater than", "0.0"],
+    ),
+    "an endless time constant": (
+        '[effects.charge_amplifier]\ntime_constant = "1e300 s"',
+        ["effects.charge_amplifier: time_constant", "less than", "1e+300"],
+    ),
+    "not a number": (
+        '[effects.white_noise]\ndensity = "nan V/√Hz"',
+        ["effects.white_noise: density", "is not a quantity", "nan"],
+    ),
+    "infinity": ('[rig]\nforce_constant = "1e999 N/A"', ["rig.force_constant", "finite", "1e999"]),
+    "a negative density": ('[effects.white_noise]\ndensity = "-1 nV/√Hz"', ["density", "greater than", "-1e-09"]),
+    "a truth value": ("[effects.white_noise]\ndensity = true", ["density", "needs a unit", "True"]),
+    "a text for a number": ('[effects.adc]\nbits = "16"', ["effects.adc: bits", "valid integer", "'16'"]),
+    "too many bits": ("[effects.adc]\nbits = 17", ["effects.adc: bits", "16", "17"]),
+    "an effect that is no table": ("[effects]\nadc = 3", ["effects.adc", "3"]),
+    "no stiffness": ('[rig]\nsuspension_stiffness = "0 N/m"', ["rig.suspension_stiffness", "greater than 0", "0"]),
+    "an unknown model": ('model = "colum"', ["unknown model 'colum' (did you mean 'column'?)", "experiment"]),
+    "a negative seed": ("seed = -1", ["seed", "0", "-1"]),
+    "a seed that is too large": (f"seed = {2**63}", ["seed", str(LARGEST_SEED), str(2**63)]),
+    "a fraction of a seed": ("seed = 1.5", ["seed", "valid integer", "1.5"]),
+    "a seed as text": ('seed = "1"', ["seed", "valid integer", "'1'"]),
+    "too many nodes": ("nodes = 21", ["nodes", "20", "21"]),
+    "no nodes": ("nodes = 0", ["nodes", "1", "0"]),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_scene_is_refused_with_file_key_and_value(wrong: str, tmp_path: Path) -> None:
+    text, parts = WRONG[wrong]
+    with pytest.raises(ConfigError) as raised:
+        read(tmp_path, text)
+    message = str(raised.value)
+    assert message.startswith(f"{tmp_path / 'scene.toml'}: ")
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+def test_an_unknown_design_is_refused_with_file_and_nearest(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(HEAD.replace('"single"', '"singel"'))
+    with pytest.raises(ConfigError, match=r"scene\.toml: unknown design 'singel' \(did you mean 'single'\?\)"):
+        read_scene(str(path))
+
+
+def test_every_problem_of_a_file_is_told_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text('seed = -1\nnodes = 99\nsead = 3\ndesign = "single"\nname = "x"\n')
+    with pytest.raises(ConfigError) as raised:
+        read_scene(str(path))
+    lines = str(raised.value).splitlines()
+    assert [line.removeprefix(f"{path}: ").split(":")[0] for line in lines] == ["purpose", "seed", "nodes", "sead"]
+
+
+def test_all_unknown_effects_are_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as raised:
+        read(tmp_path, "[effects.hum]\n[effects.adc]\n[effects.ado]\n")
+    assert [line.split(": ")[1] for line in str(raised.value).splitlines()] == ["effects.hum", "effects.ado"]
+
+
+@pytest.mark.parametrize("name", ["absent.toml", "no/such/folder/scene.toml"])
+def test_a_missing_file_is_refused_with_its_name(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=rf"{name}: cannot be read: No such file or directory; give the path"):
+        read_scene(str(tmp_path / name))
+
+
+def test_a_folder_and_a_binary_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+        read_scene(str(tmp_path))
+    binary = tmp_path / "scene.toml"
+    binary.write_bytes(b'name = "\xff\xfe"')
+    with pytest.raises(ConfigError, match=r"scene\.toml: is not text"):
+        read_scene(str(binary))
+
+
+def test_a_name_that_no_scene_has_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UnknownName, match=r"unknown scene 'thesis_singel' \(did you mean 'thesis_single'\?\)"):
+        read_scene("thesis_singel")
+
+
+def test_an_unknown_model_or_sample_or_a_seed_out_of_range_is_refused_outside_files_too() -> None:
+    scene = read_scene("thesis_single")
+    with pytest.raises(UnknownName, match=r"unknown model 'beem' \(did you mean 'beam'\?\)"):
+        scene.with_model("beem")
+    with pytest.raises(UnknownName, match="unknown sample '7'; valid: 1, 2, 3, 4, 5, 6"):
+        get_sample("7")
+    for seed in (-1, LARGEST_SEED + 1):
+        with pytest.raises(RangeError, match=f"seed {seed} is outside 0 to {LARGEST_SEED}"):
+            scene.with_seed(seed)
+    assert issubclass(ConfigError, UsageError) and issubclass(RangeError, UsageError)
+
+
+# --- what is absent ------------------------------------------------------------------------------------
+
+LIFE = """
+import sys
+from instrument.sample import SAMPLES
+from simulators.bench import SimulatedBench
+from simulators.scene import read_scene
+for file in sys.argv[1:]:
+    with SimulatedBench(read_scene(file)) as sim:
+        sim.operator.mount(SAMPLES["2"])
+        sim.generator.write({"amplitude": 1.0, "output": 1.0})
+        sim.amplifier.write({"enable": 1.0})
+        sim.indicator.read("reading")
+        sim.clock.wait(0.01)
+    print(*sorted(name.rpartition(".")[2] for name in sys.modules if name.startswith("simulators.effects.")))
+"""
+
+
+def test_the_module_of_an_absent_effect_is_never_imported(tmp_path: Path) -> None:
+    growing = [tuple(EFFECTS)[-count:] if count else () for count in range(len(EFFECTS) + 1)]
+    for number, names in enumerate(growing):
+        (tmp_path / f"{number}.toml").write_text(HEAD + "".join(f"[effects.{name}]\n" for name in names))
+    files = [str(tmp_path / f"{number}.toml") for number in range(len(growing))]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    life = subprocess.run(
+        [sys.executable, "-c", LIFE, *files], check=True, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert [line.split() for line in life.stdout.splitlines()] == [sorted([*n, "effect"]) for n in growing]
