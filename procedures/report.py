@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from instrument.models.ratio import Answer
+
 STAMP = "SIMULATED"
 PIPE_WIDTH = 160  # columns where no terminal says otherwise
 MARKERS = "osD^vP*X"
@@ -114,6 +116,18 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
         f"calibration    {outcome['calibration_file']}",
         *_where({**outcome, "calibration": None}, plot),
     )
+
+
+def print_ratios(design: str, answers: list[Answer]) -> None:
+    """A line a modulus."""
+    table = _table(
+        _stamped(False, f"{design}, model {answers[0].model}"),
+        "sensed modulus", "force ratio", "error estimate", "seconds",
+    )  # fmt: skip
+    for a in answers:
+        estimate = "-" if a.error_estimate is None else f"{a.error_estimate:.1e}"
+        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{a.force_ratio:.7g}", estimate, f"{a.seconds:.2g}")
+    _print(table)
 
 
 def print_runs(found: list[RunSummary], folder: Path) -> None:

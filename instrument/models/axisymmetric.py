@@ -123,8 +123,7 @@ def force_ratio(parameters: SensorParameters, tolerance: float) -> tuple[float, 
             return finer.force_ratio, estimate
         coarser, before, best = finer, change, min(best, estimate)
     raise RangeError(
-        f"model 'axisymmetric' cannot answer to {tolerance:g}: its best here is {best:.1e};"
-        " give a larger tolerance"
+        f"model 'axisymmetric' cannot answer to {tolerance:g}: its best here is {best:.1e}; give a larger tolerance"
     )
 
 
@@ -136,9 +135,7 @@ def solve(parameters: SensorParameters, refinement: int) -> AxisymmetricSolution
         EstimateError: the linear system cannot be solved accurately.
     """
     if refinement not in REFINEMENTS:
-        raise RangeError(
-            f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these"
-        )
+        raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
     return solve_on(parameters, degree=refinement + 2, layers=refinement + 1)
 
 
@@ -160,9 +157,7 @@ def solve_on(parameters: SensorParameters, degree: int, layers: int) -> Axisymme
     return _evaluate(parameters, mesh, r, z, bodies, elements, solved)
 
 
-def assemble(
-    parameters: SensorParameters, mesh: Grid, r: el.Line, z: el.Line, bodies: list[Part]
-) -> Elements:
+def assemble(parameters: SensorParameters, mesh: Grid, r: el.Line, z: el.Line, bodies: list[Part]) -> Elements:
     """Element matrices of all bodies, per radian."""
     numbering: Numbering = number(parameters, mesh, r, z, bodies)
     stiffness: list[Array] = []

@@ -68,9 +68,9 @@ class Elements:
 
     def gather(self, local: Array) -> Array:
         """Sum of element vectors into a global one, (size + 1,), its last entry zero."""
-        total: Array = np.bincount(
-            self.unknowns.ravel(), weights=local.ravel(), minlength=self.size + 1
-        ).astype(np.float64)
+        total: Array = np.bincount(self.unknowns.ravel(), weights=local.ravel(), minlength=self.size + 1).astype(
+            np.float64
+        )
         total[self.size] = 0.0
         return total
 

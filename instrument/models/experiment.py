@@ -25,10 +25,12 @@ def force_ratio(design: Design, sensed: Sample) -> float:
     """Tooth force over total force.
 
     Raises:
-        RangeError: the modulus is outside those of the design's measured samples, or the thickness is not
-            theirs.
+        RangeError: nothing was measured with the design, the modulus is outside those of its measured samples,
+            or the thickness is not theirs.
     """
     measured = [SAMPLES[name] for name in design.thesis_force_ratio]
+    if not measured:
+        raise RangeError(f"nothing was measured with design {design.name!r}; take model 'column'")
     low, high = min(s.modulus for s in measured), max(s.modulus for s in measured)
     if not (low <= sensed.modulus <= high):
         raise RangeError(

@@ -90,9 +90,7 @@ class SensorParameters:
         for inner, outer in pairwise(order):
             low, high = getattr(self, inner), getattr(self, outer)
             if low > high or (low == high and inner == "ring_inner_radius"):
-                raise RangeError(
-                    f"parts overlap: {inner} {low:g} m is not below {outer} {high:g} m; make it smaller"
-                )
+                raise RangeError(f"parts overlap: {inner} {low:g} m is not below {outer} {high:g} m; make it smaller")
         if self.sensed_radius <= self.ring_inner_radius:
             raise RangeError(
                 f"sensed_radius {self.sensed_radius:g} m does not reach the ring at ring_inner_radius"

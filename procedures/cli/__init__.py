@@ -10,6 +10,7 @@ import click
 
 from procedures.cli.calibrate import calibrate
 from procedures.cli.contracts import contracts
+from procedures.cli.model import model
 from procedures.cli.runs import runs
 from procedures.cli.sweep import sweep
 
@@ -26,7 +27,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, runs, contracts):
+for group in (sweep, calibrate, runs, contracts, model):
     palpate.add_command(group)
 
 

@@ -50,9 +50,7 @@ def plain_linear_ratio(parameters: SensorParameters, layers: int) -> float:
         rr_u, zz_u, rr_v, zz_v = u.grad[0, 0], u.grad[1, 1], v.grad[0, 0], v.grad[1, 1]
         slip_u, slip_v = u.grad[0, 1] + u.grad[1, 0], v.grad[0, 1] + v.grad[1, 0]
         dilatation = (rr_u + hoop_u + zz_u) * (rr_v + hoop_v + zz_v)
-        return r * (
-            2 * g * (rr_u * rr_v + hoop_u * hoop_v + zz_u * zz_v) + g * slip_u * slip_v + lam * dilatation
-        )
+        return r * (2 * g * (rr_u * rr_v + hoop_u * hoop_v + zz_u * zz_v) + g * slip_u * slip_v + lam * dilatation)
 
     stiffness = BilinearForm(work).assemble(basis)
     r, z = part.p
@@ -117,9 +115,7 @@ def test_the_bound_is_never_below_the_error_of_random_settings() -> None:
 
 def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
     with TABLE_A2_1.open(newline="") as file:
-        rows = [
-            (float(row["sensed_modulus_Pa"]), float(row["force_ratio_best"])) for row in csv.DictReader(file)
-        ]
+        rows = [(float(row["sensed_modulus_Pa"]), float(row["force_ratio_best"])) for row in csv.DictReader(file)]
     assert len(rows) == 48
     for modulus, printed in rows:
         ratio = solve(replace(IDENTIFIED, sensed_modulus=modulus), 1).force_ratio
@@ -145,9 +141,7 @@ def test_one_material_without_gap_carries_the_tooth_s_share_of_the_area() -> Non
         assert abs(film.plane_stress) < 1e-6 * abs(film.normal_stress)
 
 
-def uniform_strain(
-    points_r: NDArray[np.float64], points_z: NDArray[np.float64], degree: int
-) -> NDArray[np.float64]:
+def uniform_strain(points_r: NDArray[np.float64], points_z: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
     """Element unknowns of u = -0.3 r, w = z + 10 µm on one rectangle."""
     unknowns = np.zeros((2, degree + 1, degree + 1))
     unknowns[0, :2, :2] = -0.3 * points_r[:, None]
@@ -208,16 +202,12 @@ def test_without_the_rigid_motion_apart_a_stiff_object_unbalances_the_forces() -
     load = np.append(rng.normal(size=system.size), 0.0) * (np.arange(system.size + 1) < system.shared)
     solved = condensed.solve(system, load)
     shipped = np.abs(load - system.gather(solved.internal)).max()
-    plainly = system.internal_forces(
-        solved.displacement[system.unknowns], np.zeros(system.dilatation.shape[:2])
-    )
+    plainly = system.internal_forces(solved.displacement[system.unknowns], np.zeros(system.dilatation.shape[:2]))
     assert np.abs(load - system.gather(plainly)).max() > 30 * shipped
 
 
 def test_the_ratio_is_continuous_as_the_gap_closes() -> None:
-    ratios = [
-        solve(replace(CASE_A, ring_inner_radius=1.4e-3 + gap), 2).force_ratio for gap in (1e-4, 1e-6, 1e-9, 0)
-    ]
+    ratios = [solve(replace(CASE_A, ring_inner_radius=1.4e-3 + gap), 2).force_ratio for gap in (1e-4, 1e-6, 1e-9, 0)]
     assert ratios[0] < ratios[1] < ratios[2]
     assert ratios[3] == pytest.approx(ratios[2], abs=3e-5)
 

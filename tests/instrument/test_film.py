@@ -28,10 +28,7 @@ AREA, THICKNESS, FORCE = 1e-4, 25e-6, 1.0
 
 def exactly(system: CoupledSystem) -> NDArray[np.float64]:
     """Gauss elimination in rational numbers: no rounding at all."""
-    rows = [
-        [Fraction(float(x)) for x in (*row, right)]
-        for row, right in zip(system.matrix, system.right, strict=True)
-    ]
+    rows = [[Fraction(float(x)) for x in (*row, right)] for row, right in zip(system.matrix, system.right, strict=True)]
     size = len(rows)
     for pivot in range(size):
         for row in range(pivot + 1, size):
@@ -67,9 +64,7 @@ def test_scaled_and_condensed_solutions_are_exact_where_the_raw_least_squares_lo
     assert abs(raw[-1] / exact[-1] - 1) > 0.99
     for solver in (solve_scaled, solve_condensed):
         assert solver(coupled)[-1] == pytest.approx(exact[-1], rel=1e-12)
-        assert solver(coupled)[coupled.mechanical - 1] == pytest.approx(
-            exact[coupled.mechanical - 1], rel=1e-12
-        )
+        assert solver(coupled)[coupled.mechanical - 1] == pytest.approx(exact[coupled.mechanical - 1], rel=1e-12)
 
 
 def test_condensation_leaves_a_well_conditioned_mechanical_matrix() -> None:
@@ -89,9 +84,7 @@ def test_a_free_film_gives_d33_force_as_charge_and_g33_thickness_over_area_as_vo
     short = film_response(material, AREA, THICKNESS, FORCE, "free", "short")
     opened = film_response(material, AREA, THICKNESS, FORCE, "free", "open")
     assert short.charge == pytest.approx(-d33 * FORCE, rel=1e-12)
-    assert opened.voltage == pytest.approx(
-        -d33 * FORCE * THICKNESS / (material.permittivity * AREA), rel=1e-12
-    )
+    assert opened.voltage == pytest.approx(-d33 * FORCE * THICKNESS / (material.permittivity * AREA), rel=1e-12)
     assert (short.voltage, opened.charge) == (0.0, 0.0)
 
 
@@ -116,9 +109,7 @@ def test_the_clamped_charge_is_that_of_the_closed_form() -> None:
     expected = -stress[2] * FORCE / stiffness[2, 2]
     glued = film_response(THESIS, AREA, THICKNESS, FORCE, "clamped", "short")
     assert glued.charge == pytest.approx(expected, rel=1e-12)
-    assert glued.plane_stress[0] == pytest.approx(
-        -stiffness[0, 2] / stiffness[2, 2] * FORCE / AREA, rel=1e-12
-    )
+    assert glued.plane_stress[0] == pytest.approx(-stiffness[0, 2] / stiffness[2, 2] * FORCE / AREA, rel=1e-12)
 
 
 def test_the_open_film_is_stiffer_than_the_short_circuited() -> None:
@@ -148,9 +139,7 @@ def test_the_material_is_stable() -> None:
         (1e-4, 25e-6, math.inf, "force inf N"),
     ],
 )
-def test_a_value_outside_its_limits_is_refused(
-    area: float, thickness: float, force: float, message: str
-) -> None:
+def test_a_value_outside_its_limits_is_refused(area: float, thickness: float, force: float, message: str) -> None:
     with pytest.raises(RangeError, match=message):
         film_response(THESIS, area, thickness, force, "free", "open")
 
