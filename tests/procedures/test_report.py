@@ -27,8 +27,13 @@ from tests.procedures.conftest import HEADER, Palpate
 DESIGN = get_design("single")
 MARKUP = "a[bold]b[/red] :bug: [/]"  # as a part of the name of a folder
 OUTCOME = {
-    "simulated": True, "calibration": f"cal {MARKUP}", "calibration_file": "cell.toml", "bench_seconds": 100.0, "wall_seconds": 0.5, "run": f"/{MARKUP}",
-}  # fmt: skip
+    "simulated": True,
+    "calibration": f"cal {MARKUP}",
+    "calibration_file": "cell.toml",
+    "bench_seconds": 100.0,
+    "wall_seconds": 0.5,
+    "run": f"/{MARKUP}",
+}
 
 
 def point(sample: str, load: float, force_ratio: float, valid: bool = True) -> LoadPoint:

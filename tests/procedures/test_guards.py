@@ -1,0 +1,68 @@
+"""What a sweep looks at before it drives, and what it leaves alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivers.bench import Bench
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.errors import BenchError
+from procedures.run import Run
+from procedures.servo import check_zero
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import Palpate
+
+SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N")
+
+
+def test_a_tare_that_somebody_left_is_cleared(bench: Bench) -> None:
+    bench.indicator.track(0.1)
+    bench.operator.place_weight(0.2)
+    bench.clock.wait(1.0)
+    bench.indicator.tare()
+    bench.operator.place_weight(0.0)
+    bench.clock.wait(1.0)
+    assert bench.indicator.read().reading_mV < -15
+    check_zero(bench, THESIS_LOAD_CELL)
+    assert bench.indicator.read().reading_mV == pytest.approx(1.8, abs=1.5)
+
+
+def test_a_weight_left_on_the_cell_stops_the_sweep_before_it_drives(bench: Bench, sim: SimulatedBench) -> None:
+    bench.operator.place_weight(0.05)
+    with pytest.raises(BenchError, match=r"without load.*thesis Table 5\.1.*take the load off"):
+        check_zero(bench, THESIS_LOAD_CELL)
+    assert not sim.amplifier.settings["enable"]
+
+
+def test_a_calibration_of_another_zero_is_not_used(bench: Bench) -> None:
+    other = THESIS_LOAD_CELL.model_copy(update={"zero_mV": 20.0})
+    with pytest.raises(BenchError, match=r"says 20 ± 3\.1 mV"):
+        check_zero(bench, other)
+
+
+def test_the_scene_kept_with_a_run_gives_that_run_again(palpate: Palpate) -> None:
+    first = palpate(*SMALL, "--seed", "7", "--model", "column", "--out", "first", "--json").object
+    again = palpate(*SMALL, "--scene", "first/scene.toml", "--out", "again", "--json").object
+    assert (again["seed"], again["model"]) == (7, "column")
+    assert again["points"] == first["points"]
+    assert Run.open(Path("again")).digest() == Run.open(Path("first")).digest()
+
+
+def test_a_folder_with_other_files_is_left_alone(palpate: Palpate) -> None:
+    Path("mine").mkdir()
+    kept = Path("mine/bench.toml")
+    kept.write_text("precious")
+    assert "mine holds other files" in palpate(*SMALL, "--out", "mine").complaint
+    assert kept.read_text() == "precious"
+    assert list(Path("mine").iterdir()) == [kept]
+
+
+def test_a_real_bench_does_not_sweep_on_the_thesis_calibration(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Bench, "simulated", False)
+    spoken = palpate(*SMALL)
+    assert spoken.status == 2
+    assert "has no calibration; run palpate calibrate load-cell" in spoken.complaint
