@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 from dataclasses import replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from instrument.errors import RangeError, UnknownName
 from instrument.models import axisymmetric, condensed, elements, mesh, numbering
-from instrument.models.axisymmetric import force_ratio, solve, solve_on
+from instrument.models.axisymmetric import AxisymmetricSolution, force_ratio, solve, solve_on
 from instrument.models.parameters import SensorParameters, get_parameters
 
 CASE_A = get_parameters("physical")
@@ -20,6 +21,11 @@ IDENTIFIED = get_parameters("identified")
 # Degree 8 with 7 layers, in displacement-pressure and in plain displacement form: they differ by 1e-9.
 CASE_A_RATIO = 0.4245278
 TABLE_A2_1 = Path(__file__).parents[1] / "data" / "thesis" / "table_A2_1.csv"
+
+
+@functools.cache
+def case_a(refinement: int) -> AxisymmetricSolution:
+    return solve(CASE_A, refinement)
 
 
 def plain_linear_ratio(parameters: SensorParameters, layers: int) -> float:
@@ -72,11 +78,11 @@ def plain_linear_ratio(parameters: SensorParameters, layers: int) -> float:
 
 
 def test_case_a_has_the_converged_ratio() -> None:
-    assert solve(CASE_A, 4).force_ratio == pytest.approx(CASE_A_RATIO, abs=1e-6)
+    assert case_a(4).force_ratio == pytest.approx(CASE_A_RATIO, abs=1e-6)
 
 
 def test_the_error_falls_at_least_five_times_a_refinement() -> None:
-    errors = [abs(solve(CASE_A, refinement).force_ratio - CASE_A_RATIO) for refinement in (1, 2, 3)]
+    errors = [abs(case_a(refinement).force_ratio - CASE_A_RATIO) for refinement in (1, 2, 3)]
     assert errors[0] < 5e-4
     assert all(finer < coarser / 5 for coarser, finer in itertools.pairwise(errors))
 
@@ -90,7 +96,7 @@ def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
 
 def test_the_bound_is_never_below_the_error_of_random_settings() -> None:
     rng = np.random.default_rng(3)
-    for _ in range(6):
+    for _ in range(4):
         tooth, gap, ring = (
             1.4e-3 * 10 ** rng.uniform(-0.5, 0.3),
             10 ** rng.uniform(-5, -3.5),
@@ -235,12 +241,12 @@ def test_area_ratios_from_a_hundredth_to_a_thousand_are_resolved(ring: float) ->
 
 def test_refinement_stops_before_rounding_passes_the_discretisation_error() -> None:
     for refinement in axisymmetric.REFINEMENTS[:4]:
-        solution = solve(CASE_A, refinement)
+        solution = case_a(refinement)
         assert solution.imbalance < 1e-10 < abs(solution.force_ratio - CASE_A_RATIO)
 
 
 def test_displacements_are_sampled_over_every_body() -> None:
-    solution = solve(CASE_A, 1)
+    solution = case_a(1)
     assert set(solution.fields) == {
         "object", "ring", "tooth", "tooth film", "upper plate", "base film", "lower plate"
     }  # fmt: skip
@@ -276,7 +282,10 @@ def test_an_unknown_interface_or_set_is_refused() -> None:
         get_parameters("fysical")
 
 
-def test_a_tolerance_that_no_mesh_meets_is_refused_with_the_best_there_is() -> None:
+def test_a_tolerance_that_no_mesh_meets_is_refused_with_the_best_there_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(axisymmetric, "REFINEMENTS", (1, 2))
     with pytest.raises(RangeError, match="its best here is"):
         force_ratio(IDENTIFIED, 1e-13)
     with pytest.raises(RangeError, match="tolerance nan"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from scipy import sparse
 
 from instrument.designs import get_design
 from instrument.errors import EstimateError, RangeError, UnknownName
-from instrument.models import axisymmetric, linear_solver
+from instrument.models import axisymmetric, linear_solver, solid_system
 from instrument.models.parameters import SensorParameters
 from instrument.models.solid import SolidParameters, force_ratio, identified, of_design, point_loads, solve
 from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
@@ -23,6 +24,18 @@ from instrument.models.solid_system import System
 THESIS = Path(__file__).parents[1] / "data" / "thesis"
 COARSE = SolidParameters(interface="frictionless", support="rigid")
 PAIR = replace(COARSE, cell_length=12e-3, cell_width=12e-3, columns=2)
+
+
+@functools.cache
+def coarse_ratio(compliant_poisson: float) -> float:
+    return solve(replace(COARSE, compliant_poisson=compliant_poisson), 0).force_ratio
+
+
+@pytest.fixture
+def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The smallest mesh, for what holds exactly on any."""
+    smallest = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
+    monkeypatch.setattr(solid_system, "RESOLUTIONS", (smallest,) * 4)
 
 
 def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[Plan, PlanMatrices]:
@@ -104,48 +117,51 @@ def test_the_ratio_rises_with_the_object_s_modulus() -> None:
     assert all(np.diff(ratios) > 0)
 
 
-def test_the_whole_sensor_gives_what_its_quarter_gives() -> None:
-    centre = (12e-3, 6e-3)
-    quarter = solve(replace(PAIR, load_at=centre), 0).tooth_forces
-    whole = point_loads(PAIR, [centre, (11e-3, 5e-3)], 0)[0]
+def test_the_whole_sensor_gives_what_its_quarter_gives(one_layer: None) -> None:
+    centre = (5e-3, 5e-3)
+    quarter = solve(replace(COARSE, load_at=centre), 0).tooth_forces
+    whole = point_loads(COARSE, [centre, (4e-3, 5.5e-3)], 0)[0]
     assert whole == pytest.approx(quarter, rel=1e-8)
 
 
-def test_mirrored_loads_give_mirrored_forces() -> None:
+def test_mirrored_loads_give_mirrored_forces(one_layer: None) -> None:
     left, right = point_loads(PAIR, [(4e-3, 6e-3), (20e-3, 6e-3)], 0)
     assert left == pytest.approx(right[::-1], rel=1e-8)
     assert left[0] > left[1]
 
 
-def test_a_load_here_moves_there_as_a_load_there_moves_here() -> None:
+def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> None:
     system = System(SolidParameters(interface="frictionless"), 0, mirrored=(False, True))
     here, there = system.load((2e-3, 5e-3)), system.load((8.5e-3, 5e-3))
     assert there @ system.solve(here)[0] == pytest.approx(here @ system.solve(there)[0], rel=1e-9)
 
 
-def test_an_array_is_symmetric() -> None:
-    design = get_design("array")
-    soft = replace(of_design(design), support="rigid", interface="frictionless")
-    forces = np.array(solve(soft, 0).tooth_forces).reshape(design.rows, design.columns)
+def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None) -> None:
+    corner = replace(of_design(get_design("array")), columns=2, support="rigid", interface="frictionless")
+    forces, total, _ = System(corner, 0, mirrored=(False, True)).forces(None)
+    assert forces.shape == (2, 2)
     assert forces == pytest.approx(forces[::-1, ::-1], rel=1e-9)
-    assert forces.sum() < 1
+    assert forces.sum() < total
 
 
 @pytest.mark.parametrize("poisson", [0.4999, 0.499999, 0.5])
 def test_rubber_does_not_lock(poisson: float) -> None:
-    almost = solve(replace(COARSE, compliant_poisson=0.498), 0).force_ratio
-    assert solve(replace(COARSE, compliant_poisson=poisson), 0).force_ratio == pytest.approx(almost, rel=5e-3)
+    assert coarse_ratio(poisson) == pytest.approx(coarse_ratio(0.498), rel=5e-3)
 
 
 def test_a_round_sensor_agrees_with_the_round_model() -> None:
-    """Reference case A: 0.424525, by the axisymmetric model at degree 7."""
-    assert solve(SolidParameters(outline="round"), 1).force_ratio == pytest.approx(0.424525, abs=1e-3)
+    """Reference case A: 0.4245278, by the axisymmetric model at degree 8."""
+    assert solve(SolidParameters(outline="round"), 1).force_ratio == pytest.approx(0.4245278, abs=1e-3)
 
 
-def test_the_error_estimate_covers_the_distance_to_the_round_model() -> None:
+def test_the_error_estimate_covers_the_distance_to_the_round_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarser = [
+        Resolution(layers=layers, ratio=0.2, sectors=1, degree=degree) for layers, degree in ((1, 2), (2, 2), (2, 3))
+    ]
+    monkeypatch.setattr(solid_system, "RESOLUTIONS", coarser)
     common = SensorParameters(interface="frictionless", support="rigid")
     ratio, estimate = force_ratio(replace(COARSE, outline="round"), 5e-3)
-    assert abs(ratio - axisymmetric.force_ratio(common, 1e-5)[0]) <= estimate <= 5e-3
+    assert abs(ratio - axisymmetric.force_ratio(common, 1e-4)[0]) <= estimate <= 5e-3
 
 
 @pytest.mark.parametrize("gap", [1e-5, 1e-7, 0.0])
@@ -153,7 +169,7 @@ def test_a_closed_gap_is_no_singular_case(gap: float) -> None:
     closed = solve(replace(COARSE, ring_inner_radius=COARSE.tooth_radius + gap), 0)
     assert closed.residual < 1e-12
     assert closed.total_force == pytest.approx(1.0, abs=1e-9)
-    assert closed.force_ratio == pytest.approx(solve(COARSE, 0).force_ratio, abs=0.03)
+    assert closed.force_ratio == pytest.approx(coarse_ratio(COARSE.compliant_poisson), abs=0.03)
 
 
 @pytest.mark.parametrize("modulus", ["14900", "102700", "720000", "140000000000"])
