@@ -47,7 +47,7 @@ FIXED: dict[str, tuple[str, ...]] = {
     "beam_printed": ("sensed_thickness",),
     "experiment": tuple(name for name in SETTINGS if name != "sensed_thickness"),
 }
-# Where none is asked for: what takes a second, and some ten.
+# Where none is asked for: what takes about a second, and minutes without the extra "fast".
 TOLERANCES = {"axisymmetric": 1e-4, "solid": 5e-3}
 
 

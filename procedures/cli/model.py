@@ -61,6 +61,7 @@ def ratio(
     """Force ratio, tooth force over total force, for objects of given moduli.
 
     The error estimate is that of the discretisation, not of what a model leaves out. Models in closed form have none.
+    The solid model takes a minute and more a point; the extra "fast" (pypardiso) shortens it.
     The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from instrument.models.ratio import Question, ask
