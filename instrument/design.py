@@ -143,10 +143,10 @@ class Design:
         """Correlation of the scatter of a tooth's film and its base's that gives the ratio its own scatter.
 
         The ratio of two quantities of relative scatter a and b and correlation r scatters by
-        sqrt(a^2 + b^2 - 2 r a b), to first order.
+        sqrt(a^2 + b^2 - 2 r a b), to first order. Where the printed scatters leave none (common base), 1 comes nearest.
         """
         a, b = (next(film for film in self.films if film.name.startswith(kind)).scatter for kind in FILM_KINDS)
-        return (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b)
+        return min(1.0, (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b))
 
     def film(self, name: str) -> Film:
         """The film of that name.

@@ -170,9 +170,12 @@ def test_gain_scatter_has_the_stated_spread_of_films_and_ratio_over_4000_draws(d
     for film, gains in zip(chosen.films, draws.T, strict=True):
         assert gains.mean() == pytest.approx(1.0, abs=4 * film.scatter / np.sqrt(4000))
         assert gains.std() == pytest.approx(film.scatter, rel=0.045)  # 4 standard errors
-    names = [film.name for film in chosen.films]
-    ratio = draws[:, names.index("rigid")] / draws[:, names.index("total")]
-    assert ratio.std() / ratio.mean() == pytest.approx(chosen.ratio_scatter, rel=0.045)
+    rigid, total = (
+        next(i for i, film in enumerate(chosen.films) if film.name.startswith(kind)) for kind in ("rigid", "total")
+    )
+    ratio = draws[:, rigid] / draws[:, total]
+    least = abs(chosen.films[rigid].scatter - chosen.films[total].scatter)  # even if they move as one
+    assert ratio.std() / ratio.mean() == pytest.approx(max(chosen.ratio_scatter, least), rel=0.045)
 
 
 def test_the_single_sensor_scatters_as_the_thesis_measured() -> None:
