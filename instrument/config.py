@@ -29,6 +29,8 @@ def read(path: Path, model: type[M]) -> M:
         ConfigError: the file is missing, unreadable, not TOML, or has missing, unknown or bad keys.
     """
     try:
+        if path.exists() and not path.is_file():  # a device or pipe could be read for ever
+            raise ConfigError(f"{path}: is no file; give the path of a TOML file")
         if path.stat().st_size > LARGEST_FILE:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE} bytes; this is no configuration file")
         data = tomllib.loads(path.read_text(encoding="utf-8"))

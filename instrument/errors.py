@@ -52,7 +52,8 @@ class UnknownName(UsageError, LookupError):
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         names = sorted(valid)
-        super().__init__(f"unknown {kind} {str(name)!r}{nearest(str(name), names)}; valid: {', '.join(names)}")
+        listed = f"valid: {', '.join(names)}" if names else "there is none yet"
+        super().__init__(f"unknown {kind} {str(name)!r}{nearest(str(name), names)}; {listed}")
 
 
 class BenchError(PalpateError):

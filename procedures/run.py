@@ -65,7 +65,7 @@ CREATE TABLE event (
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
-_ELSEWHERE = "choose a writable folder with --out"
+_ELSEWHERE = "choose a writable folder with --out or $PALPATE_STORE"
 _REMEDY = {
     **dict.fromkeys(("ENOSPC", "EDQUOT", "SQLITE_FULL"), "free space on the disk, or choose another with --out"),
     "EFBIG": "raise the limit on file sizes (ulimit -f)",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from contextlib import ExitStack
-from typing import Self
+from typing import Any, Self
 
 from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
 from simulators.can import CanSegment
@@ -21,6 +21,7 @@ from simulators.strain_indicator import StrainIndicator
 
 _numbers = itertools.count(1)
 INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
+TIMEOUT: Any = "10 s"  # of the wall: a device of a busy machine is slow, not absent
 
 
 class SimulatedBench:
@@ -51,12 +52,12 @@ class SimulatedBench:
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,
-                signal_generator=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.generator)),
-                shaker_amplifier=Amplifier(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier)),
-                line=SerialLine(port=line, baudrate=BAUDRATE),
+                signal_generator=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.generator), timeout=TIMEOUT),
+                shaker_amplifier=Amplifier(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier), timeout=TIMEOUT),
+                line=SerialLine(port=line, baudrate=BAUDRATE, timeout=TIMEOUT),
                 strain_indicator=Indicator(unit=INDICATOR_UNIT),
                 positioner=RtuAddress(unit=POSITIONER_UNIT),
-                can=CanBus(interface="virtual", channel=self._channel, nodes=tuple(self._node_ids)),
+                can=CanBus(interface="virtual", channel=self._channel, nodes=tuple(self._node_ids), timeout=TIMEOUT),
             )
             stack.enter_context(self._can)
             self._stack = stack.pop_all()

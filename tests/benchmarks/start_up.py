@@ -19,8 +19,11 @@ def measure() -> Iterator[Row]:
     palpate = str(Path(sys.executable).with_name("palpate"))
     helped = statistics.median(_seconds([palpate, "--help"]) for _ in range(ROUNDS))
     yield Row("palpate --help", f"{helped:.3f} s", f"< {HELP_GOAL} s", helped < HELP_GOAL)
-    tested = _seconds([sys.executable, "-m", "pytest", "-q"])
-    yield Row("pytest, all tests", f"{tested:.0f} s", f"< {TESTS_GOAL:.0f} s", tested < TESTS_GOAL)
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, "-m", "pytest", "-q"], stdout=subprocess.PIPE, text=True, check=False)
+    tested = time.perf_counter() - start
+    verdict = done.stdout.splitlines()[-1].strip("= ")
+    yield Row("pytest, all tests", f"{tested:.0f} s: {verdict}", f"< {TESTS_GOAL:.0f} s", tested < TESTS_GOAL)
 
 
 def _seconds(command: list[str]) -> float:

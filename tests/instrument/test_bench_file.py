@@ -86,6 +86,8 @@ def test_a_missing_file_text_that_is_none_and_a_huge_file_are_refused(tmp_path: 
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="is not text"):
         read_bench(binary)
+    with pytest.raises(ConfigError, match="is no file"):
+        read_bench(Path("/dev/zero"))
     huge = tmp_path / "huge.toml"
     huge.write_text("#" * (LARGEST_FILE + 1))
     with pytest.raises(ConfigError, match="larger than"):

@@ -201,7 +201,7 @@ def test_a_missing_file_is_refused_with_its_name(name: str, tmp_path: Path) -> N
 
 
 def test_a_folder_and_a_binary_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+    with pytest.raises(ConfigError, match="is no file"):
         read_scene(str(tmp_path))
     binary = tmp_path / "scene.toml"
     binary.write_bytes(b'name = "\xff\xfe"')
