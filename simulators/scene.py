@@ -20,6 +20,7 @@ from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
 LARGEST_SEED = 2**63 - 1
+SIMULATED_FILMS = {"rigid", "total"}  # the rig has one tooth
 
 
 class RigParameters(Config):
@@ -114,6 +115,8 @@ def read_scene(name_or_file: str) -> Scene:
         design, model = get_design(file.design), _known_model(file.model)
     except UnknownName as error:
         raise ConfigError(f"{path}: {error}") from None
+    if {film.name for film in design.films} != SIMULATED_FILMS:
+        raise ConfigError(f"{path}: design {file.design!r} cannot be simulated yet; take 'single'")
     return Scene(
         name=file.name,
         purpose=file.purpose,

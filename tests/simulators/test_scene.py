@@ -35,6 +35,13 @@ def read(tmp_path: Path, text: str) -> Scene:
     return read_scene(str(path))
 
 
+def test_a_design_of_two_teeth_is_not_simulated_yet(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(HEAD.replace("single", "common_base"))
+    with pytest.raises(ConfigError, match="'common_base' cannot be simulated yet; take 'single'"):
+        read_scene(str(path))
+
+
 # --- what is right -------------------------------------------------------------------------------------
 
 
