@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
-from instrument.errors import UnknownName
+from instrument.errors import RangeError, UnknownName
 from instrument.material import Material
 
 # How the names of films begin: under a tooth, under a base.
 FILM_KINDS = ("rigid", "total")
+OUTLINES = ("square", "round")
+SUPPORTS = ("elastic", "rigid")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +35,13 @@ class Tooth:
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """The compliant hollow cylinder around the tooth."""
+    """The compliant part around the tooth: a hollow cylinder ("round"), or one that fills its cell ("square")."""
 
     inner_radius: float
     outer_radius: float
     height: float
     material: Material
+    outline: str = "round"
 
     @property
     def area(self) -> float:
@@ -85,6 +88,11 @@ class Film:
     scatter: float
     teeth: tuple[int, ...] = (0,)
 
+    @property
+    def kind(self) -> str:
+        """Of FILM_KINDS."""
+        return next(kind for kind in FILM_KINDS if self.name.startswith(kind))
+
 
 @dataclass(frozen=True, slots=True)
 class Design:
@@ -96,11 +104,18 @@ class Design:
         plate_count: base plates below a tooth, with the base film between them.
         teeth: positions (x, y) of the teeth's axes from the corner of the sensor [m]: a lattice, row by row.
         separate_bases: each tooth has a base of its own.
+        outline: of plates and sensed object: "square", or "round" for one tooth on a disc.
+        disc_radius: of the round object that stands for a square one where a model knows round ones only [m].
+        support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
         films: by channel.
         ratio_scatter: relative standard deviation of the force ratio from one load set to the next.
         thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
         thesis_softness_order: sample names, hard to soft.
         source: where dimensions and figures come from.
+
+    Raises:
+        RangeError: a dimension is not positive and finite, or parts overlap.
+        UnknownName: no such outline or support.
     """
 
     name: str
@@ -116,6 +131,32 @@ class Design:
     source: str
     teeth: tuple[tuple[float, float], ...] = ((5e-3, 5e-3),)
     separate_bases: bool = False
+    outline: str = "square"
+    disc_radius: float = 5e-3
+    support: str = "elastic"
+
+    def __post_init__(self) -> None:
+        for part in (self.tooth, self.ring, self.plate, self.film_sheet, self):
+            for item in fields(part):
+                value = getattr(part, item.name)
+                if isinstance(value, float) and not (0 < value < math.inf):
+                    raise RangeError(
+                        f"design {self.name!r}: {item.name} {value:g} of its {type(part).__name__.lower()} is not"
+                        " above 0 and finite; give a positive one"
+                    )
+        if self.outline not in OUTLINES:
+            raise UnknownName("outline of a design", self.outline, OUTLINES)
+        if self.ring.outline not in OUTLINES:
+            raise UnknownName("outline of a ring", self.ring.outline, OUTLINES)
+        if self.support not in SUPPORTS:
+            raise UnknownName("support of a design", self.support, SUPPORTS)
+        half = min(self.cell) / 2
+        radii = (self.tooth.radius, self.ring.inner_radius, self.ring.outer_radius, half * (1 + 1e-12))
+        if not (radii[0] <= radii[1] < radii[2] <= radii[3]):
+            raise RangeError(
+                f"design {self.name!r}: parts overlap: tooth radius {radii[0]:g}, ring from {radii[1]:g} to"
+                f" {radii[2]:g} and half the cell {half:g} m must follow in this order; make the inner ones smaller"
+            )
 
     @property
     def columns(self) -> int:
@@ -145,8 +186,15 @@ class Design:
         The ratio of two quantities of relative scatter a and b and correlation r scatters by
         sqrt(a^2 + b^2 - 2 r a b), to first order. Where the printed scatters leave none (common base), 1 comes nearest.
         """
-        a, b = (next(film for film in self.films if film.name.startswith(kind)).scatter for kind in FILM_KINDS)
+        a, b = (next(film for film in self.films if film.kind == kind).scatter for kind in FILM_KINDS)
         return min(1.0, (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b))
+
+    def film_area(self, film: Film) -> float:
+        """Of its electrodes [m2]."""
+        sheet = self.film_sheet
+        if film.kind == FILM_KINDS[0]:
+            return math.pi * sheet.disc_radius**2
+        return math.pi * self.disc_radius**2 if self.outline == "round" else sheet.length * sheet.width
 
     def film(self, name: str) -> Film:
         """The film of that name.

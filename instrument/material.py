@@ -1,11 +1,14 @@
 """What the sensors are made of.
 
-Marks in the sources: [T] the thesis, [A] an assumption.
+Marks in the sources: [T] the thesis, [S] published elsewhere, [A] an assumption.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from instrument.errors import RangeError
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +20,9 @@ class Material:
         modulus_range: lowest and highest Young modulus [Pa] that the source gives.
         poisson: Poisson ratio.
         source: where the numbers come from.
+
+    Raises:
+        RangeError: the modulus is not positive and finite, or the Poisson ratio is out of its limits.
     """
 
     name: str
@@ -25,13 +31,28 @@ class Material:
     poisson: float
     source: str
 
+    def __post_init__(self) -> None:
+        if not (0 < self.modulus < math.inf):
+            raise RangeError(
+                f"modulus {self.modulus:g} Pa of {self.name} is not above 0 and finite; give a positive one"
+            )
+        if not (-1 < self.poisson <= 0.5):
+            raise RangeError(f"Poisson ratio {self.poisson:g} of {self.name} is outside (-1, 0.5]; give one inside")
+
 
 PLEXIGLAS_THESIS = Material(
     name="plexiglas as the thesis has it",
     modulus=70e6,
     modulus_range=(50e6, 100e6),
     poisson=0.3,
-    source="[T] Table 3.1 and 3.1.1; PMMA is about 3 GPa, forty times stiffer",
+    source="[T] Table 3.1 and 3.1.1; forty times softer than the physical one",
+)
+PLEXIGLAS_PHYSICAL = Material(
+    name="plexiglas, PMMA",
+    modulus=3e9,
+    modulus_range=(2.4e9, 3.4e9),
+    poisson=0.3,
+    source="[S] cast PMMA sheet by ISO 527: 2.4 to 3.4 GPa, suppliers' data sheets; Poisson ratio [T] Table 3.1",
 )
 PHENOLIC = Material(
     name="phenolic",

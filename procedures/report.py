@@ -120,14 +120,16 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
 
 def print_ratios(design: str, answers: list[Answer]) -> None:
     """A line a modulus."""
+    models = ", ".join(dict.fromkeys(a.response.model for a in answers))
     table = _table(
-        _stamped(False, f"{design}, model {answers[0].model}"),
+        _stamped(False, f"{design}, model {models}"),
         "sensed modulus", "force ratio", "error estimate", "seconds",
     )  # fmt: skip
     for a in answers:
-        estimate = "-" if a.error_estimate is None else f"{a.error_estimate:.1e}"
-        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{a.force_ratio:.7g}", estimate, f"{a.seconds:.2g}")
-    _print(table)
+        given = a.response
+        estimate = "-" if given.error_estimate is None else f"{given.error_estimate:.1e}"
+        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", estimate, f"{a.seconds:.2g}")
+    _print(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
 
 
 def print_runs(found: list[RunSummary], folder: Path) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.calibration import STANDARD_GRAVITY
-from instrument.models.response import Load, Response, response
+from instrument.load import Load
+from instrument.models.response import Response, response
 from instrument.sample import Sample
 from simulators.clock import VirtualClock
 from simulators.lti import Floats, Periodic, StateSpace, first_order_low_pass

@@ -7,9 +7,12 @@ from instrument.designs.array import ARRAY
 from instrument.designs.common_base import COMMON_BASE
 from instrument.designs.different_base import DIFFERENT_BASE
 from instrument.designs.single import SINGLE
+from instrument.designs.single_round import SINGLE_ROUND
 from instrument.errors import UnknownName
 
-DESIGNS: dict[str, Design] = {design.name: design for design in (SINGLE, COMMON_BASE, DIFFERENT_BASE, ARRAY)}
+DESIGNS: dict[str, Design] = {
+    design.name: design for design in (SINGLE, SINGLE_ROUND, COMMON_BASE, DIFFERENT_BASE, ARRAY)
+}
 
 
 def get_design(name: str) -> Design:

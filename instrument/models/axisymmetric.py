@@ -1,7 +1,7 @@
 """The round single sensor by finite elements: linear elasticity in cylindrical coordinates, hp elements.
 
     solve(parameters, refinement=3).force_ratio
-    force_ratio(parameters, tolerance=1e-4)         # value and error estimate
+    solve_to(parameters, tolerance=1e-4)            # solution and error estimate
 
 A refinement adds a geometric layer at each corner and one to the degree: the error falls exponentially,
 by 6 to 10 times a refinement.
@@ -21,7 +21,7 @@ from instrument.models.condensed import Elements, Solved
 from instrument.models.condensed import solve as solve_elements
 from instrument.models.mesh import Grid, grid
 from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, under_tooth
-from instrument.models.parameters import SensorParameters
+from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
@@ -101,8 +101,8 @@ class AxisymmetricSolution:
         )
 
 
-def force_ratio(parameters: SensorParameters, tolerance: float) -> tuple[float, float]:
-    """Tooth force over total force, and a bound on its error, by refining until the bound meets `tolerance`.
+def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[AxisymmetricSolution, float]:
+    """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
 
     The bound is the change by the last refinement, or a tenth of the one before where that is larger: one
     small change can be luck, so that the first counts four times. What the forces lack in balance is added.
@@ -120,14 +120,14 @@ def force_ratio(parameters: SensorParameters, tolerance: float) -> tuple[float, 
         bound = max(change, 0.1 * before) if before < math.inf else 4 * change
         estimate = bound + finer.imbalance + ROUND_OFF
         if estimate <= tolerance:
-            return finer.force_ratio, estimate
+            return finer, estimate
         coarser, before, best = finer, change, min(best, estimate)
     raise RangeError(
         f"model 'axisymmetric' cannot answer to {tolerance:g}: its best here is {best:.1e}; give a larger tolerance"
     )
 
 
-def solve(parameters: SensorParameters, refinement: int) -> AxisymmetricSolution:
+def solve(parameters: RoundParameters, refinement: int) -> AxisymmetricSolution:
     """Solve with degree `refinement` + 2 and `refinement` + 1 layers.
 
     Raises:
@@ -139,7 +139,7 @@ def solve(parameters: SensorParameters, refinement: int) -> AxisymmetricSolution
     return solve_on(parameters, degree=refinement + 2, layers=refinement + 1)
 
 
-def solve_on(parameters: SensorParameters, degree: int, layers: int) -> AxisymmetricSolution:
+def solve_on(parameters: RoundParameters, degree: int, layers: int) -> AxisymmetricSolution:
     """Solve with elements of that degree, at least 3, and that many geometric layers at the corners.
 
     Raises:
@@ -157,7 +157,7 @@ def solve_on(parameters: SensorParameters, degree: int, layers: int) -> Axisymme
     return _evaluate(parameters, mesh, r, z, bodies, elements, solved)
 
 
-def assemble(parameters: SensorParameters, mesh: Grid, r: el.Line, z: el.Line, bodies: list[Part]) -> Elements:
+def assemble(parameters: RoundParameters, mesh: Grid, r: el.Line, z: el.Line, bodies: list[Part]) -> Elements:
     """Element matrices of all bodies, per radian."""
     numbering: Numbering = number(parameters, mesh, r, z, bodies)
     stiffness: list[Array] = []
@@ -199,7 +199,7 @@ def _on(local: Array, part: Part, r: el.Line) -> Array:
 
 
 def _evaluate(
-    parameters: SensorParameters,
+    parameters: RoundParameters,
     mesh: Grid,
     r: el.Line,
     z: el.Line,

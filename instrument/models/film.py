@@ -21,7 +21,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.design import Design
 from instrument.errors import RangeError, UnknownName
+from instrument.models.response import Response
 
 Array = NDArray[np.float64]
 
@@ -159,6 +161,35 @@ def film_response(
         approach=-float(approach),
         plane_stress=(float(stresses[0]), float(stresses[1])),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A film's compression [N], charge in short circuit [C], and voltage in open circuit [V]."""
+
+    force: float
+    charge: float
+    voltage: float
+
+
+def signals(design: Design, response: Response, material: str = "thesis", edges: str = "free") -> dict[str, Signal]:
+    """What each film gives under a sensor's response, by name.
+
+    Intrinsic values, without cable and amplifier: the design's measured sensitivities have these in them.
+
+    Raises:
+        UnknownName: no such material or edges.
+    """
+    pvdf, thickness = get_film_material(material), design.film_sheet.thickness
+    given = {}
+    for film in design.films:
+        felt, area = response.films[film.name], design.film_area(film)
+        short, open_ = (
+            film_response(pvdf, area, thickness, felt.force, edges, circuit, felt.plane_stress)
+            for circuit in ("short", "open")
+        )
+        given[film.name] = Signal(felt.force, short.charge, open_.voltage)
+    return given
 
 
 def coupled_system(

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.models.parameters import SensorParameters
+from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Grid:
     base: float
 
 
-def grid(parameters: SensorParameters, layers: int) -> Grid:
+def grid(parameters: RoundParameters, layers: int) -> Grid:
     """The sensor's bodies with `layers` geometric layers at every corner that matters."""
     p = parameters
     elastic = p.support == "elastic"
@@ -85,12 +85,12 @@ def grid(parameters: SensorParameters, layers: int) -> Grid:
     return Grid(tuple(bodies), _radii(p, layers), _heights(p, layers, levels, base, seat, face), face, base)
 
 
-def _gap(p: SensorParameters) -> float:
+def _gap(p: RoundParameters) -> float:
     """The gap [m], or what counts as closed: resolving less changes nothing and costs digits."""
     return max(p.ring_inner_radius - p.tooth_radius, CLOSED * p.tooth_radius)
 
 
-def _radii(p: SensorParameters, layers: int) -> Array:
+def _radii(p: RoundParameters, layers: int) -> Array:
     ring = p.ring_outer_radius - p.ring_inner_radius
     shrink = GRADING**layers
     inner = shrink * min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height)
@@ -102,7 +102,7 @@ def _radii(p: SensorParameters, layers: int) -> Array:
     return _line(corners, max(p.tooth_radius, p.ring_outer_radius / 2))
 
 
-def _heights(p: SensorParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
+def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
     shrink = GRADING**layers
     corner = shrink * min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height)
     corners = {face: corner, face + p.sensed_thickness: SMOOTH}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from instrument.models.elements import Line
 from instrument.models.mesh import Body, Grid, inside
-from instrument.models.parameters import SensorParameters
+from instrument.models.parameters import RoundParameters
 
 Indices = NDArray[np.intp]
 
@@ -49,7 +49,7 @@ def parts(mesh: Grid) -> list[Part]:
     return found
 
 
-def number(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, bodies: list[Part]) -> Numbering:
+def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: list[Part]) -> Numbering:
     """Number the unknowns: shared ones first, then those inside elements, fixed ones with the size."""
     local = r.dofs.shape[1]
     names = np.concatenate(
@@ -72,12 +72,12 @@ def number(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, bodies: l
     return Numbering(unknowns, size, shared, inner, lifted)
 
 
-def under_tooth(parameters: SensorParameters, mesh: Grid, r: Line) -> Indices:
+def under_tooth(parameters: RoundParameters, mesh: Grid, r: Line) -> Indices:
     """Numbers on the radial line of the shape functions over the tooth."""
     return np.unique(r.dofs[inside(mesh.radii, (0.0, parameters.tooth_radius))])
 
 
-def _names(parameters: SensorParameters, mesh: Grid, r: Line, z: Line, part: Part, axis: int) -> Indices:
+def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part, axis: int) -> Indices:
     """One integer for each node of the body, the same for joined nodes, -1 for fixed ones."""
     local = r.dofs.shape[1]
     shape = (len(part.columns), len(part.rows), local, local)

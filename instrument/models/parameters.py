@@ -1,33 +1,31 @@
-"""The round single sensor under a round sensed object: every number that the finite-element model needs.
+"""The numbers that the finite-element models need: what both share, the round sensor's, and the square lattice's.
 
 From below: plate, base film, plate; on it, side by side, film and tooth in the middle and the compliant
-ring around them; on both the sensed object, under a uniform pressure. The thesis' sensor is square
-(10 x 10 mm); the radii say which disc stands for it.
+ring around them; on both the sensed object, under a uniform pressure unless a load says otherwise.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from types import MappingProxyType
+from typing import Any
 
+from instrument.design import OUTLINES, SUPPORTS, Design
 from instrument.errors import RangeError, UnknownName
+from instrument.load import INTERFACES, Load
 
-INTERFACES = ("bonded", "frictionless")
-SUPPORTS = ("elastic", "rigid")
+LOADS = ("pressure", "platen")
 
 _MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus", "film_modulus")
 _POISSON = ("sensed_poisson", "compliant_poisson", "tooth_poisson", "plate_poisson", "film_poisson")
 _LENGTHS = (
     "sensed_thickness",
-    "sensed_radius",
     "tooth_radius",
     "ring_inner_radius",
     "ring_outer_radius",
     "sensor_height",
-    "plate_radius",
     "plate_thickness",
     "film_thickness",
 )
@@ -52,7 +50,6 @@ class SensorParameters:
     sensed_modulus: float = 1e5
     sensed_poisson: float = 0.3
     sensed_thickness: float = 3e-3  # rubber samples, 5.4.2
-    sensed_radius: float = 5e-3
     compliant_modulus: float = 24e3  # 3.1.4
     compliant_poisson: float = 0.49
     tooth_modulus: float = 4.1e9  # 3.1.3
@@ -67,35 +64,18 @@ class SensorParameters:
     ring_inner_radius: float = 1.5e-3  # 3.1.4
     ring_outer_radius: float = 5e-3
     sensor_height: float = 3.88e-3
-    plate_radius: float = 5e-3
     plate_thickness: float = 0.55e-3  # Table 3.1
     film_thickness: float = 25e-6  # 3.1.2
 
     def __post_init__(self) -> None:
-        for name, unit in (*((name, "Pa") for name in _MODULI), *((name, "m") for name in _LENGTHS)):
-            value = getattr(self, name)
-            if not (0 < value < math.inf):
-                raise RangeError(f"{name} {value:g} {unit} is not above 0 and finite; give a positive one")
+        require_positive(self, _MODULI, "Pa")
+        require_positive(self, _LENGTHS, "m")
         for name in _POISSON:
             value = getattr(self, name)
             if not (-1 < value <= 0.5):
                 raise RangeError(f"{name} {value:g} is outside (-1, 0.5]; give a Poisson ratio")
-        for kind, value, valid in (
-            ("interface", self.interface, INTERFACES),
-            ("support", self.support, SUPPORTS),
-        ):
-            if value not in valid:
-                raise UnknownName(kind, value, valid)
-        order = ("tooth_radius", "ring_inner_radius", "ring_outer_radius", "plate_radius")
-        for inner, outer in pairwise(order):
-            low, high = getattr(self, inner), getattr(self, outer)
-            if low > high or (low == high and inner == "ring_inner_radius"):
-                raise RangeError(f"parts overlap: {inner} {low:g} m is not below {outer} {high:g} m; make it smaller")
-        if self.sensed_radius <= self.ring_inner_radius:
-            raise RangeError(
-                f"sensed_radius {self.sensed_radius:g} m does not reach the ring at ring_inner_radius"
-                f" {self.ring_inner_radius:g} m; give a larger object"
-            )
+        require_name(self, "interface", INTERFACES)
+        require_name(self, "support", SUPPORTS)
 
     @property
     def modulus_ratio(self) -> float:
@@ -107,32 +87,178 @@ class SensorParameters:
         return ";".join(f"{field.name}={getattr(self, field.name)!r}" for field in fields(self))
 
 
-PARAMETER_SETS: Mapping[str, SensorParameters] = MappingProxyType(
-    {
-        # Reference case A: the experiments' 3 mm rubber on the sensor of chapter 3, square plates as a disc.
-        "physical": SensorParameters(),
-        # The program of Appendix A2.1 gives the object the plate's thickness.
-        "thesis": SensorParameters(sensed_thickness=0.55e-3),
-        # Fitted to Table A2.1. Effective values, not physical ones: many other sets fit as well.
-        "identified": SensorParameters(
-            sensed_thickness=2.01e-3,
-            sensed_poisson=0.499,
-            sensed_radius=5.64e-3,  # disc of the area of the 10 x 10 mm plate
-            compliant_poisson=0.095,
-            interface="frictionless",
-            support="rigid",
-        ),
-    }
-)
+@dataclass(frozen=True, slots=True)
+class RoundParameters(SensorParameters):
+    """One sensor under a round object, on round plates: the axisymmetric model's.
+
+    The thesis' sensor is square (10 x 10 mm); the radii say which disc stands for it.
+
+    Attributes:
+        sensed_radius: of the object.
+        plate_radius: of plates and base film.
+    """
+
+    sensed_radius: float = 5e-3
+    plate_radius: float = 5e-3
+
+    def __post_init__(self) -> None:
+        SensorParameters.__post_init__(self)
+        require_positive(self, ("sensed_radius", "plate_radius"), "m")
+        order = ("tooth_radius", "ring_inner_radius", "ring_outer_radius", "plate_radius")
+        for inner, outer in pairwise(order):
+            low, high = getattr(self, inner), getattr(self, outer)
+            if low > high or (low == high and inner == "ring_inner_radius"):
+                raise RangeError(f"parts overlap: {inner} {low:g} m is not below {outer} {high:g} m; make it smaller")
+        if self.sensed_radius <= self.ring_inner_radius:
+            raise RangeError(
+                f"sensed_radius {self.sensed_radius:g} m does not reach the ring at ring_inner_radius"
+                f" {self.ring_inner_radius:g} m; give a larger object"
+            )
 
 
-def get_parameters(name: str) -> SensorParameters:
-    """The parameter set of that name.
+@dataclass(frozen=True, slots=True)
+class SolidParameters(SensorParameters):
+    """A lattice of equal cells, one tooth in its ring in the middle of each, under one object: the solid model's.
+
+    Attributes:
+        ring_outline: "round", or "square": the compliant part fills its cell outside the gap.
+        outline: of object and plates: "square", or "round": no wider than the ring; one tooth only.
+        cell_length, cell_width: of the plan, for each tooth.
+        columns, rows: teeth along length and width.
+        separate_bases: each tooth has its own plates and base film.
+        load: uniform "pressure" on the object, or a flat rigid "platen" glued to it.
+        load_at: point load instead, at (x, y) from the corner of the object [m].
+        force: in all [N].
 
     Raises:
-        UnknownName: no such set.
+        RangeError: the force is not positive and finite, or the load is off the object.
+        UnknownName: no such outline or load.
     """
-    try:
-        return PARAMETER_SETS[name]
-    except KeyError:
-        raise UnknownName("parameter set", name, PARAMETER_SETS) from None
+
+    ring_outline: str = "round"
+    outline: str = "square"
+    cell_length: float = 10e-3
+    cell_width: float = 10e-3
+    columns: int = 1
+    rows: int = 1
+    separate_bases: bool = False
+    load: str = "pressure"
+    load_at: tuple[float, float] | None = None
+    force: float = 1.0
+
+    def __post_init__(self) -> None:
+        SensorParameters.__post_init__(self)
+        require_positive(self, ("cell_length", "cell_width"), "m")
+        require_positive(self, ("force",), "N")
+        require_name(self, "ring_outline", OUTLINES)
+        require_name(self, "outline", OUTLINES)
+        require_name(self, "load", LOADS)
+        limit = min(self.cell_length, self.cell_width) / 2 * (1 + 1e-12)
+        if not (self.tooth_radius <= self.ring_inner_radius < self.ring_outer_radius <= limit):
+            raise RangeError(
+                f"parts overlap: tooth_radius {self.tooth_radius:g}, ring_inner_radius {self.ring_inner_radius:g}, "
+                f"ring_outer_radius {self.ring_outer_radius:g} and half the cell {limit:g} m must follow in this order"
+            )
+        if self.columns < 1 or self.rows < 1:
+            raise RangeError(f"{self.columns} x {self.rows} teeth: give at least one column and one row")
+        if self.outline == "round" and (self.columns, self.rows) != (1, 1):
+            raise RangeError(f"outline 'round' holds one tooth, not {self.columns} x {self.rows}; make it 'square'")
+        if self.load_at is not None:
+            self._require_inside(*self.load_at)
+
+    def _require_inside(self, x: float, y: float) -> None:
+        inside = 0 <= x <= self.length and 0 <= y <= self.width
+        if self.outline == "round":
+            inside = math.hypot(x - self.length / 2, y - self.width / 2) <= self.ring_outer_radius
+        if not inside:
+            raise RangeError(
+                f"load at ({x:g}, {y:g}) m is off the object of {self.length:g} x {self.width:g} m; move it inside"
+            )
+
+    @property
+    def length(self) -> float:
+        """Of the object along x [m]."""
+        return self.columns * self.cell_length
+
+    @property
+    def width(self) -> float:
+        """Of the object along y [m]."""
+        return self.rows * self.cell_width
+
+    @property
+    def load_area(self) -> float:
+        """That the object is pressed on [m2]."""
+        return math.pi * self.ring_outer_radius**2 if self.outline == "round" else self.length * self.width
+
+
+def require_positive(of: object, names: Sequence[str], unit: str) -> None:
+    """Raises RangeError: an attribute is not above 0 and finite."""
+    for name in names:
+        value = getattr(of, name)
+        if not (0 < value < math.inf):
+            raise RangeError(f"{name} {value:g} {unit} is not above 0 and finite; give a positive one")
+
+
+def require_name(of: object, kind: str, valid: Sequence[str]) -> None:
+    """Raises UnknownName: an attribute is none of the valid names."""
+    if getattr(of, kind) not in valid:
+        raise UnknownName(kind, getattr(of, kind), valid)
+
+
+def round_parameters(design: Design, load: Load) -> RoundParameters:
+    """A design with one tooth under a load, discs in the place of squares.
+
+    Raises:
+        RangeError: the design has more than one tooth, or the load acts in one point.
+    """
+    if len(design.teeth) > 1:
+        raise RangeError(f"design {design.name!r} has {len(design.teeth)} teeth, not one; take model 'solid'")
+    if load.at is not None:
+        raise RangeError(f"load at ({load.at[0]:g}, {load.at[1]:g}) m is not round; take model 'solid'")
+    return RoundParameters(
+        **_shared(design, load),
+        sensed_radius=design.disc_radius,
+        plate_radius=max(design.disc_radius, design.ring.outer_radius),
+    )
+
+
+def solid_parameters(design: Design, load: Load) -> SolidParameters:
+    """A design under a load."""
+    length, width = design.cell
+    return SolidParameters(
+        **_shared(design, load),
+        ring_outline=design.ring.outline,
+        outline=design.outline,
+        cell_length=length,
+        cell_width=width,
+        columns=design.columns,
+        rows=design.rows,
+        separate_bases=design.separate_bases,
+        load_at=load.at,
+        force=load.force,
+    )
+
+
+def _shared(design: Design, load: Load) -> dict[str, Any]:
+    tooth, ring, plate, film = design.tooth, design.ring, design.plate, design.film_sheet
+    return {
+        "sensed_modulus": load.sensed.modulus,
+        "sensed_poisson": load.sensed.poisson,
+        "sensed_thickness": load.sensed.thickness,
+        "compliant_modulus": ring.material.modulus,
+        "compliant_poisson": ring.material.poisson,
+        "tooth_modulus": tooth.material.modulus,
+        "tooth_poisson": tooth.material.poisson,
+        "plate_modulus": plate.material.modulus,
+        "plate_poisson": plate.material.poisson,
+        "film_modulus": film.material.modulus,
+        "film_poisson": film.material.poisson,
+        "interface": load.interface,
+        "support": design.support,
+        "tooth_radius": tooth.radius,
+        "ring_inner_radius": ring.inner_radius,
+        "ring_outer_radius": ring.outer_radius,
+        "sensor_height": tooth.height,
+        "plate_thickness": plate.thickness,
+        "film_thickness": film.thickness,
+    }

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.models.parameters import SolidParameters
 from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
 from instrument.models.solid_mesh import GAP, OVERHANG, RING, TOOTH, Cell, Resolution, graded, plan_mesh
-
-if TYPE_CHECKING:
-    from instrument.models.solid import SolidParameters
 
 Vector = NDArray[np.float64]
 Names = NDArray[np.intp]

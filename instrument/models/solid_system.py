@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from instrument.errors import EstimateError
 from instrument.models.linear_solver import SymmetricSolver
+from instrument.models.parameters import SolidParameters
 from instrument.models.solid_mesh import Resolution, locate
 from instrument.models.solid_parts import Stack
-
-if TYPE_CHECKING:
-    from instrument.models.solid import SolidParameters
 
 Vector = NDArray[np.float64]
 

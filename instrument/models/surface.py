@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.errors import ConfigError, EstimateError, RangeError
-from instrument.models.parameters import SensorParameters
+from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 Ratios = TypeVar("Ratios", float, NDArray[np.float64])
@@ -89,7 +89,7 @@ class ResponseSurface:
         return digest.hexdigest()
 
 
-def design_hash(parameters: SensorParameters, refinement: int = REFINEMENT) -> str:
+def design_hash(parameters: RoundParameters, refinement: int = REFINEMENT) -> str:
     """SHA-256 of what a surface depends on: everything but the object's modulus.
 
     The ring's modulus counts: it sets the sensor's own stiffness against the plates.
@@ -98,7 +98,7 @@ def design_hash(parameters: SensorParameters, refinement: int = REFINEMENT) -> s
     return hashlib.sha256(f"surface {CODE_VERSION};refinement={refinement};{fixed}".encode()).hexdigest()
 
 
-def build(parameters: SensorParameters, refinement: int = REFINEMENT) -> ResponseSurface:
+def build(parameters: RoundParameters, refinement: int = REFINEMENT) -> ResponseSurface:
     """Build the surface of a sensor over modulus ratios 0.1 to 1e7; `parameters.sensed_modulus` does not count.
 
     Raises:
@@ -135,7 +135,7 @@ def build(parameters: SensorParameters, refinement: int = REFINEMENT) -> Respons
     )
 
 
-def load(path: Path, parameters: SensorParameters, refinement: int = REFINEMENT) -> ResponseSurface:
+def load(path: Path, parameters: RoundParameters, refinement: int = REFINEMENT) -> ResponseSurface:
     """Read the surface of that sensor.
 
     Raises:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.cli.options import Output, output_options
+
+if TYPE_CHECKING:
+    from instrument.design import Design
+    from instrument.models.ratio import Answer
 
 
 @click.group()
@@ -20,13 +24,15 @@ def model() -> None:
     "\n\n  palpate model ratio --design common_base --model solid --parameters identified"
     " --sensed-modulus '720 kPa' --json"
 )
-@click.option("--design", default="single", show_default=True, help="single, single_round or common_base.")
+@click.option(
+    "--design", default="single", show_default=True, help="single, single_round, common_base, different_base or array."
+)
 @click.option(
     "--model",
     "name",
     default="axisymmetric",
     show_default=True,
-    help="column, beam, beam_printed, experiment, axisymmetric or solid.",
+    help="column, beam, beam_printed, experiment, axisymmetric, solid, or auto.",
 )
 @click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
 @click.option("--sensed-thickness", help="Thickness of the object.")
@@ -83,10 +89,27 @@ def ratio(
     question = Question(design, name, parameters, settings, None if tolerance is None else parse(tolerance, ""))
     answers = ask(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
     if output.as_json:
-        points = [asdict(answer) for answer in answers]
-        named = [{"sensed_modulus_Pa": point.pop("sensed_modulus"), **point} for point in points]
-        output.json({"design": design, "parameters": parameters, "points": named})
+        sensor = question.sensor()
+        output.json({"design": design, "parameters": parameters, "points": [_point(sensor, a) for a in answers]})
     elif output.for_people:
         from procedures import report
 
         report.print_ratios(design, answers)
+
+
+def _point(design: Design, answer: Answer) -> dict[str, Any]:
+    from instrument.models.film import signals
+
+    given = answer.response
+    return {
+        "sensed_modulus_Pa": answer.sensed_modulus,
+        "force_ratio": given.force_ratio,
+        "error_estimate": given.error_estimate,
+        "model": given.model,
+        "why": given.why,
+        "seconds": answer.seconds,
+        "films": {
+            name: {"force_N": film.force, "charge_C": film.charge, "voltage_V": film.voltage}
+            for name, film in signals(design, given).items()
+        },
+    }

@@ -10,7 +10,8 @@ import pytest
 from drivers.bench import Bench
 from drivers.modbus import ModbusDevice
 from instrument.errors import DeviceError
-from instrument.models.response import Load, response
+from instrument.load import Load
+from instrument.models.response import response
 from instrument.sample import SAMPLES
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice

@@ -8,13 +8,14 @@ from instrument.design import Design
 from instrument.designs import DESIGNS, get_design
 from instrument.designs.array import array_of
 from instrument.errors import RangeError
-from instrument.models.solid import of_design
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameters import solid_parameters
 from instrument.sample import SAMPLES
 
 
 @pytest.mark.parametrize("design", DESIGNS.values(), ids=lambda design: design.name)
 def test_parts_of_a_design_do_not_overlap(design: Design) -> None:
-    parameters = of_design(design)
+    parameters = solid_parameters(design, PHYSICAL.load(1e5))
     assert parameters.columns * parameters.rows == len(design.teeth)
     bases = len(design.teeth) if design.separate_bases else 1
     area = bases * design.plate.length * design.plate.width

@@ -8,8 +8,9 @@ import pytest
 
 from instrument.designs import get_design
 from instrument.errors import RangeError, UnknownName
+from instrument.load import Load
 from instrument.models import springs
-from instrument.models.response import MODELS, Load, response
+from instrument.models.response import MODELS, response
 from instrument.sample import SAMPLES, Sample, get_sample
 
 SINGLE = get_design("single")

@@ -15,8 +15,9 @@ from scipy import sparse
 from instrument.designs import get_design
 from instrument.errors import EstimateError, RangeError, UnknownName
 from instrument.models import axisymmetric, linear_solver, solid_system
-from instrument.models.parameters import SensorParameters
-from instrument.models.solid import SolidParameters, force_ratio, identified, of_design, point_loads, solve
+from instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
+from instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from instrument.models.solid import point_loads, solve, solve_to
 from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
 from instrument.models.solid_mesh import Cell, Plan, Resolution, graded, plan_mesh
 from instrument.models.solid_system import System
@@ -44,6 +45,11 @@ def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[Plan, PlanMatrices]:
     quarters = {(i, j): (0.0, 0.0, 0) for i in (0, 1) for j in (0, 1)}
     plan = plan_mesh(cell, quarters, Resolution(layers=2, ratio=0.3, sectors=sectors, degree=degree))
     return plan, PlanMatrices(plan_basis(plan, degree), np.arange(plan.mesh.nelements), degree)
+
+
+def common_base(modulus: float) -> SolidParameters:
+    """The set identified from Tables A2.1 and A2.3."""
+    return solid_parameters(IDENTIFIED_SOLID.design(get_design("common_base")), IDENTIFIED_SOLID.load(modulus))
 
 
 def table(name: str) -> list[dict[str, str]]:
@@ -137,7 +143,9 @@ def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> 
 
 
 def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None) -> None:
-    corner = replace(of_design(get_design("array")), columns=2, support="rigid", interface="frictionless")
+    corner = replace(
+        solid_parameters(get_design("array"), PHYSICAL.load(1e5)), columns=2, support="rigid", interface="frictionless"
+    )
     forces, total, _ = System(corner, 0, mirrored=(False, True)).forces(None)
     assert forces.shape == (2, 2)
     assert forces == pytest.approx(forces[::-1, ::-1], rel=1e-9)
@@ -159,9 +167,9 @@ def test_the_error_estimate_covers_the_distance_to_the_round_model(monkeypatch: 
         Resolution(layers=layers, ratio=0.2, sectors=1, degree=degree) for layers, degree in ((1, 2), (2, 2), (2, 3))
     ]
     monkeypatch.setattr(solid_system, "RESOLUTIONS", coarser)
-    common = SensorParameters(interface="frictionless", support="rigid")
-    ratio, estimate = force_ratio(replace(COARSE, outline="round"), 5e-3)
-    assert abs(ratio - axisymmetric.force_ratio(common, 1e-4)[0]) <= estimate <= 5e-3
+    common = RoundParameters(interface="frictionless", support="rigid")
+    solution, estimate = solve_to(replace(COARSE, outline="round"), 5e-3)
+    assert abs(solution.force_ratio - axisymmetric.solve_to(common, 1e-4)[0].force_ratio) <= estimate <= 5e-3
 
 
 @pytest.mark.parametrize("gap", [1e-5, 1e-7, 0.0])
@@ -175,13 +183,13 @@ def test_a_closed_gap_is_no_singular_case(gap: float) -> None:
 @pytest.mark.parametrize("modulus", ["14900", "102700", "720000", "140000000000"])
 def test_table_A2_3_is_met_by_the_identified_set(modulus: str) -> None:
     row = next(row for row in table("table_A2_3.csv") if row["sensed_modulus_Pa"] == modulus)
-    parameters = replace(identified(get_design("common_base")), sensed_modulus=float(modulus))
+    parameters = common_base(float(modulus))
     assert solve(parameters, 0).force_ratio == pytest.approx(float(row["force_ratio_best"]), abs=0.015)
 
 
 def test_table_A2_7_is_met_between_the_teeth_and_not_above_one() -> None:
     """430 kPa is the modulus at which Table A2.3 has the 0.4864 that A2.7 has for every load beside a tooth."""
-    parameters = replace(identified(get_design("common_base")), sensed_modulus=430e3)
+    parameters = common_base(430e3)
     middle, over = point_loads(parameters, [(12e-3, 6e-3), (18e-3, 6e-3)], 0)
     rows = table("table_A2_7.csv")
     assert middle == pytest.approx([float(rows[12][f"force_pvdf{k}_N"]) for k in (1, 3)], abs=0.005)
@@ -225,7 +233,7 @@ def test_an_unknown_choice_is_refused() -> None:
 
 def test_a_tolerance_that_the_model_cannot_meet_is_refused_before_it_is_tried() -> None:
     with pytest.raises(RangeError, match="tolerance 0"):
-        force_ratio(COARSE, 0.0)
+        solve_to(COARSE, 0.0)
 
 
 def test_an_unknown_refinement_is_refused() -> None:

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError
 from instrument.models import surface
 from instrument.models.axisymmetric import solve
-from instrument.models.parameters import get_parameters
+from instrument.models.parameter_sets import IDENTIFIED_ROUND
+from instrument.models.parameters import round_parameters
 from instrument.models.surface import ResponseSurface
 
-SENSOR = get_parameters("identified")
+SENSOR = round_parameters(IDENTIFIED_ROUND.design(get_design("single")), IDENTIFIED_ROUND.load(1e5))
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,8 @@ from drivers.bench import Bench
 from instrument.designs import get_design
 from instrument.errors import RangeError, UnreachableError
 from instrument.estimate import amplitude_ratio, fit_sine
-from instrument.models.response import Load, response
+from instrument.load import Load
+from instrument.models.response import response
 from instrument.sample import SAMPLES
 from procedures.load_sweep import LoadPoint, evaluate, parse_loads
 from procedures.run import Run

@@ -14,7 +14,8 @@ from drivers.bench import Bench
 from drivers.sensor_node import Recording
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.errors import DeviceError, PalpateError, SafetyError, UnreachableError
-from instrument.models.response import Load, response
+from instrument.load import Load
+from instrument.models.response import response
 from instrument.sample import SAMPLES
 from procedures.load_sweep import Progress
 from procedures.run import Run

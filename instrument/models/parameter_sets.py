@@ -1,0 +1,113 @@
+"""What the thesis leaves open, or says twice: sets of numbers that go over a design's own, each with its object.
+
+chosen = get_parameter_set("identified", "axisymmetric")
+response(chosen.design(get_design("single")), chosen.load(modulus=100e3), "axisymmetric")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from instrument.design import Design
+from instrument.errors import UnknownName
+from instrument.load import Load
+from instrument.sample import Sample
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """The sensed object, and what of a design is replaced; None leaves the design's own.
+
+    Attributes:
+        sensed_thickness, sensed_poisson, interface: of the object.
+        compliant_poisson, ring_outline, support, disc_radius: see `instrument.design`.
+        source: where the numbers come from.
+    """
+
+    source: str
+    sensed_thickness: float = 3e-3  # rubber samples, 5.4.2
+    sensed_poisson: float = 0.3  # [A]
+    interface: str = "bonded"
+    compliant_poisson: float | None = None
+    ring_outline: str | None = None
+    support: str | None = None
+    disc_radius: float | None = None
+
+    def design(self, design: Design) -> Design:
+        """The design with what the set replaces."""
+        ring = design.ring
+        if self.compliant_poisson is not None:
+            ring = replace(ring, material=replace(ring.material, poisson=self.compliant_poisson))
+        if self.ring_outline is not None:
+            ring = replace(ring, outline=self.ring_outline)
+        return replace(
+            design,
+            ring=ring,
+            support=self.support or design.support,
+            disc_radius=self.disc_radius or design.disc_radius,
+        )
+
+    def load(self, modulus: float, force: float = 1.0) -> Load:
+        """The set's object, of that Young modulus [Pa], under a force [N].
+
+        Raises:
+            RangeError: the modulus or the force is not positive and finite.
+        """
+        sensed = Sample(
+            name="sensed object",
+            material="rubber",
+            modulus=modulus,
+            thickness=self.sensed_thickness,
+            area=1e-4,
+            poisson=self.sensed_poisson,
+            source=self.source,
+        )
+        return Load(force=force, sensed=sensed, interface=self.interface)
+
+
+PHYSICAL = ParameterSet(source="[T] the experiments' rubber, 5.4.2; Poisson ratio [A]")
+THESIS = ParameterSet(
+    source="[T] the program of Appendix A2.1 gives the object the plate's thickness", sensed_thickness=0.55e-3
+)
+IDENTIFIED_ROUND = ParameterSet(
+    source="fitted to Table A2.1: effective values, not physical ones; many other sets fit as well",
+    sensed_thickness=2.01e-3,
+    sensed_poisson=0.499,
+    interface="frictionless",
+    compliant_poisson=0.095,
+    support="rigid",
+    disc_radius=5.64e-3,  # the area of the 10 x 10 mm plate
+)
+IDENTIFIED_SOLID = ParameterSet(
+    # Round rings fit A2.1 alone, and miss A2.3 by up to 0.22.
+    source="fitted to Tables A2.1 and A2.3 together: effective values, not physical ones",
+    sensed_thickness=3.6e-3,
+    sensed_poisson=0.05,
+    interface="frictionless",
+    compliant_poisson=0.455,
+    ring_outline="square",
+    support="rigid",
+)
+
+PARAMETER_SETS = ("thesis", "physical", "identified")
+_GIVEN: Mapping[str, ParameterSet] = MappingProxyType({"thesis": THESIS, "physical": PHYSICAL})
+_IDENTIFIED: Mapping[str, ParameterSet] = MappingProxyType(
+    {"axisymmetric": IDENTIFIED_ROUND, "solid": IDENTIFIED_SOLID}
+)
+
+
+def get_parameter_set(name: str, model: str) -> ParameterSet:
+    """The parameter set of that name for a model.
+
+    Raises:
+        UnknownName: no such set, or none was identified for the model.
+    """
+    if name not in PARAMETER_SETS:
+        raise UnknownName("parameter set", name, PARAMETER_SETS)
+    if name in _GIVEN:
+        return _GIVEN[name]
+    if model not in _IDENTIFIED:
+        raise UnknownName(f"parameter set of model {model!r}", name, tuple(_GIVEN))
+    return _IDENTIFIED[model]
