@@ -117,7 +117,8 @@ def _closed_form(name: str, force_ratio: Callable[[Design, Sample], float]) -> M
 def _axisymmetric(design: Design, load: Load, tolerance: float | None) -> Response:
     from instrument.models import axisymmetric
 
-    solution, estimate = axisymmetric.solve_to(round_parameters(design, load), tolerance or AXISYMMETRIC_TOLERANCE)
+    asked = AXISYMMETRIC_TOLERANCE if tolerance is None else tolerance
+    solution, estimate = axisymmetric.solve_to(round_parameters(design, load), asked)
     stress = {
         kind: (solution.films[below].plane_stress,) * 2
         for kind, below in zip(FILM_KINDS, ("tooth", "base"), strict=True)
@@ -129,7 +130,8 @@ def _axisymmetric(design: Design, load: Load, tolerance: float | None) -> Respon
 def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
     from instrument.models import solid
 
-    solution, estimate = solid.solve_to(solid_parameters(design, load), tolerance or SOLID_TOLERANCE)
+    asked = SOLID_TOLERANCE if tolerance is None else tolerance
+    solution, estimate = solid.solve_to(solid_parameters(design, load), asked)
     return _response("solid", design, load, solution.force_ratio, estimate)
 
 

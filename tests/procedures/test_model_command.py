@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from instrument.designs import get_design
 from instrument.models import axisymmetric, experiment, solid
-from instrument.models.parameters import get_parameters
-from instrument.models.ratio import DESIGN_MODELS, TOLERANCES, Question, ask
+from instrument.models.parameter_sets import get_parameter_set
+from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from instrument.models.ratio import Question, ask
+from instrument.models.response import MODELS
 from instrument.sample import get_sample
 from tests.procedures.conftest import Palpate
 
@@ -26,6 +29,19 @@ def column(modulus: float, compliant: float = 24e3, thickness: float = 3e-3) -> 
     share = 1.4**2 / (1.4**2 + 5**2 - 1.5**2)
     hardness = modulus * 3.88e-3 / (compliant * thickness)
     return share * (1 + hardness) / (1 + share * hardness)
+
+
+def solve_nothing(monkeypatch: pytest.MonkeyPatch, seen: list[tuple[RoundParameters | SolidParameters, float]]) -> None:
+    """The finite-element models answer at once, and `seen` gets what they are asked."""
+    round_one = axisymmetric.solve(replace(RoundParameters(), support="rigid"), 1)
+    square_one = solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0)
+    for module, solution in ((axisymmetric, round_one), (solid, square_one)):
+
+        def solve_to(*asked: Any, solution: object = solution) -> tuple[object, float]:
+            seen.append(asked)
+            return solution, 1e-9
+
+        monkeypatch.setattr(module, "solve_to", solve_to)
 
 
 # --- answers -------------------------------------------------------------------------------------------
@@ -70,27 +86,35 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
         "sensed_thickness": 2e-3, "sensed_poisson": 0.45, "compliant_modulus": 33e3, "compliant_poisson": 0.48,
         "plate_modulus": 3e9, "interface": "frictionless",
     }  # fmt: skip
-    seen: list[object] = []
-    for module in (axisymmetric, solid):
-        monkeypatch.setattr(module, "force_ratio", lambda *asked: seen.append(asked) or (0.5, 1e-9))
-    expected: list[object] = []
+    seen: list[tuple[RoundParameters | SolidParameters, float]] = []
+    solve_nothing(monkeypatch, seen)
     for parameters in ("thesis", "physical", "identified"):
-        ask(Question("single_round", "axisymmetric", parameters, settings, 1e-5), [2e5])
-        disc = replace(get_parameters(parameters), sensed_modulus=2e5, **settings)  # type: ignore[arg-type]
-        expected.append((disc, 1e-5))
-        ask(Question("common_base", "solid", parameters, settings), [2e5])
-        pair = get_design("common_base")
-        block = solid.identified(pair) if parameters == "identified" else solid.of_design(pair)
-        expected.append((replace(block, sensed_modulus=2e5, **settings), TOLERANCES["solid"]))  # type: ignore[arg-type]
-    assert seen == expected
+        for design, model, of in (
+            ("single_round", "axisymmetric", round_parameters),
+            ("common_base", "solid", solid_parameters),
+        ):
+            ask(Question(design, model, parameters, settings, 1e-5), [2e5])
+            own = get_parameter_set(parameters, model)
+            expected = replace(of(own.design(get_design(design)), own.load(2e5)), **settings)  # type: ignore[operator]
+            assert seen.pop() == (expected, 1e-5)
 
 
 def test_the_identified_set_of_the_solid_model_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solid, "force_ratio", lambda parameters, _: (parameters.sensed_thickness, 0.0))
-    (answer,) = ask(Question("common_base", "solid", "identified"), [1e5])
-    assert answer.force_ratio == 3.6e-3
-    (answer,) = ask(Question("common_base", "solid", "thesis"), [1e5])
-    assert answer.force_ratio == 0.55e-3
+    seen: list[tuple[RoundParameters | SolidParameters, float]] = []
+    solve_nothing(monkeypatch, seen)
+    ask(Question("common_base", "solid", "identified"), [1e5])
+    ask(Question("common_base", "solid", "thesis"), [1e5])
+    ask(Question("single", "axisymmetric", "identified"), [1e5])
+    assert [asked.sensed_thickness for asked, _ in seen] == [3.6e-3, 0.55e-3, 2.01e-3]
+    assert [asked.support for asked, _ in seen] == ["rigid", "elastic", "rigid"]
+
+
+def test_square_plates_are_discs_to_the_axisymmetric_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[RoundParameters | SolidParameters, float]] = []
+    solve_nothing(monkeypatch, seen)
+    for design in ("single", "single_round"):
+        ask(Question(design, "axisymmetric"), [1e5])
+    assert [asked for asked, _ in seen] == [RoundParameters(), RoundParameters()]
 
 
 def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
@@ -98,7 +122,7 @@ def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
     assert list(said.object) == ["design", "parameters", "points"]
     (point,) = said.object["points"]
-    assert list(point) == ["sensed_modulus_Pa", "force_ratio", "error_estimate", "model", "seconds"]
+    assert list(point) == ["sensed_modulus_Pa", "force_ratio", "error_estimate", "model", "why", "seconds", "films"]
 
 
 def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
@@ -118,17 +142,17 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (("--sensed-modulus", "0 Pa"), "sensed_modulus 0 Pa is not above 0"),
-        (("--sensed-modulus", "24 kPa, -1 kPa"), "sensed_modulus -1000 Pa is not above 0"),
+        (("--sensed-modulus", "0 Pa"), "modulus 0 Pa of sample 'sensed object' is not above 0"),
+        (("--sensed-modulus", "24 kPa, -1 kPa"), "modulus -1000 Pa of sample 'sensed object' is not above 0"),
         (("--sensed-modulus", "24"), "'24' has no unit where Pa belongs"),
         (("--sensed-modulus", "24 kPa,"), "'' is not a quantity"),
         (("--sensed-modulus", "1e999 Pa"), "is not finite"),
         (("--sensed-thickness", "3 N"), "is in N where m belongs"),
-        (("--sensed-thickness", "0 mm"), "sensed_thickness 0 m is not above 0"),
-        (("--sensed-poisson", "0.51"), "sensed_poisson 0.51 is outside (-1, 0.5]"),
-        (("--compliant-poisson", "-1"), "compliant_poisson -1 is outside (-1, 0.5]"),
-        (("--compliant-modulus", "-24 kPa"), "compliant_modulus -24000 Pa is not above 0"),
-        (("--plate-modulus", "0 GPa"), "plate_modulus 0 Pa is not above 0"),
+        (("--sensed-thickness", "0 mm"), "thickness 0 m of sample 'sensed object' is not above 0"),
+        (("--sensed-poisson", "0.51"), "Poisson ratio 0.51 of sample 'sensed object' is not above -1 and at most 0.5"),
+        (("--compliant-poisson", "-1"), "Poisson ratio -1 of neoprene of the compliant ring is outside (-1, 0.5]"),
+        (("--compliant-modulus", "-24 kPa"), "modulus -24000 Pa of neoprene of the compliant ring is not above 0"),
+        (("--plate-modulus", "0 GPa"), "modulus 0 Pa of plexiglas as the thesis has it is not above 0"),
         (("--interface", "glued"), "unknown interface 'glued'; valid: bonded, frictionless"),
         (("--parameters", "fysical"), "did you mean 'physical'?"),
         (("--parameters", "identified"), "unknown parameter set of model 'column' 'identified'"),
@@ -136,8 +160,10 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
         (("--model", "colum"), "did you mean 'column'?"),
         (("--tolerance", "1e-4"), "model 'column' has no error estimate"),
         (("--model", "axisymmetric", "--tolerance", "0"), "tolerance 0 is not above 0"),
-        (("--model", "axisymmetric", "--design", "common_base"), "unknown model of design 'common_base'"),
-        (("--model", "solid", "--design", "single_round"), "valid: axisymmetric, column"),
+        (
+            ("--model", "axisymmetric", "--design", "common_base"),
+            "design 'common_base' has 2 teeth, not one; take model 'solid'",
+        ),
         (("--model", "solid", "--tolerance", "-1"), "tolerance -1 is not above 0"),
         (("--model", "experiment", "--sensed-modulus", "1 MPa"), "is outside the measured"),
         (
@@ -171,13 +197,11 @@ def test_a_question_without_a_modulus_is_refused(palpate: Palpate) -> None:
 
 
 def test_every_model_that_a_design_has_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (axisymmetric, solid):
-        monkeypatch.setattr(module, "force_ratio", lambda *_: (0.5, 1e-9))
-    for design, models in DESIGN_MODELS.items():
-        for model in models:
+    solve_nothing(monkeypatch, [])
+    for design in ("single", "common_base", "different_base"):
+        for model in set(MODELS) - ({"axisymmetric"} if design != "single" else set()):
             (answer,) = ask(Question(design, model), [5e4])
-            assert 0 < answer.force_ratio < 1
-            assert (answer.error_estimate is None) == (model not in TOLERANCES)
+            assert 0 < answer.response.force_ratio < 1
             assert math.isfinite(answer.seconds)
 
 
