@@ -6,6 +6,8 @@ decays with the system's own modes; both are known at any time without stepping.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,17 +16,23 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
+Times = npt.NDArray[np.int64]
+Row = tuple[Floats, Floats]  # over states (s,) and inputs (m,)
 
 POINTS = 1024  # of a period, where a waveform is sampled
-CYCLE = 1_000_000_000_000  # one cycle in units of phase: 1 mHz for 1 ns is one unit
+CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
+HERTZ = 10**9  # one hertz in units of frequency
+SECOND = 10**9  # one second in nanoseconds
+# Above this condition number the modes are too nearly parallel to carry the transient to ten digits.
+PARALLEL = 1e5
 
 
 @dataclass(frozen=True)
 class Periodic:
     """mean + sum over k of Re(amplitude[k] exp(i 2 pi order[k] phase)), the phase in cycles.
 
-    frequency: integer mHz, so that the phase after any time is an exact integer count of 1e-12 cycles.
-    start_ns, start_phase: the phase is `start_phase` (1e-12 cycles) at `start_ns`.
+    frequency: integer nHz, so that the phase after any time is an exact integer count of 1e-18 cycles.
+    start_ns, start_phase: the phase is `start_phase` (1e-18 cycles) at `start_ns`.
     order: (k,) integers. amplitude: (k,) complex.
     """
 
@@ -35,16 +43,17 @@ class Periodic:
     order: npt.NDArray[np.int64]
     amplitude: Complexes
 
-    def phase(self, time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Phase in 1e-12 cycles, exact for 30 days of any frequency up to 20 kHz. Shape of `time_ns`."""
-        high, low = np.divmod(time_ns - self.start_ns, 1_000_000)
-        whole = self.frequency * high % 1_000_000
-        phase: npt.NDArray[np.int64] = (whole * 1_000_000 + self.frequency * low + self.start_phase) % CYCLE
+    def phase(self, time_ns: Times) -> Times:
+        """Phase in 1e-18 cycles, exact for 30 days of any frequency up to 20 kHz. Shape of `time_ns`."""
+        whole, part = divmod(self.frequency, HERTZ)
+        seconds, rest = np.divmod(time_ns - self.start_ns, SECOND)
+        billionths = (part * seconds + whole * rest) % HERTZ
+        phase: Times = (billionths * HERTZ + part * rest + self.start_phase) % CYCLE
         return phase
 
-    def turns(self, time_ns: npt.NDArray[np.int64]) -> Complexes:
+    def turns(self, time_ns: Times) -> Complexes:
         """exp(i 2 pi order phase), shape (k, n)."""
-        turns: Complexes = np.exp(2j * np.pi / CYCLE * (np.outer(self.order, self.phase(time_ns)) % CYCLE))
+        turns: Complexes = np.exp(2j * np.pi * np.outer(self.order, self.phase(time_ns) / CYCLE))
         return turns
 
     def restarted(self, time_ns: int) -> Periodic:
@@ -59,6 +68,11 @@ class Periodic:
             factor * self.amplitude,
         )  # fmt: skip
 
+    def derivative(self) -> Periodic:
+        """Its derivative, 1/s."""
+        rates = 2j * np.pi * (self.frequency / HERTZ) * self.order
+        return Periodic(0.0, self.frequency, self.start_ns, self.start_phase, self.order, rates * self.amplitude)
+
     def extremes(self) -> tuple[float, float]:
         """Least and greatest value; of several harmonics at 1024 points of a period."""
         if len(self.order) == 1:
@@ -68,53 +82,168 @@ class Periodic:
         wave = self.mean + real_product(self.amplitude, np.exp(2j * np.pi * np.outer(self.order, turns)))
         return float(wave.min()), float(wave.max())
 
-    def at(self, time_ns: npt.NDArray[np.int64]) -> Floats:
+    def at(self, time_ns: Times) -> Floats:
         """Values, shape (n,)."""
         return self.mean + real_product(self.amplitude, self.turns(time_ns))
 
 
-@dataclass(frozen=True)
+def constant(value: float, like: Periodic) -> Periodic:
+    """A constant on the time of another function."""
+    return Periodic(value, like.frequency, like.start_ns, like.start_phase, like.order[:0], like.amplitude[:0])
+
+
+@dataclass(frozen=True, eq=False)
 class StateSpace:
-    """x' = A x + B u, y = C x + D u with one input and one output; A (s, s) has distinct eigenvalues."""
+    """x' = A x + B u, y = C x + D u, with s states, m inputs and p outputs.
+
+    a: (s, s). b: (s, m). c: (p, s). d: (p, m).
+    """
 
     a: Floats
     b: Floats
     c: Floats
-    d: float
+    d: Floats
 
     @property
     def order(self) -> int:
-        return len(self.b)
+        """Number of states."""
+        return len(self.a)
 
-    def periodic_state(self, drive: Periodic) -> tuple[Floats, Complexes]:
-        """Mean (s,) and harmonics (s, k) of the state that a drive leads to."""
-        mean: Floats = np.asarray(np.linalg.solve(self.a, -self.b * drive.mean), float)
-        eye = np.eye(self.order)
-        jw = 2j * np.pi * 1e-3 * drive.frequency * drive.order
-        harmonics: Complexes = np.empty((self.order, len(drive.order)), complex)
-        for k in range(len(drive.order)):
-            harmonics[:, k] = np.linalg.solve(jw[k] * eye - self.a, self.b * drive.amplitude[k])
-        return mean, harmonics
+    def then(self, following: StateSpace) -> StateSpace:
+        """Both in series: my outputs are its inputs."""
+        upper = np.hstack([self.a, np.zeros((self.order, following.order))])
+        lower = np.hstack([following.b @ self.c, following.a])
+        return StateSpace(
+            np.vstack([upper, lower]),
+            np.vstack([self.b, following.b @ self.d]),
+            np.hstack([following.d @ self.c, following.c]),
+            following.d @ self.d,
+        )
 
-    def state(self, drive: Periodic, x0: Floats, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """State (s, n) at times after the drive's start, where it is `x0` (s,)."""
-        return self._state(drive, x0, time_ns, drive.turns(time_ns))
+    def plus(self, other: StateSpace) -> StateSpace:
+        """Both from the same inputs, their outputs added."""
+        a, _, c, _ = (_block(mine, its) for mine, its in zip(self._parts(), other._parts(), strict=True))
+        p = len(self.c)
+        return StateSpace(a, np.vstack([self.b, other.b]), c[:p] + c[p:], self.d + other.d)
 
-    def output(self, drive: Periodic, x0: Floats, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """Output (n,) at times after the drive's start."""
-        turns = drive.turns(time_ns)
-        through = self.d * (drive.mean + real_product(drive.amplitude, turns))
-        return real_product(self.c, self._state(drive, x0, time_ns, turns)) + through
+    def beside(self, other: StateSpace) -> StateSpace:
+        """Both side by side: inputs and outputs of one, then of the other."""
+        return StateSpace(*(_block(mine, its) for mine, its in zip(self._parts(), other._parts(), strict=True)))
 
-    def _state(self, drive: Periodic, x0: Floats, time_ns: npt.NDArray[np.int64], turns: Complexes) -> Floats:
-        mean, harmonics = self.periodic_state(drive)
-        start = drive.turns(np.array([drive.start_ns]))
-        transient = x0 - (mean + real_product(harmonics, start)[:, 0])
+    def transfer(self, frequency: float) -> Complexes:
+        """Outputs over inputs at a frequency in Hz, shape (p, m)."""
+        resolvent = 2j * np.pi * frequency * np.eye(self.order) - self.a
+        gain: Complexes = self.c @ np.linalg.solve(resolvent, self.b.astype(complex)) + self.d
+        return gain
+
+    def drive(self, inputs: Sequence[Periodic]) -> Steady:
+        """The state that periodic inputs of this system, one after the other, lead to."""
+        # A state that only integrates makes A singular; what it integrates then has no mean.
+        mean = np.linalg.lstsq(self.a, -self.b @ np.array([u.mean for u in inputs]), rcond=None)[0]
+        waves = []
+        for number, u in enumerate(inputs):
+            columns = np.zeros((self.order, len(u.order)), complex)
+            for k, order in enumerate(u.order):
+                rate = 2j * np.pi * (u.frequency / HERTZ) * order
+                right = self.b[:, number] * u.amplitude[k]
+                columns[:, k] = np.linalg.solve(rate * np.eye(self.order) - self.a, right)
+            waves.append(columns)
+        return Steady(self, tuple(inputs), mean, tuple(waves))
+
+    def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
+        """exp(A t) x, shape (s, n), at times after a moment [ns]."""
+        return self._decay(x, elapsed_ns)
+
+    @functools.cached_property
+    def _decay(self) -> Any:
+        if not self.order:
+            return lambda x, elapsed_ns: np.zeros((0, len(elapsed_ns)))
         rates, modes = np.linalg.eig(self.a)
-        weights = np.linalg.solve(modes, transient.astype(complex))
-        elapsed = 1e-9 * (time_ns - drive.start_ns)
-        decaying = real_product(modes * weights, np.exp(np.outer(rates, elapsed)))
-        return mean[:, np.newaxis] + real_product(harmonics, turns) + decaying
+        if np.linalg.cond(modes) > PARALLEL:
+            return self._by_powers
+
+        def by_modes(x: Floats, elapsed_ns: Times) -> Floats:
+            weights = np.linalg.solve(modes, x.astype(complex))
+            return real_product(modes * weights, np.exp(np.outer(rates, 1e-9 * elapsed_ns)))
+
+        return by_modes
+
+    def _by_powers(self, x: Floats, elapsed_ns: Times) -> Floats:
+        """By the matrix exponentials of 1, 2, 4, ... ns: for modes that are parallel or nearly so."""
+        from scipy.linalg import expm
+
+        answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)
+        for bit in range(int(elapsed_ns.max(initial=0)).bit_length()):
+            power = expm(self.a * (1e-9 * 2.0**bit))
+            used = (elapsed_ns >> bit) & 1 == 1
+            answer[:, used] = real_product(power, answer[:, used])
+        return answer
+
+    def _parts(self) -> tuple[Floats, Floats, Floats, Floats]:
+        return self.a, self.b, self.c, self.d
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """A system under periodic inputs: the state that they lead to, and any transient on top of it.
+
+    mean: (s,). waves: for each input its harmonics of the state, (s, k).
+    """
+
+    system: StateSpace
+    inputs: tuple[Periodic, ...]
+    mean: Floats
+    waves: tuple[Complexes, ...]
+
+    def state(self, start_ns: int, x0: Floats, time_ns: Times) -> Floats:
+        """State (s, n) at times after `start_ns`, where it is `x0` (s,)."""
+        transient = x0 - self._periodic(np.array([start_ns]))[:, 0]
+        return self._periodic(time_ns) + self.system.decay(transient, time_ns - start_ns)
+
+    def row(self, row: Row, start_ns: int, x0: Floats | None, time_ns: Times) -> Floats:
+        """row[0] @ x + row[1] @ u at times after `start_ns`, where the state is `x0`; without one, what it settles to.
+
+        Result (n,), or (p, n) for a row of shapes (p, s) and (p, m).
+        """
+        total = real_product(row[1], np.array([each.at(time_ns) for each in self.inputs]))
+        if row[0].any():
+            total += real_product(row[0], self._periodic(time_ns) if x0 is None else self.state(start_ns, x0, time_ns))
+        return total
+
+    def transient(self, row: Row, start_ns: int, x0: Floats, time_ns: int, rate: int = 0) -> float:
+        """A bound of what is left of the transient in row[0] @ x, or in its derivative, from `time_ns` on."""
+        if not row[0].any():
+            return 0.0
+        rates, modes = np.linalg.eig(self.system.a)
+        if (rates.real > 0).any() or np.linalg.cond(modes) > PARALLEL:
+            return np.inf
+        gap = x0 - self._periodic(np.array([start_ns]))[:, 0]
+        weights = np.abs((row[0] @ modes) * np.linalg.solve(modes, gap.astype(complex)) * rates**rate)
+        return float(weights @ np.exp(rates.real * 1e-9 * (time_ns - start_ns)))
+
+    def swing(self, row: Row, rate: int = 0) -> float:
+        """A bound of what the harmonics make of row[0] @ x + row[1] @ u, or of a derivative."""
+        # Harmonics of inputs with one frequency and phase add up as phasors.
+        phasors: dict[tuple[int, int, int], complex] = {}
+        for number, (u, wave) in enumerate(zip(self.inputs, self.waves, strict=True)):
+            for order, phasor in zip(u.order, row[0] @ wave + row[1][number] * u.amplitude, strict=True):
+                key = (u.frequency, u.start_phase, int(order))
+                phasors[key] = phasors.get(key, 0.0) + phasor
+        return sum(
+            (2 * np.pi * frequency / HERTZ * order) ** rate * abs(phasor)
+            for (frequency, _, order), phasor in phasors.items()
+        )
+
+    def least(self, row: Row, start_ns: int, x0: Floats) -> float:
+        """A lower bound of row[0] @ x + row[1] @ u at all times after `start_ns`, where the state is `x0`."""
+        mean = float(row[0] @ self.mean + row[1] @ np.array([u.mean for u in self.inputs]))
+        return mean - self.swing(row) - self.transient(row, start_ns, x0, start_ns)
+
+    def _periodic(self, time_ns: Times) -> Floats:
+        state = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
+        for u, wave in zip(self.inputs, self.waves, strict=True):
+            state += real_product(wave, u.turns(time_ns))
+        return state
 
 
 def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:
@@ -130,11 +259,24 @@ def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.ine
     return total
 
 
+def gain(matrix: Floats) -> StateSpace:
+    """A matrix (p, m) without a memory."""
+    p, m = matrix.shape
+    return StateSpace(np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)), matrix)
+
+
 def first_order_low_pass(tau: float) -> StateSpace:
-    """Unit gain at 0 Hz, time constant `tau` s."""
-    return StateSpace(np.array([[-1 / tau]]), np.array([1 / tau]), np.array([1.0]), 0.0)
+    """One input, one output, unit gain at 0 Hz, time constant `tau` s."""
+    return StateSpace(np.array([[-1 / tau]]), np.array([[1 / tau]]), np.array([[1.0]]), np.array([[0.0]]))
 
 
 def first_order_high_pass(tau: float) -> StateSpace:
-    """Unit gain at high frequency, time constant `tau` s."""
-    return StateSpace(np.array([[-1 / tau]]), np.array([1 / tau]), np.array([-1.0]), 1.0)
+    """One input, one output, unit gain at high frequency, time constant `tau` s."""
+    return StateSpace(np.array([[-1 / tau]]), np.array([[1 / tau]]), np.array([[-1.0]]), np.array([[1.0]]))
+
+
+def _block(first: Floats, second: Floats) -> Floats:
+    (rows, columns), (more_rows, more_columns) = first.shape, second.shape
+    block = np.zeros((rows + more_rows, columns + more_columns))
+    block[:rows, :columns], block[rows:, columns:] = first, second
+    return block

@@ -1,15 +1,14 @@
 """The physical scene behind the devices: what force acts, and what the films and the bridge make of it.
 
-Between two changes (a setting written, a sample mounted, a move ended) the drive is periodic and the chain
-linear, so everything in such a segment is known in closed form at any time: nothing is stepped, and no
-result depends on when it was asked for.
+Between two changes (a setting written, a sample mounted, a move ended) the drive is periodic and the chain piecewise
+linear, so everything is known in closed form at any time: nothing is stepped, and no result depends on when it was
+asked for.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,36 +17,22 @@ from instrument.calibration import STANDARD_GRAVITY
 from instrument.load import Load
 from instrument.models.response import Response, response
 from instrument.sample import Sample
+from simulators.chain import Armature, Chain, Limits, Stack, Touch
 from simulators.clock import VirtualClock
-from simulators.lti import Floats, Periodic, StateSpace, first_order_low_pass
+from simulators.effects.effect import (
+    AmplifierEffect,
+    DriveEffect,
+    FilmsEffect,
+    ShakerEffect,
+    SourceEffect,
+    StackEffect,
+)
+from simulators.lti import HERTZ, Floats, Periodic, StateSpace, constant, gain
+from simulators.path import KEPT_NS, Path
 from simulators.randomness import Stream
 from simulators.scene import Scene
 
-if TYPE_CHECKING:  # an effect's module is imported by the scene that calls for it, and only then
-    from simulators.effects.charge_amplifier import ChargeAmplifier
-    from simulators.effects.gain_scatter import GainScatter
-
-HISTORY_NS = 12_000_000_000  # the indicator looks back 10 s at most
-CONTACT_POINTS = 256  # samples of one period from which a force that loses contact is expanded
-# Where contact is lost a sine or triangle is then 0.9 % of the drive's peak force off; the edges of a square
-# ring by 14 % of it [M].
-CONTACT_HARMONICS = 40
-
-
-@dataclass(frozen=True)
-class Segment:
-    """A stretch without changes: the contact force, the films' gains and the states at its start.
-
-    gains: (films,) V/N of contact force. film_state: (films, s). bridge_state: (1,) N.
-    """
-
-    start_ns: int
-    voltage: Periodic
-    force: Periodic
-    weight: float
-    gains: Floats
-    film_state: Floats
-    bridge_state: Floats
+BRIDGE_TAU = 0.1  # s, of the indicator's filter as it comes
 
 
 class Rig:
@@ -57,165 +42,166 @@ class Rig:
         self.scene = scene
         self._clock = clock
         self._films = scene.design.films
-        amplifier = cast("ChargeAmplifier | None", scene.effects.get("charge_amplifier"))
-        self._film_system: StateSpace | None = amplifier.system() if amplifier else None
-        self._scatter = cast("GainScatter | None", scene.effects.get("gain_scatter"))
-        self._scatter_stream = Stream(scene.seed, "gain_scatter")
-        self._bridge = first_order_low_pass(0.1)
+        self._streams = {name: Stream(scene.seed, name) for name in scene.effects}
+        self._bridge_tau = BRIDGE_TAU
         self._sample: Sample | None = None
-        self._stack: Response | None = None
+        self._response: Response | None = None
         self.position = 0.0
         self._weight = 0.0
         self._set_at_ns = 0
-        order = self._film_system.order if self._film_system else 0
-        silence = Periodic(0.0, 10_000, 0, 0, np.array([1]), np.zeros(1, complex))
-        gains = self._gains()
-        self._segments = deque(
-            [Segment(0, silence, silence, 0.0, gains, np.zeros((len(self._films), order)), np.zeros(1))]
-        )
+        silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
+        chain = self._chain()
+        mode = chain.mode(Touch(contact=False))
+        self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
+        self._voltage = silence
+        self._last = chain
 
     # --- what can change -------------------------------------------------------------------------------
 
     def set_voltage(self, voltage: Periodic) -> None:
         """The voltage at the shaker's coil from now on."""
-        if not np.array_equal(voltage.amplitude, self._segments[-1].voltage.amplitude):
+        for effect in self.scene.effects.values():
+            if isinstance(effect, DriveEffect):
+                voltage = replace(voltage, frequency=effect.frequency(voltage.frequency))
+        if not np.array_equal(voltage.amplitude, self._voltage.amplitude):
             self._set_at_ns = self._clock.now_ns()
-        self._begin(voltage)
+        self._voltage = voltage
+        self._begin()
 
     def set_position(self, position: float) -> None:
         """The positioner stands at `position` m."""
         self.position = position
-        self._begin(self._segments[-1].voltage)
+        self._begin()
 
     def mount(self, sample: Sample) -> None:
         self._sample = sample
-        self._stack = response(self.scene.design, Load(force=1.0, sensed=sample), self.scene.model)
-        self._begin(self._segments[-1].voltage)
+        self._response = response(self.scene.design, Load(force=1.0, sensed=sample), self.scene.model)
+        self._begin()
 
     def place_weight(self, mass: float) -> None:
         """Dead weights of `mass` kg in all stand on the load cell."""
         self._weight = mass * STANDARD_GRAVITY
-        self._begin(self._segments[-1].voltage)
+        self._begin()
 
     def set_bridge_filter(self, tau: float) -> None:
         """Time constant of the indicator's filter, s."""
-        state = self._bridge_state(self._clock.now_ns())
-        self._bridge = first_order_low_pass(tau)
-        self._begin(self._segments[-1].voltage, bridge_state=state)
+        self._bridge_tau = tau
+        self._begin()
 
     def reset_film(self, channel: int) -> None:
         """The integrator of a channel's charge amplifier is shorted: its output starts from zero."""
-        now = self._clock.now_ns()
-        last = self._segments[-1]
-        state = self._film_state(now)
-        for film, film_state, gain in zip(self._films, state, last.gains, strict=True):
-            if film.channel == channel and self._film_system is not None:
-                film_state[0] = gain * float(last.force.at(np.array([now]))[0])
-        self._begin(last.voltage, film_state=state)
+        now = np.array([self._clock.now_ns()])
+        state = self._paths[-1].states(now)[:, 0]
+        system = self._paths[-1].mode_at(int(now[0])).system
+        for number, film in enumerate(self._films):
+            own = self._last.amplifier_states.get(number)
+            if film.channel == channel and own is not None:
+                output = float(self._paths[-1].outputs(now, slice(number, number + 1))[0, 0])
+                state[own] -= output / system.c[number, own]
+        self._begin(state)
 
     # --- what can be seen ------------------------------------------------------------------------------
 
     def film_voltages(self, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """Charge amplifier outputs, shape (films, n), V, at times in the present segment."""
-        segment = self._segments[-1]
-        if self._film_system is None:
-            return np.outer(segment.gains, segment.force.at(time_ns))
-        return np.array(
-            [
-                self._film_system.output(segment.force.scaled(gain), state, time_ns)
-                for gain, state in zip(segment.gains, segment.film_state, strict=True)
-            ]
-        )
+        """Amplifier outputs, shape (films, n), V, at times since the present settings."""
+        return self._paths[-1].outputs(time_ns, slice(0, len(self._films)))
 
     def cell_force(self, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """Force on the load cell, N, shape (n,), at times of the last 12 s."""
+        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s."""
         force = np.empty(len(time_ns))
-        starts = np.array([s.start_ns for s in self._segments])
+        starts = np.array([path.start_ns for path in self._paths])
         index = np.maximum(np.searchsorted(starts, time_ns, side="right") - 1, 0)
-        for i in np.unique(index):
-            segment, here = self._segments[i], index == i
-            force[here] = segment.force.at(time_ns[here]) + segment.weight
+        rows = slice(self._last.force, self._last.force + 1)
+        for number in np.unique(index):
+            here = index == number
+            force[here] = self._paths[number].outputs(time_ns[here], rows)[0]
         return force
 
     def filtered_cell_force(self, time_ns: int) -> float:
-        """Force on the load cell behind the indicator's filter, N, at a time in the present segment."""
-        return float(self._bridge_state(time_ns)[0])
+        """Force on the load cell behind the indicator's filter, N, at a time since the present settings."""
+        rows = slice(self._last.bridge, self._last.bridge + 1)
+        return float(self._paths[-1].outputs(np.array([time_ns]), rows)[0, 0])
 
     def coil_voltage(self) -> Periodic:
-        return self._segments[-1].voltage
+        return self._voltage
 
     def settled_for_ns(self) -> int:
         """How long nothing has changed."""
-        return self._clock.now_ns() - self._segments[-1].start_ns
+        return self._clock.now_ns() - self._paths[-1].start_ns
 
     # --- how it follows --------------------------------------------------------------------------------
 
-    def _begin(self, voltage: Periodic, film_state: Floats | None = None, bridge_state: Floats | None = None) -> None:
+    def _begin(self, state: Floats | None = None) -> None:
         now = self._clock.now_ns()
-        voltage = voltage.restarted(now)
-        force = self._contact_force(voltage)
-        segment = Segment(
-            now,
-            voltage,
-            force,
-            self._weight,
-            self._gains(),
-            self._film_state(now) if film_state is None else film_state,
-            self._bridge_state(now) if bridge_state is None else bridge_state,
-        )
-        if self._segments[-1].start_ns == now:
-            self._segments.pop()
-        self._segments.append(segment)
-        while len(self._segments) > 1 and self._segments[1].start_ns < now - HISTORY_NS:
-            self._segments.popleft()
+        last = self._paths[-1]
+        if state is None:
+            state = last.states(np.array([now]))[:, 0]
+        touch = last.mode_at(now).touch
+        self._voltage = self._voltage.restarted(now)
+        self._last = self._chain()
+        path = Path(_inputs(self._voltage, now), self._last.mode(touch), now, state)
+        if last.start_ns == now:
+            self._paths.pop()
+        self._paths.append(path)
+        while len(self._paths) > 1 and self._paths[1].start_ns < now - KEPT_NS:
+            self._paths.popleft()
 
-    def _gains(self) -> Floats:
-        fraction = {"total": 1.0, "rigid": self._stack.force_ratio if self._stack else 0.0}
-        gains = np.array([film.sensitivity * fraction[film.name] for film in self._films])
-        if self._scatter is not None:
-            gains = gains * self._scatter.gains(self.scene.design, self._scatter_stream, self._set_at_ns)
-        return gains
-
-    def _contact_force(self, voltage: Periodic) -> Periodic:
-        """Force of the probe on the sample; it can only press, so it is clipped at zero where contact is lost."""
-        rig = self.scene.rig
-        if self._sample is None or self._stack is None:
-            return voltage.scaled(0.0)
-        share = self._stack.stiffness / (rig.suspension_stiffness + self._stack.stiffness)
-        advance = self.position - (rig.sensor_position - self._sample.thickness)
-        linear = voltage.scaled(
-            share * rig.force_constant / rig.coil_resistance, offset=share * rig.suspension_stiffness * advance
-        )
-        least, greatest = linear.extremes()
-        if least >= 0:
-            return linear
-        if greatest <= 0:
-            return voltage.scaled(0.0)
-        turns = np.arange(CONTACT_POINTS) / CONTACT_POINTS
-        wave = linear.mean + (linear.amplitude @ np.exp(2j * np.pi * np.outer(linear.order, turns))).real
-        spectrum = np.fft.rfft(np.maximum(wave, 0.0)) / CONTACT_POINTS
-        return Periodic(
-            float(spectrum[0].real),
-            linear.frequency,
-            linear.start_ns,
-            linear.start_phase,
-            np.arange(1, CONTACT_HARMONICS + 1),
-            2 * spectrum[1 : CONTACT_HARMONICS + 1],
+    def _chain(self) -> Chain:
+        rig, effects = self.scene.rig, self.scene.effects.values()
+        armature, limits = Armature(rig.force_constant, rig.coil_resistance, rig.suspension_stiffness), Limits()
+        stack = self._springs()
+        yielding = stack.elastic()
+        for effect in effects:
+            if isinstance(effect, ShakerEffect):
+                armature, limits = effect.shaker(armature, limits)
+            if isinstance(effect, StackEffect):
+                yielding = effect.stack(stack)
+        thickness = self._sample.thickness if self._sample else 0.0
+        return Chain(
+            armature,
+            limits,
+            yielding,
+            advance=self.position - (rig.sensor_position - thickness),
+            before=self._film_signals(),
+            amplifiers=self._amplifiers(),
+            bridge_tau=self._bridge_tau,
+            weight=self._weight,
         )
 
-    def _film_state(self, time_ns: int) -> Floats:
-        segment = self._segments[-1]
-        if self._film_system is None:
-            return segment.film_state
-        at = np.array([time_ns])
-        return np.array(
-            [
-                self._film_system.state(segment.force.scaled(gain), state, at)[:, 0]
-                for gain, state in zip(segment.gains, segment.film_state, strict=True)
-            ]
-        )
+    def _springs(self) -> Stack:
+        """The stack's stiffness comes from the column model, its share on the tooth from the scene's model."""
+        if self._response is None or self._sample is None:
+            return Stack(0.0, 0.0, 0.0)
+        ring = self.scene.design.ring
+        hardness = self._sample.modulus * ring.height / (ring.material.modulus * self._sample.thickness)
+        ratio, stiffness = self._response.force_ratio, self._response.stiffness
+        return Stack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
 
-    def _bridge_state(self, time_ns: int) -> Floats:
-        segment = self._segments[-1]
-        on_cell = segment.force.scaled(1.0, offset=segment.weight)
-        return self._bridge.state(on_cell, segment.bridge_state, np.array([time_ns]))[:, 0]
+    def _film_signals(self) -> StateSpace:
+        """From tooth force, ring force and the constant 1 to the films' voltages before their amplifiers."""
+        shares = np.zeros((len(self._films), 3))
+        for number, film in enumerate(self._films):
+            part = len(film.teeth) / len(self.scene.design.teeth)
+            shares[number] = (part, part if film.kind == "total" else 0.0, 0.0)
+        matrix = np.diag([film.sensitivity for film in self._films])
+        for name, effect in self.scene.effects.items():
+            if isinstance(effect, FilmsEffect):
+                matrix = effect.matrix(self.scene.design, self._streams[name], self._set_at_ns) @ matrix
+        signals = gain(matrix @ shares)
+        for effect in self.scene.effects.values():
+            if isinstance(effect, SourceEffect):
+                signals = signals.plus(effect.source(self.scene.design))
+        return signals
+
+    def _amplifiers(self) -> list[StateSpace]:
+        """One for each film."""
+        amplifier = next((e for e in self.scene.effects.values() if isinstance(e, AmplifierEffect)), None)
+        if amplifier is None:
+            return [gain(np.eye(1)) for _ in self._films]
+        return [amplifier.system(film, self.scene.design) for film in self._films]
+
+
+def _inputs(voltage: Periodic, start_ns: int) -> tuple[Periodic, ...]:
+    """Coil voltage, 1, and the rate of the voltage."""
+    voltage = voltage.restarted(start_ns)
+    return voltage, constant(1.0, voltage), voltage.derivative()

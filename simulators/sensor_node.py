@@ -13,12 +13,12 @@ from instrument.contract import Field
 from instrument.contracts import sensor_node
 from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS
 from simulators.clock import VirtualClock
+from simulators.effects.effect import InputEffect
 from simulators.randomness import Stream
 from simulators.rig import Rig
 
 if TYPE_CHECKING:
     from simulators.effects.adc import Adc
-    from simulators.effects.white_noise import WhiteNoise
 
 CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code: manufacturer specific
@@ -44,7 +44,7 @@ class SensorNode:
         self._changed = changed
         self._serial = serial
         self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
-        self._noise = cast("WhiteNoise | None", rig.scene.effects.get("white_noise"))
+        self._added = {name: e for name, e in rig.scene.effects.items() if isinstance(e, InputEffect)}
         self.reset()
 
     def reset(self) -> None:
@@ -83,12 +83,9 @@ class SensorNode:
         """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
         n = len(time_ns)
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
-        if self._noise is not None:
-            first = int(time_ns[0]) // period_ns
-            streams = [
-                Stream(self._rig.scene.seed, "white_noise", self.id, channel, period_ns) for channel in range(CHANNELS)
-            ]
-            volts = volts + [self._noise.samples(stream, first, n, 1e9 / period_ns) for stream in streams]
+        for name, effect in self._added.items():
+            streams = [Stream(self._rig.scene.seed, name, self.id, channel, period_ns) for channel in range(CHANNELS)]
+            volts = volts + [effect.volts(stream, time_ns, period_ns) for stream in streams]
         fraction = volts / ranges[:, np.newaxis]
         saturated = np.zeros(fraction.shape, bool)
         if self._adc is not None:

@@ -10,7 +10,7 @@ from instrument.contracts import signal_generator
 from instrument.contracts.signal_generator import LARGEST_PEAK
 from simulators.clock import VirtualClock
 from simulators.device import ILLEGAL_VALUE, Refused, SimulatedDevice
-from simulators.lti import Periodic
+from simulators.lti import HERTZ, Periodic
 
 HARMONICS = 25
 FREQUENCY_STEPS = 1000  # per Hz
@@ -61,7 +61,7 @@ class SignalGenerator(SimulatedDevice):
                 k, sines = np.array([1]), np.array([1.0])
         return Periodic(
             s["offset"],
-            round(s["frequency"] * FREQUENCY_STEPS),
+            round(s["frequency"] * FREQUENCY_STEPS) * (HERTZ // FREQUENCY_STEPS),
             self._start_ns,
             self._start_phase,
             k,

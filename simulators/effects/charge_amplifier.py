@@ -7,11 +7,12 @@ from typing import ClassVar
 from pydantic import Field
 
 from instrument.quantity import Seconds
-from simulators.effects.effect import Effect, Kind
+from instrument.design import Design, Film
+from simulators.effects.effect import AmplifierEffect, Kind
 from simulators.lti import StateSpace, first_order_high_pass
 
 
-class ChargeAmplifier(Effect):
+class ChargeAmplifier(AmplifierEffect):
     """First-order high-pass. Equal time constants cancel in the force ratio."""
 
     kind: ClassVar[Kind] = "lti"
@@ -20,5 +21,5 @@ class ChargeAmplifier(Effect):
     # 1 GOhm times 1 nF [A]; the limits are far beyond any that is built
     time_constant: Seconds = Field(default=1.0, ge=1e-9, le=1e9)
 
-    def system(self) -> StateSpace:
+    def system(self, film: Film, design: Design) -> StateSpace:
         return first_order_high_pass(self.time_constant)

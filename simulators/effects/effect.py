@@ -1,21 +1,131 @@
-"""What every effect is: frozen parameters with units, default and source, and its kind."""
+"""What every effect is: frozen parameters with units, default and source, its kind, and its place in the chain.
+
+The chain's own order, whatever the order in a scene file:
+
+    drive -> shaker -> stack -> films -> source -> amplifier -> input -> converter -> bus
+                            `-> cell
+
+Each stage has a class with one method; an effect stands alone in its file and overrides that method.
+"""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from instrument.config import Config
+from instrument.design import Design, Film
 
+if TYPE_CHECKING:
+    from simulators.chain import Armature, Limits, Stack
+    from simulators.lti import StateSpace, Times
+    from simulators.randomness import Stream
+
+Floats = npt.NDArray[np.float64]
 Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv"]
 
 
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Greatest relative change of a result that leaving an effect out can make; inf where nothing holds."""
+
+    force: float
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A steady measurement that a bound is asked for.
+
+    Attributes:
+        frequency: of the drive [Hz].
+        amplitude: of the force, half its peak-to-peak value [N].
+        preload: mean of the force [N].
+        ratio: force ratio.
+        dwell: of the least-squares fit [s].
+        rate: samples a second.
+        settled: how long the drive was on before the dwell [s].
+    """
+
+    design: Design
+    frequency: float
+    amplitude: float
+    preload: float
+    ratio: float
+    dwell: float
+    rate: float
+    settled: float
+
+
 class Effect(Config):
-    """One imperfection. A subclass stands alone in its file.
+    """One imperfection.
 
     Its parameters are fields whose defaults carry a mark: [T] thesis, [S] published source, [M] measured,
-    [A] assumption. `kind` says how the scene treats it: `lti` gives a state space or gains, `static_nl` a
-    memoryless map, `additive` a noise of its own random stream.
+    [A] assumption. `kind`: `lti`, a gain or a linear system; `static_nl`, a memoryless map; `hysteresis`;
+    `additive`, a voltage that adds to the films'; `ltv`, a linear system that changes with time.
     """
 
     kind: ClassVar[Kind]
     cancels_in_ratio: ClassVar[bool]
+    excludes: ClassVar[Sequence[str]] = ()
+
+
+class DriveEffect(Effect, ABC):
+    """Changes the frequency that the generator gives."""
+
+    @abstractmethod
+    def frequency(self, nominal: int) -> int:
+        """Frequency for a nominal one, both integer nHz."""
+
+
+class ShakerEffect(Effect, ABC):
+    """Changes the shaker."""
+
+    @abstractmethod
+    def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
+        """The shaker with this effect."""
+
+
+class StackEffect(Effect, ABC):
+    """Changes how object and sensor yield."""
+
+    @abstractmethod
+    def stack(self, stack: Stack) -> StateSpace:
+        """From the compression of the stack [m] to the forces on tooth and ring [N]."""
+
+
+class FilmsEffect(Effect, ABC):
+    """Changes the films' gains."""
+
+    @abstractmethod
+    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
+        """What the films' signals are multiplied with, (films, films); `set_at_ns`: when the drive was set."""
+
+
+class SourceEffect(Effect, ABC):
+    """Adds to the films' signals before their amplifiers."""
+
+    @abstractmethod
+    def source(self, design: Design) -> StateSpace:
+        """From tooth force, ring force [N] and the constant 1 to what is added, (films,) [V]."""
+
+
+class AmplifierEffect(Effect, ABC):
+    """What a film's signal meets first."""
+
+    @abstractmethod
+    def system(self, film: Film, design: Design) -> StateSpace:
+        """One input, one output, one state; where the output is zero, the amplifier was just reset."""
+
+
+class InputEffect(Effect, ABC):
+    """Adds to the voltage at the converter."""
+
+    @abstractmethod
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int) -> Floats:
+        """Voltages at integer multiples of the sample period after the bench was opened, shape (n,)."""

@@ -10,11 +10,11 @@ import numpy.typing as npt
 from pydantic import Field
 
 from instrument.design import Design
-from simulators.effects.effect import Effect, Kind
+from simulators.effects.effect import FilmsEffect, Kind
 from simulators.randomness import Stream
 
 
-class GainScatter(Effect):
+class GainScatter(FilmsEffect):
     """Draws the films' relative gains anew whenever the drive is set.
 
     The spread is the design's own (3.3 % and 3.0 % for the single sensor, correlated so that the ratio
@@ -26,12 +26,12 @@ class GainScatter(Effect):
 
     strength: float = Field(default=1.0, ge=0, le=10, strict=True)
 
-    def gains(self, design: Design, stream: Stream, set_at_ns: int) -> npt.NDArray[np.float64]:
-        """Gain factors of the films for the load set that began at `set_at_ns`, shape (films,)."""
+    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> npt.NDArray[np.float64]:
+        """Gain factors of the films for the load set that began at `set_at_ns`, on the diagonal."""
         rho = design.film_correlation
         independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films))
         common = independent[0]
         mixed = [common, *(rho * common + math.sqrt(1 - rho**2) * z for z in independent[1:])]
         scatter = np.array([film.scatter for film in design.films])
-        gains: npt.NDArray[np.float64] = 1.0 + self.strength * scatter * np.array(mixed)
-        return gains
+        factors: npt.NDArray[np.float64] = np.diag(1.0 + self.strength * scatter * np.array(mixed))
+        return factors

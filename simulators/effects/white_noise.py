@@ -10,11 +10,11 @@ import numpy.typing as npt
 from pydantic import Field
 
 from instrument.quantity import VoltsPerRootHertz
-from simulators.effects.effect import Effect, Kind
+from simulators.effects.effect import InputEffect, Kind
 from simulators.randomness import Stream
 
 
-class WhiteNoise(Effect):
+class WhiteNoise(InputEffect):
     """Independent on each channel of each node; an anti-alias filter at half the sample rate is assumed."""
 
     kind: ClassVar[Kind] = "additive"
@@ -23,6 +23,6 @@ class WhiteNoise(Effect):
     # one-sided [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0)
 
-    def samples(self, stream: Stream, first: int, count: int, rate: float) -> npt.NDArray[np.float64]:
-        """Noise voltages of samples `first` to `first + count - 1` at `rate` Hz, shape (count,)."""
-        return self.density * math.sqrt(rate / 2) * stream.normal(first, count)
+    def volts(self, stream: Stream, time_ns: npt.NDArray[np.int64], period_ns: int) -> npt.NDArray[np.float64]:
+        """Noise voltages at integer multiples of the sample period, shape (n,)."""
+        return self.density * math.sqrt(0.5e9 / period_ns) * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))

@@ -8,7 +8,7 @@ import numpy as np
 
 from instrument.models import springs
 from instrument.sample import SAMPLES
-from simulators.lti import Periodic
+from simulators.lti import HERTZ, Periodic
 from simulators.rig import Rig
 from simulators.scene import RigParameters, Scene, read_scene
 
@@ -27,7 +27,7 @@ def scene(*effects: str, **rig: str) -> Scene:
     )
 
 
-def waveform(kind: str, amplitude: float, frequency: int = 10_000, start_ns: int = 0) -> Periodic:
+def waveform(kind: str, amplitude: float, frequency: int = 10 * HERTZ, start_ns: int = 0) -> Periodic:
     """As the signal generator gives it."""
     k = np.arange(1, 26, 2)
     match kind:

@@ -126,7 +126,7 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
         times = clock.now_ns() + np.arange(1, 501) * MS
         samples = node.sample(times, node.film_channels() @ rig.film_voltages(times), MS)
         reading = StrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
-        return samples.counts.tobytes(), [round(reading, 9)], rig._gains()
+        return samples.counts.tobytes(), [round(reading, 9)], rig._film_signals().d
 
     base = {each: STRONG[each] for each in ("white_noise", "gain_scatter", "load_cell") if each != name}
     (counts, reading, gains), (more_counts, more_reading, more_gains) = noise(base), noise({**base, name: STRONG[name]})
@@ -166,7 +166,7 @@ def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -
 @pytest.mark.parametrize("design", DESIGNS)
 def test_gain_scatter_has_the_stated_spread_of_films_and_ratio_over_4000_draws(design: str) -> None:
     chosen, stream, effect = get_design(design), Stream(1, "gain_scatter"), GainScatter()
-    draws = np.array([effect.gains(chosen, stream, number * SECOND) for number in range(4000)])
+    draws = np.array([effect.matrix(chosen, stream, number * SECOND).diagonal() for number in range(4000)])
     for film, gains in zip(chosen.films, draws.T, strict=True):
         assert gains.mean() == pytest.approx(1.0, abs=4 * film.scatter / np.sqrt(4000))
         assert gains.std() == pytest.approx(film.scatter, rel=0.045)  # 4 standard errors
@@ -187,7 +187,8 @@ def test_the_single_sensor_scatters_as_the_thesis_measured() -> None:
 def test_strength_scales_the_scatter_and_load_sets_draw_independently() -> None:
     single, stream = get_design("single"), Stream(1, "gain_scatter")
     once, thrice = (
-        np.array([GainScatter(strength=s).gains(single, stream, n * SECOND) for n in range(2000)]) for s in (1.0, 3.0)
+        np.array([GainScatter(strength=s).matrix(single, stream, n * SECOND).diagonal() for n in range(2000)])
+        for s in (1.0, 3.0)
     )
     assert np.allclose(thrice - 1, 3 * (once - 1), rtol=1e-12, atol=1e-15)
     for film in once.T:
@@ -198,13 +199,13 @@ def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
     clock = VirtualClock()
     rig = Rig(scene("gain_scatter"), clock)
     pressed(rig, "2", BALANCE + 7e-3, 1.0)
-    first = rig._segments[-1].gains
+    first = rig._film_signals().d[:, 0]
     clock.wait(1.0)
     rig.set_position(BALANCE + 8e-3)
-    assert rig._segments[-1].gains.tobytes() == first.tobytes()
+    assert rig._film_signals().d[:, 0].tobytes() == first.tobytes()
     clock.wait(1.0)
     pressed(rig, "2", BALANCE + 7e-3, 1.1)
-    assert (rig._segments[-1].gains != first).all()
+    assert (rig._film_signals().d[:, 0] != first).all()
 
 
 # --- noise, converter, indicator -----------------------------------------------------------------------
@@ -212,7 +213,8 @@ def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
 def test_white_noise_has_its_density_at_any_sample_rate(rate: float) -> None:
-    volts = WhiteNoise(density="2 µV/√Hz").samples(Stream(1, "white_noise", 1, 0), 0, 40_000, rate)
+    period = round(1e9 / rate)
+    volts = WhiteNoise(density="2 µV/√Hz").volts(Stream(1, "white_noise", 1, 0), period * np.arange(40_000), period)
     assert volts.std() == pytest.approx(2e-6 * np.sqrt(rate / 2), rel=4 / np.sqrt(80_000))
     spectrum = np.abs(np.fft.rfft(volts)) ** 2 * 2 / (rate * len(volts))  # one-sided, V2/Hz
     for band in np.array_split(spectrum[1:-1], 10):

@@ -15,7 +15,7 @@ from instrument.models import experiment
 from instrument.sample import SAMPLES
 from simulators.clock import VirtualClock
 from simulators.effects import effect_class
-from simulators.lti import CYCLE, Floats
+from simulators.lti import CYCLE, HERTZ, Floats
 from simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
 
@@ -56,7 +56,7 @@ class Story:
         self.gains = share(self.rig.scene, self.sample) * np.array([5.995e-3 * ratio, 68.60e-3])
         assert 4.0 / 3.5 * self.amplitude <= 1000.0 * abs(self.position - BALANCE), "the story keeps contact"
         if {"amplitude", "frequency"} & set(what):
-            drive = waveform("sine", self.amplitude, round(1000 * self.frequency), now)
+            drive = waveform("sine", self.amplitude, round(HERTZ * self.frequency), now)
             self.rig.set_voltage(replace(drive, start_phase=round(self.turned * CYCLE)))
 
     def charge(self, t: npt.ArrayLike) -> Floats:
@@ -211,7 +211,7 @@ def test_a_second_change_at_the_same_moment_replaces_the_first() -> None:
             rig.set_voltage(waveform("sine", amplitude))
     times = np.arange(0, SECOND, 7 * MS)
     assert rigs[0].film_voltages(times).tobytes() == rigs[1].film_voltages(times).tobytes()
-    assert len(rigs[1]._segments) == 1
+    assert len(rigs[1]._paths) == 1
 
 
 def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
@@ -227,7 +227,7 @@ def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
     times = np.concatenate([t for t, _ in written[-40:]])
     force = np.concatenate([f for _, f in written[-40:]])
     assert rig.cell_force(times).tobytes() == force.tobytes()
-    assert len(rig._segments) < 52  # and no more than it has to
+    assert len(rig._paths) < 52  # and no more than it has to
 
 
 def test_after_30_days_the_films_are_as_good_as_on_the_first() -> None:

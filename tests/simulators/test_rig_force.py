@@ -64,28 +64,15 @@ def test_without_a_sample_nothing_presses_but_the_weights() -> None:
     assert (rig.film_voltages(times) == 0).all()
 
 
-@pytest.mark.parametrize("kind", ["sine", "triangle"])
+@pytest.mark.parametrize("kind", ["sine", "triangle", "square"])
 @pytest.mark.parametrize("sample", ["1", "2"])
-def test_where_contact_is_lost_the_force_is_clipped_at_zero_within_1_percent(kind: str, sample: str) -> None:
+def test_where_contact_is_lost_the_force_is_clipped_at_zero(kind: str, sample: str) -> None:
     lost = 0
     for position in np.linspace(BALANCE - 6e-3, BALANCE + 7e-3, 14):
         force, linear = force_over_a_cycle(sample, float(position), 5.0, kind)
-        peak = np.ptp(linear) / 2
-        assert np.abs(force - np.maximum(linear, 0)).max() < 0.01 * peak
-        assert force.min() > -0.004 * peak
+        assert np.abs(force - np.maximum(linear, 0)).max() < 1e-12 * np.ptp(linear)
         lost += bool((linear < 0).any() and (linear > 0).any())
     assert lost > 8
-
-
-def test_where_contact_is_lost_a_square_rings_at_its_edges_by_up_to_14_percent() -> None:
-    worst, beside = 0.0, 0.0
-    for position in np.linspace(BALANCE - 6e-3, BALANCE + 7e-3, 14):
-        force, linear = force_over_a_cycle("2", float(position), 5.0, "square")
-        error = np.abs(force - np.maximum(linear, 0)) / (np.ptp(linear) / 2)
-        worst = max(worst, float(error.max()))
-        beside = max(beside, float(np.sqrt((error**2).mean())))
-    assert 0.08 < worst < 0.15
-    assert beside < 0.02
 
 
 @pytest.mark.parametrize("kind", ["sine", "square"])

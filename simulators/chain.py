@@ -1,0 +1,264 @@
+"""The physical chain of a scene as linear systems: coil, armature, stack, films, amplifiers, load cell.
+
+    coil voltage -> current -> armature on its suspension -> probe on sample and sensor -> films -> amplifiers
+                                                                                        `-> load cell -> filter
+
+Inputs of every mode are the coil voltage, the constant 1, and the rate of the coil voltage; outputs are the films'
+voltages, the filtered and the plain force on the load cell, the compression of the stack, and the armature's
+displacement. Modes differ in what touches: the probe the sample, the armature a stop, the drive its limits.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simulators.lti import Floats, Row, StateSpace, first_order_low_pass, gain
+from simulators.path import Guard, Mode
+
+INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Which of the chain's limits are met: -1 below, 0 not, 1 above; `contact` of probe and sample."""
+
+    contact: bool = True
+    rail: int = 0
+    current: int = 0
+    stop: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Where the drive and the armature end; None: nowhere.
+
+    rail: of the amplifier [V]. current: in the coil [A]. stop: displacement of the armature [m].
+    """
+
+    rail: float | None = None
+    current: float | None = None
+    stop: float | None = None
+    stop_stiffness: float = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Armature:
+    """The shaker: force constant [N/A], resistance [ohm], suspension [N/m]; with inertia where `mass` is given.
+
+    inductance [H], mass [kg], damping [N s/m].
+    """
+
+    force_constant: float
+    resistance: float
+    suspension: float
+    inductance: float = 0.0
+    mass: float = 0.0
+    damping: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Sample and sensor as springs: the tooth's branch is the object alone, the ring's is object and ring in series.
+
+    tooth, ring: stiffness of the branches [N/m], each summed over the teeth. object_share: the part of the ring
+    branch's compliance that is the object's.
+    """
+
+    tooth: float
+    ring: float
+    object_share: float
+
+    def elastic(self) -> StateSpace:
+        """From the compression [m] to the forces on tooth and ring [N]."""
+        return gain(np.array([[self.tooth], [self.ring]]))
+
+
+class Chain:
+    """The modes of one setting of the bench: a sample mounted, a position, gains.
+
+    Args:
+        armature, limits: of the shaker.
+        stack: from the compression of the stack [m] to the forces on tooth and ring [N], both summed over teeth.
+        advance: of the probe past the point where it meets the sample [m].
+        before: from the forces on tooth and ring and the constant 1 to the films' voltages before their amplifiers.
+        amplifiers: one for each film.
+        bridge_tau: time constant of the load cell's filter [s].
+        weight: dead weight on the load cell [N].
+    """
+
+    def __init__(
+        self,
+        armature: Armature,
+        limits: Limits,
+        stack: StateSpace,
+        advance: float,
+        before: StateSpace,
+        amplifiers: list[StateSpace],
+        bridge_tau: float,
+        weight: float,
+    ) -> None:
+        self._armature, self._limits, self._stack, self._advance = armature, limits, stack, advance
+        films = before.then(functools.reduce(StateSpace.beside, amplifiers))
+        self._after = _fan_out(films, bridge_tau, weight)
+        self._modes: dict[Touch, Mode] = {}
+        # Numbers of outputs and states that others ask for by name.
+        self.bridge = len(amplifiers)
+        self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
+        first = stack.order + (3 if armature.mass else 0) + before.order
+        self.amplifier_states = {}
+        for number, amplifier in enumerate(amplifiers):
+            if amplifier.order:
+                self.amplifier_states[number] = first
+                first += amplifier.order
+
+    def mode(self, touch: Touch) -> Mode:
+        """The mode in which just this touches."""
+        if touch not in self._modes:
+            mechanics = self._mechanics(touch)
+            system = mechanics.then(self._after)
+            self._modes[touch] = Mode(touch, system, tuple(self._guards(touch, system)))
+        return self._modes[touch]
+
+    # --- mechanics -------------------------------------------------------------------------------------
+
+    def _mechanics(self, touch: Touch) -> StateSpace:
+        """From the inputs to forces on tooth and ring, compression, displacement, 1 and the current."""
+        return self._quasi_static(touch) if not self._armature.mass else self._dynamic(touch)
+
+    def _springs(self, touch: Touch) -> tuple[float, float]:
+        """Stiffness of suspension and stop [N/m], and the force of the stop at rest [N]."""
+        stiffness, push = self._armature.suspension, 0.0
+        if touch.stop and self._limits.stop is not None:
+            stiffness += self._limits.stop_stiffness
+            push = touch.stop * self._limits.stop_stiffness * self._limits.stop
+        return stiffness, push
+
+    def _voltage(self, touch: Touch) -> Floats:
+        """Row over the inputs of the voltage that the amplifier gives."""
+        if touch.rail and self._limits.rail is not None:
+            return np.array([0.0, touch.rail * self._limits.rail, 0.0])
+        return np.array([1.0, 0.0, 0.0])
+
+    def _quasi_static(self, touch: Touch) -> StateSpace:
+        """Forces balance at every moment."""
+        stack = self._stack
+        voltage = self._voltage(touch)
+        current = voltage / self._armature.resistance
+        if touch.current and self._limits.current is not None:
+            current = np.array([0.0, touch.current * self._limits.current, 0.0])
+        stiffness, push = self._springs(touch)
+        pushed = self._armature.force_constant * current + np.array([0.0, push, 0.0])
+        one = np.array([0.0, 1.0, 0.0])
+        # The stack's force is sums @ (C z + D compression), and compression is displacement + advance.
+        sums = np.ones(2) if touch.contact else np.zeros(2)
+        direct = float(sums @ stack.d[:, 0])
+        by_input = (pushed - direct * self._advance * one) / (stiffness + direct)
+        by_state = -(sums @ stack.c) / (stiffness + direct)
+        squeezed = 1.0 if touch.contact else 0.0
+        compression = by_input + self._advance * one
+        return StateSpace(
+            stack.a + np.outer(stack.b[:, 0], squeezed * by_state),
+            np.outer(stack.b[:, 0], squeezed * compression),
+            np.vstack(
+                [
+                    squeezed * (stack.c + np.outer(stack.d[:, 0], by_state)),
+                    by_state,
+                    by_state,
+                    0 * by_state,
+                    0 * by_state,
+                ]
+            ),
+            np.vstack([squeezed * np.outer(stack.d[:, 0], compression), compression, by_input, one, current]),
+        )
+
+    def _dynamic(self, touch: Touch) -> StateSpace:
+        """L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F; states of the stack, then i, x, v."""
+        stack, arm = self._stack, self._armature
+        n = stack.order
+        stiffness, push = self._springs(touch)
+        squeezed = 1.0 if touch.contact else 0.0
+        a, b = np.zeros((n + 3, n + 3)), np.zeros((n + 3, INPUTS))
+        i, x, v = n, n + 1, n + 2
+        a[:n, :n] = stack.a
+        a[:n, x] = squeezed * stack.b[:, 0]
+        b[:n, 1] = squeezed * stack.b[:, 0] * self._advance
+        if not (touch.current and self._limits.current is not None):
+            a[i, i], a[i, v] = -arm.resistance / arm.inductance, -arm.force_constant / arm.inductance
+            b[i] = self._voltage(touch) / arm.inductance
+        a[x, v] = 1.0
+        direct = squeezed * float(stack.d[:, 0].sum())
+        a[v, :n] = -squeezed * stack.c.sum(axis=0) / arm.mass
+        a[v, i], a[v, v] = arm.force_constant / arm.mass, -arm.damping / arm.mass
+        a[v, x] = -(stiffness + direct) / arm.mass
+        b[v, 1] = (push - direct * self._advance) / arm.mass
+        c, d = np.zeros((6, n + 3)), np.zeros((6, INPUTS))
+        c[:2, :n] = squeezed * stack.c
+        c[:2, x] = squeezed * stack.d[:, 0]
+        d[:2, 1] = squeezed * stack.d[:, 0] * self._advance
+        c[2, x], d[2, 1] = 1.0, self._advance
+        c[3, x] = 1.0
+        d[4, 1] = 1.0
+        c[5, i] = 1.0
+        return StateSpace(a, b, c, d)
+
+    # --- guards ----------------------------------------------------------------------------------------
+
+    def _guards(self, touch: Touch, system: StateSpace) -> list[Guard]:
+        limits = self._limits
+        compression, displacement, current = (
+            (system.c[k], system.d[k]) for k in (self._compression, self._displacement, self._current)
+        )
+        voltage = (np.zeros(system.order), np.array([1.0, 0.0, 0.0]))
+        guards = [self._sided(compression, 0.0, touch.contact, replace(touch, contact=not touch.contact))]
+        for name, quantity, limit in (
+            ("rail", voltage, limits.rail),
+            ("current", self._unlimited_current(touch, system, current), limits.current),
+            ("stop", displacement, limits.stop),
+        ):
+            if limit is None:
+                continue
+            side = getattr(touch, name)
+            for sign in (side,) if side else (-1, 1):
+                row = (sign * quantity[0], sign * quantity[1])
+                other = replace(touch, **{name: 0 if side else sign})
+                guards.append(self._sided(row, limit, bool(side), other))
+        return guards
+
+    def _unlimited_current(self, touch: Touch, system: StateSpace, current: Row) -> Row:
+        """The current; where it is held at its limit, the one that the voltage would drive through the coil."""
+        if not touch.current:
+            return current
+        arm = self._armature
+        row = np.zeros(system.order)
+        if arm.mass:
+            row[self._stack.order + 2] = -arm.force_constant / arm.resistance
+        return row, self._voltage(touch) / arm.resistance
+
+    def _sided(self, row: Row, limit: float, beyond: bool, other: Touch) -> Guard:
+        """Stays above (`beyond`) or below a limit, else another mode follows."""
+        sign = 1.0 if beyond else -1.0
+        constant = np.array([0.0, limit, 0.0])
+        return Guard((sign * row[0], sign * (row[1] - constant)), lambda: self.mode(other))
+
+
+def _fan_out(films: StateSpace, bridge_tau: float, weight: float) -> StateSpace:
+    """From what the mechanics give to the chain's outputs."""
+    tooth, ring, compression, displacement, one, current = np.eye(6)
+    spread = gain(
+        np.array(
+            [
+                tooth,
+                ring,
+                one,
+                tooth + ring + weight * one,
+                tooth + ring + weight * one,
+                compression,
+                displacement,
+                current,
+            ]
+        )
+    )
+    return spread.then(films.beside(first_order_low_pass(bridge_tau)).beside(gain(np.eye(4))))
