@@ -11,11 +11,12 @@ displacement. Modes differ in what touches: the probe the sample, the armature a
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulators.lti import Floats, Row, StateSpace, first_order_low_pass, gain
+from simulators.lti import Floats, Rows, StateSpace, first_order_low_pass, gain
 from simulators.path import Guard, Mode
 
 INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
@@ -23,12 +24,16 @@ INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
 
 @dataclass(frozen=True)
 class Touch:
-    """Which of the chain's limits are met: -1 below, 0 not, 1 above; `contact` of probe and sample."""
+    """Which of the chain's limits are met: -1 below, 0 not, 1 above; `contact` of probe and sample.
+
+    drag: of each play operator: -1 dragged down, 0 at rest, 1 dragged up.
+    """
 
     contact: bool = True
     rail: int = 0
     current: int = 0
     stop: int = 0
+    drag: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +81,18 @@ class Stack:
         return gain(np.array([[self.tooth], [self.ring]]))
 
 
+@dataclass(frozen=True, eq=False)
+class Plays:
+    """Play operators z on a force x: z stays where it is until x is further than a radius away, and is dragged then.
+
+    ring: whether x holds the ring's force beside the tooth's. radii [N]. weights: h = sum of weights times z.
+    """
+
+    ring: bool
+    radii: tuple[float, ...]
+    weights: tuple[float, ...]
+
+
 class Chain:
     """The modes of one setting of the bench: a sample mounted, a position, gains.
 
@@ -83,7 +100,8 @@ class Chain:
         armature, limits: of the shaker.
         stack: from the compression of the stack [m] to the forces on tooth and ring [N], both summed over teeth.
         advance: of the probe past the point where it meets the sample [m].
-        before: from the forces on tooth and ring and the constant 1 to the films' voltages before their amplifiers.
+        before: from the forces on tooth and ring, the plays' force h and the constant 1 to the films' voltages before
+            their amplifiers.
         amplifiers: one for each film.
         bridge_tau: time constant of the load cell's filter [s].
         weight: dead weight on the load cell [N].
@@ -95,19 +113,23 @@ class Chain:
         limits: Limits,
         stack: StateSpace,
         advance: float,
+        plays: Plays,
         before: StateSpace,
         amplifiers: list[StateSpace],
         bridge_tau: float,
         weight: float,
     ) -> None:
         self._armature, self._limits, self._stack, self._advance = armature, limits, stack, advance
+        self._plays = plays
+        self.plays = len(plays.radii)
         films = before.then(functools.reduce(StateSpace.beside, amplifiers))
         self._after = _fan_out(films, bridge_tau, weight)
         self._modes: dict[Touch, Mode] = {}
         # Numbers of outputs and states that others ask for by name.
         self.bridge = len(amplifiers)
         self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
-        first = stack.order + (3 if armature.mass else 0) + before.order
+        self._mechanical = stack.order + (3 if armature.mass else 0)
+        first = self._mechanical + len(plays.radii) + before.order
         self.amplifier_states = {}
         for number, amplifier in enumerate(amplifiers):
             if amplifier.order:
@@ -117,16 +139,14 @@ class Chain:
     def mode(self, touch: Touch) -> Mode:
         """The mode in which just this touches."""
         if touch not in self._modes:
-            mechanics = self._mechanics(touch)
-            system = mechanics.then(self._after)
-            self._modes[touch] = Mode(touch, system, tuple(self._guards(touch, system)))
+            mechanics = self._quasi_static(touch) if not self._armature.mass else self._dynamic(touch)
+            played, rate = self._played(touch, mechanics)
+            system = played.then(self._after)
+            guards = [*self._guards(touch, system), *self._play_guards(touch, played, rate, system.order)]
+            self._modes[touch] = Mode(touch, system, tuple(guards))
         return self._modes[touch]
 
     # --- mechanics -------------------------------------------------------------------------------------
-
-    def _mechanics(self, touch: Touch) -> StateSpace:
-        """From the inputs to forces on tooth and ring, compression, displacement, 1 and the current."""
-        return self._quasi_static(touch) if not self._armature.mass else self._dynamic(touch)
 
     def _springs(self, touch: Touch) -> tuple[float, float]:
         """Stiffness of suspension and stop [N/m], and the force of the stop at rest [N]."""
@@ -137,13 +157,13 @@ class Chain:
         return stiffness, push
 
     def _voltage(self, touch: Touch) -> Floats:
-        """Row over the inputs of the voltage that the amplifier gives."""
+        """Rows over the inputs of the voltage that the amplifier gives."""
         if touch.rail and self._limits.rail is not None:
             return np.array([0.0, touch.rail * self._limits.rail, 0.0])
         return np.array([1.0, 0.0, 0.0])
 
     def _quasi_static(self, touch: Touch) -> StateSpace:
-        """Forces balance at every moment."""
+        """From the inputs to forces on tooth and ring, compression, displacement, 1 and the current, all in balance."""
         stack = self._stack
         voltage = self._voltage(touch)
         current = voltage / self._armature.resistance
@@ -175,7 +195,7 @@ class Chain:
         )
 
     def _dynamic(self, touch: Touch) -> StateSpace:
-        """L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F; states of the stack, then i, x, v."""
+        """The same with inertia: L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F; states of the stack, then i, x, v."""
         stack, arm = self._stack, self._armature
         n = stack.order
         stiffness, push = self._springs(touch)
@@ -204,6 +224,63 @@ class Chain:
         c[5, i] = 1.0
         return StateSpace(a, b, c, d)
 
+    # --- plays -----------------------------------------------------------------------------------------
+
+    def _played(self, touch: Touch, mechanics: StateSpace) -> tuple[StateSpace, Rows]:
+        """The mechanics with the plays as further states and h as the last output; and the rate of the plays' force."""
+        count, n = len(self._plays.radii), mechanics.order
+        state, inputs = self._play_force(mechanics)
+        # x' = c (A x + B u) + d u', and of the inputs the voltage alone changes.
+        rate = (state @ mechanics.a, state @ mechanics.b + inputs[0] * np.array([0.0, 0.0, 1.0]))
+        a, b = np.zeros((n + count, n + count)), np.zeros((n + count, INPUTS))
+        a[:n, :n], b[:n] = mechanics.a, mechanics.b
+        for k, drag in enumerate(touch.drag):
+            if drag:
+                a[n + k, :n], b[n + k] = rate
+        c = np.zeros((len(mechanics.c) + 1, n + count))
+        c[:-1, :n] = mechanics.c
+        c[-1, n:] = self._plays.weights
+        return StateSpace(a, b, c, np.vstack([mechanics.d, np.zeros(INPUTS)])), rate
+
+    def _play_force(self, mechanics: StateSpace) -> Rows:
+        own = np.array([1.0, 1.0 if self._plays.ring else 0.0])
+        return own @ mechanics.c[:2], own @ mechanics.d[:2]
+
+    def _play_guards(self, touch: Touch, played: StateSpace, rate: Rows, order: int) -> list[Guard]:
+        n = self._mechanical
+        state, inputs = self._play_force(played)
+        force = _padded(state, order)
+        guards = []
+        for k, (drag, radius) in enumerate(zip(touch.drag, self._plays.radii, strict=True)):
+            if drag:
+                row = (drag * _padded(rate[0], order), drag * rate[1])
+                guards.append(Guard(_single(*row), self._follow(touch, k, 0)))
+                continue
+            gap = force.copy()
+            gap[n + k] -= 1.0
+            # A little more than the radius: where dragging ends, rest begins at the radius itself.
+            reach = np.array([0.0, radius * (1 + 1e-9), 0.0])
+            for sign in (-1, 1):
+                row = (-sign * gap, reach - sign * inputs)
+                entry = self._seat(n + k, force, inputs, sign * radius)
+                guards.append(Guard(_single(*row), self._follow(touch, k, sign), entry))
+        return guards
+
+    def _follow(self, touch: Touch, k: int, drag: int) -> Callable[[], Mode]:
+        drags = (*touch.drag[:k], drag, *touch.drag[k + 1 :])
+        return lambda: self.mode(replace(touch, drag=drags))
+
+    @staticmethod
+    def _seat(at: int, force: Floats, inputs: Floats, radius: float) -> Callable[[Floats, Floats], Floats]:
+        """A play that begins to be dragged is a radius away from the force."""
+
+        def entry(x: Floats, u: Floats) -> Floats:
+            seated = x.copy()
+            seated[at] = force @ x + inputs @ u - radius
+            return seated
+
+        return entry
+
     # --- guards ----------------------------------------------------------------------------------------
 
     def _guards(self, touch: Touch, system: StateSpace) -> list[Guard]:
@@ -227,7 +304,7 @@ class Chain:
                 guards.append(self._sided(row, limit, bool(side), other))
         return guards
 
-    def _unlimited_current(self, touch: Touch, system: StateSpace, current: Row) -> Row:
+    def _unlimited_current(self, touch: Touch, system: StateSpace, current: Rows) -> Rows:
         """The current; where it is held at its limit, the one that the voltage would drive through the coil."""
         if not touch.current:
             return current
@@ -237,21 +314,22 @@ class Chain:
             row[self._stack.order + 2] = -arm.force_constant / arm.resistance
         return row, self._voltage(touch) / arm.resistance
 
-    def _sided(self, row: Row, limit: float, beyond: bool, other: Touch) -> Guard:
+    def _sided(self, row: Rows, limit: float, beyond: bool, other: Touch) -> Guard:
         """Stays above (`beyond`) or below a limit, else another mode follows."""
         sign = 1.0 if beyond else -1.0
         constant = np.array([0.0, limit, 0.0])
-        return Guard((sign * row[0], sign * (row[1] - constant)), lambda: self.mode(other))
+        return Guard(_single(sign * row[0], sign * (row[1] - constant)), lambda: self.mode(other))
 
 
 def _fan_out(films: StateSpace, bridge_tau: float, weight: float) -> StateSpace:
     """From what the mechanics give to the chain's outputs."""
-    tooth, ring, compression, displacement, one, current = np.eye(6)
+    tooth, ring, compression, displacement, one, current, played = np.eye(7)
     spread = gain(
         np.array(
             [
                 tooth,
                 ring,
+                played,
                 one,
                 tooth + ring + weight * one,
                 tooth + ring + weight * one,
@@ -262,3 +340,11 @@ def _fan_out(films: StateSpace, bridge_tau: float, weight: float) -> StateSpace:
         )
     )
     return spread.then(films.beside(first_order_low_pass(bridge_tau)).beside(gain(np.eye(4))))
+
+
+def _single(state: Floats, inputs: Floats) -> Rows:
+    return state[np.newaxis], inputs[np.newaxis]
+
+
+def _padded(row: Floats, size: int) -> Floats:
+    return np.append(row, np.zeros(size - len(row)))

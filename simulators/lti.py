@@ -17,7 +17,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
-Row = tuple[Floats, Floats]  # over states (s,) and inputs (m,)
+Rows = tuple[Floats, Floats]  # over states (p, s) and inputs (p, m)
 
 POINTS = 1024  # of a period, where a waveform is sampled
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
@@ -133,13 +133,16 @@ class StateSpace:
     def transfer(self, frequency: float) -> Complexes:
         """Outputs over inputs at a frequency in Hz, shape (p, m)."""
         resolvent = 2j * np.pi * frequency * np.eye(self.order) - self.a
-        gain: Complexes = self.c @ np.linalg.solve(resolvent, self.b.astype(complex)) + self.d
-        return gain
+        return np.asarray(self.c @ np.linalg.solve(resolvent, self.b.astype(complex)) + self.d, complex)
 
     def drive(self, inputs: Sequence[Periodic]) -> Steady:
         """The state that periodic inputs of this system, one after the other, lead to."""
-        # A state that only integrates makes A singular; what it integrates then has no mean.
-        mean = np.linalg.lstsq(self.a, -self.b @ np.array([u.mean for u in inputs]), rcond=None)[0]
+        # A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
+        # rate: from microseconds to hours side by side, none is taken for zero.
+        rate = np.abs(self.a).max(axis=1, initial=0.0)
+        scale = 1 / np.where(rate > 0, rate, 1.0)
+        right = -scale * (self.b @ np.array([u.mean for u in inputs]))
+        mean = np.linalg.lstsq(scale[:, np.newaxis] * self.a, right, rcond=None)[0]
         waves = []
         for number, u in enumerate(inputs):
             columns = np.zeros((self.order, len(u.order)), complex)
@@ -150,26 +153,16 @@ class StateSpace:
             waves.append(columns)
         return Steady(self, tuple(inputs), mean, tuple(waves))
 
-    def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """exp(A t) x, shape (s, n), at times after a moment [ns]."""
-        return self._decay(x, elapsed_ns)
-
     @functools.cached_property
-    def _decay(self) -> Any:
-        if not self.order:
-            return lambda x, elapsed_ns: np.zeros((0, len(elapsed_ns)))
-        rates, modes = np.linalg.eig(self.a)
-        if np.linalg.cond(modes) > PARALLEL:
-            return self._by_powers
+    def modes(self) -> tuple[Complexes, Complexes, Complexes] | None:
+        """Rates (s,), shapes (s, s) and their inverse; None where they are too nearly parallel to be told apart."""
+        rates, shapes = np.linalg.eig(self.a)
+        if np.linalg.cond(shapes) > PARALLEL:
+            return None
+        return rates.astype(complex), shapes.astype(complex), np.linalg.inv(shapes).astype(complex)
 
-        def by_modes(x: Floats, elapsed_ns: Times) -> Floats:
-            weights = np.linalg.solve(modes, x.astype(complex))
-            return real_product(modes * weights, np.exp(np.outer(rates, 1e-9 * elapsed_ns)))
-
-        return by_modes
-
-    def _by_powers(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """By the matrix exponentials of 1, 2, 4, ... ns: for modes that are parallel or nearly so."""
+    def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
+        """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: for modes that are parallel or nearly so."""
         from scipy.linalg import expm
 
         answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)
@@ -185,7 +178,7 @@ class StateSpace:
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """A system under periodic inputs: the state that they lead to, and any transient on top of it.
+    """A system under periodic inputs: the state that they lead to.
 
     mean: (s,). waves: for each input its harmonics of the state, (s, k).
     """
@@ -195,55 +188,95 @@ class Steady:
     mean: Floats
     waves: tuple[Complexes, ...]
 
+    def trace(self, rows: Rows, start_ns: int, x0: Floats) -> Trace:
+        """rows[0] @ x + rows[1] @ u at times after `start_ns`, where the state is `x0` (s,)."""
+        mean = rows[0] @ self.mean + rows[1] @ np.array([u.mean for u in self.inputs])
+        # Harmonics of inputs with one frequency and phase add up as phasors.
+        parts: dict[tuple[int, int, bytes], tuple[Periodic, Complexes]] = {}
+        for number, (u, wave) in enumerate(zip(self.inputs, self.waves, strict=True)):
+            key = (u.frequency, u.start_phase, u.order.tobytes())
+            phasors = rows[0] @ wave + np.outer(rows[1][:, number], u.amplitude)
+            parts[key] = (u, phasors + parts[key][1]) if key in parts else (u, phasors)
+        gap = x0 - self._periodic(start_ns)
+        return Trace(self.system, rows[0], mean, tuple(parts.values()), start_ns, gap)
+
     def state(self, start_ns: int, x0: Floats, time_ns: Times) -> Floats:
         """State (s, n) at times after `start_ns`, where it is `x0` (s,)."""
-        transient = x0 - self._periodic(np.array([start_ns]))[:, 0]
-        return self._periodic(time_ns) + self.system.decay(transient, time_ns - start_ns)
+        rows = (np.eye(self.system.order), np.zeros((self.system.order, len(self.inputs))))
+        return self.trace(rows, start_ns, x0).at(time_ns)
 
-    def row(self, row: Row, start_ns: int, x0: Floats | None, time_ns: Times) -> Floats:
-        """row[0] @ x + row[1] @ u at times after `start_ns`, where the state is `x0`; without one, what it settles to.
-
-        Result (n,), or (p, n) for a row of shapes (p, s) and (p, m).
-        """
-        total = real_product(row[1], np.array([each.at(time_ns) for each in self.inputs]))
-        if row[0].any():
-            total += real_product(row[0], self._periodic(time_ns) if x0 is None else self.state(start_ns, x0, time_ns))
-        return total
-
-    def transient(self, row: Row, start_ns: int, x0: Floats, time_ns: int, rate: int = 0) -> float:
-        """A bound of what is left of the transient in row[0] @ x, or in its derivative, from `time_ns` on."""
-        if not row[0].any():
-            return 0.0
-        rates, modes = np.linalg.eig(self.system.a)
-        if (rates.real > 0).any() or np.linalg.cond(modes) > PARALLEL:
-            return np.inf
-        gap = x0 - self._periodic(np.array([start_ns]))[:, 0]
-        weights = np.abs((row[0] @ modes) * np.linalg.solve(modes, gap.astype(complex)) * rates**rate)
-        return float(weights @ np.exp(rates.real * 1e-9 * (time_ns - start_ns)))
-
-    def swing(self, row: Row, rate: int = 0) -> float:
-        """A bound of what the harmonics make of row[0] @ x + row[1] @ u, or of a derivative."""
-        # Harmonics of inputs with one frequency and phase add up as phasors.
-        phasors: dict[tuple[int, int, int], complex] = {}
-        for number, (u, wave) in enumerate(zip(self.inputs, self.waves, strict=True)):
-            for order, phasor in zip(u.order, row[0] @ wave + row[1][number] * u.amplitude, strict=True):
-                key = (u.frequency, u.start_phase, int(order))
-                phasors[key] = phasors.get(key, 0.0) + phasor
-        return sum(
-            (2 * np.pi * frequency / HERTZ * order) ** rate * abs(phasor)
-            for (frequency, _, order), phasor in phasors.items()
-        )
-
-    def least(self, row: Row, start_ns: int, x0: Floats) -> float:
-        """A lower bound of row[0] @ x + row[1] @ u at all times after `start_ns`, where the state is `x0`."""
-        mean = float(row[0] @ self.mean + row[1] @ np.array([u.mean for u in self.inputs]))
-        return mean - self.swing(row) - self.transient(row, start_ns, x0, start_ns)
-
-    def _periodic(self, time_ns: Times) -> Floats:
-        state = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
+    def _periodic(self, time_ns: int) -> Floats:
+        state = self.mean.copy()
         for u, wave in zip(self.inputs, self.waves, strict=True):
-            state += real_product(wave, u.turns(time_ns))
+            state += real_product(wave, u.turns(np.array([time_ns])))[:, 0]
         return state
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Functions of time: means, harmonics, and what is left of a transient.
+
+    mean: (p,). parts: time bases with phasors (p, k). gap: (s,) at `start_ns`, of which rows (p, s) are seen.
+    """
+
+    system: StateSpace
+    rows: Floats
+    mean: Floats
+    parts: tuple[tuple[Periodic, Complexes], ...]
+    start_ns: int
+    gap: Floats
+
+    def at(self, time_ns: Times) -> Floats:
+        """Values (p, n) at times from the start on."""
+        value = self.settled(time_ns)
+        if self.fading:
+            modes = self.system.modes
+            if modes is None:
+                value += real_product(self.rows, self.system.decay(self.gap, time_ns - self.start_ns))
+            else:
+                value += real_product(self._weights, np.exp(np.outer(modes[0], 1e-9 * (time_ns - self.start_ns))))
+        return value
+
+    def settled(self, time_ns: Times) -> Floats:
+        """Values (p, n) without the transient."""
+        value = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
+        for base, phasors in self.parts:
+            if len(base.order):
+                value += real_product(phasors, base.turns(time_ns))
+        return value
+
+    @functools.cached_property
+    def fading(self) -> bool:
+        """Whether there is a transient."""
+        return bool(self.rows.any() and self.gap.any())
+
+    def transient(self, time_ns: int, rate: int = 0) -> float:
+        """A bound of what is left of the transient in any of the values, or in a derivative, from `time_ns` on."""
+        if not self.fading:
+            return 0.0
+        if self.system.modes is None or (self.system.modes[0].real > 0).any():
+            return np.inf
+        rates = self.system.modes[0]
+        left = np.abs(self._weights * rates**rate) @ np.exp(rates.real * 1e-9 * (time_ns - self.start_ns))
+        return float(left.max())
+
+    def swing(self, rate: int = 0) -> float:
+        """A bound of what the harmonics make of any of the values, or of a derivative."""
+        total = np.zeros(len(self.mean))
+        for base, phasors in self.parts:
+            total += np.abs(phasors) @ (2 * np.pi * (base.frequency / HERTZ) * base.order) ** rate
+        return float(total.max())
+
+    def least(self) -> float:
+        """A lower bound of all values at all times from the start on."""
+        return float(self.mean.min()) - self.swing() - self.transient(self.start_ns)
+
+    @functools.cached_property
+    def _weights(self) -> Complexes:
+        assert self.system.modes is not None
+        _, shapes, inverse = self.system.modes
+        weights: Complexes = (self.rows @ shapes) * (inverse @ self.gap)
+        return weights
 
 
 def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from simulators.lti import HERTZ, SECOND, Floats, Periodic, Row, StateSpace, Steady, Times
+from simulators.lti import HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times, Trace
 
 LOOKS = 64  # at a guard in each period of the drive, and at first in each decade of time
 DECADES = 9  # of nanoseconds in which a transient is looked at before the drive alone is
@@ -24,10 +24,14 @@ KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks ba
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """What stays at or above zero, and what follows when it does not."""
+    """What stays at or above zero, and what follows when it does not.
 
-    row: Row
+    entry: from state (s,) and inputs (m,) at the end to the state that the following mode begins with; None: the same.
+    """
+
+    row: Rows
     following: Callable[[], Mode]
+    entry: Callable[[Floats, Floats], Floats] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +45,14 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stay in one mode from `start_ns` up to `end_ns`, from a state (s,)."""
+    """A stay in one mode from `start_ns`, from a state (s,), up to `end_ns`, when a guard failed."""
 
     start_ns: int
     end_ns: int
     mode: Mode
     steady: Steady
     state: Floats
+    failed: Guard | None
 
 
 class Path:
@@ -71,7 +76,7 @@ class Path:
 
         def of(stay: Stretch, times: Times) -> Floats:
             system = stay.steady.system
-            return stay.steady.row((system.c[rows], system.d[rows]), stay.start_ns, stay.state, times)
+            return stay.steady.trace((system.c[rows], system.d[rows]), stay.start_ns, stay.state).at(times)
 
         return self._collect(time_ns, of)
 
@@ -102,7 +107,11 @@ class Path:
         while self._stretches[-1].end_ns <= until_ns:
             last = self._stretches[-1]
             state = last.steady.state(last.start_ns, last.state, np.array([last.end_ns]))[:, 0]
-            self._stretches.append(self._stay(self._next, last.end_ns, state))
+            assert last.failed is not None
+            if last.failed.entry is not None:
+                inputs = np.array([each.at(np.array([last.end_ns]))[0] for each in self._inputs])
+                state = last.failed.entry(state, inputs)
+            self._stretches.append(self._stay(last.failed.following(), last.end_ns, state))
         while len(self._stretches) > 1 and self._stretches[1].start_ns < until_ns - KEPT_NS:
             self._stretches.pop(0)
 
@@ -111,49 +120,46 @@ class Path:
             self._steady[id(mode)] = mode.system.drive(self._inputs)
             self._modes.append(mode)  # keeps the identity alive
         steady = self._steady[id(mode)]
-        self._next = mode
-        end_ns, following = self._first_failure(mode, steady, start_ns, state)
-        if following is not None:
-            self._next = following
-        return Stretch(start_ns, end_ns, mode, steady, state)
+        end_ns, failed = self._first_failure(mode, steady, start_ns, state)
+        return Stretch(start_ns, end_ns, mode, steady, state, failed)
 
-    def _first_failure(self, mode: Mode, steady: Steady, start_ns: int, state: Floats) -> tuple[int, Mode | None]:
-        """When the first guard fails, and the mode that follows."""
-        first: tuple[int, Mode | None] = (NEVER, None)
+    def _first_failure(self, mode: Mode, steady: Steady, start_ns: int, state: Floats) -> tuple[int, Guard | None]:
+        """When the first guard fails, and which."""
+        first: tuple[int, Guard | None] = (NEVER, None)
         now = np.array([start_ns])
         for guard in mode.guards:
-            if steady.row(guard.row, start_ns, state, now)[0] < 0:
-                return start_ns, guard.following()
-            if steady.least(guard.row, start_ns, state) >= 0:
+            trace = steady.trace(guard.row, start_ns, state)
+            if trace.at(now)[0, 0] < 0:
+                return start_ns, guard
+            if trace.least() >= 0:
                 continue
-            end_ns = _search(guard.row, steady, start_ns, state, first[0])
+            end_ns = _search(trace, steady.inputs[0], first[0])
             if end_ns < first[0]:
-                first = (end_ns, guard.following())
+                first = (end_ns, guard)
         return first
 
 
-def _search(row: Row, steady: Steady, start_ns: int, state: Floats, before_ns: int) -> int:
-    """The first nanosecond after the start at which a guard is below zero, or NEVER before `before_ns`."""
+def _search(trace: Trace, drive: Periodic, before_ns: int) -> int:
+    """The first nanosecond after the start at which a trace is below zero, or NEVER before `before_ns`."""
 
     def value(time_ns: Times) -> Floats:
-        return steady.row(row, start_ns, state, time_ns)
+        seen: Floats = trace.at(time_ns)[0]
+        return seen
 
-    drive = steady.inputs[0]
     period = round(SECOND * HERTZ / drive.frequency) if drive.frequency else LONGEST
     looks = LOOKS * int(drive.order.max(initial=1))
-    cycle = start_ns + np.arange(1, looks + 1, dtype=np.int64) * period // looks
+    cycle = trace.start_ns + np.arange(1, looks + 1, dtype=np.int64) * period // looks
     # A transient that could still hide a failure of the settled guard, or cause one, is looked through.
-    margin = max(float(steady.row(row, start_ns, None, cycle).min()), 0.0)
-    grid = np.concatenate([[start_ns], cycle])
-    if row[0].any():
+    margin = max(float(trace.settled(cycle).min()), 0.0)
+    grid = np.concatenate([[trace.start_ns], cycle])
+    if trace.fading:
         early = np.geomspace(1, period, DECADES * LOOKS).astype(np.int64)
-        grid = np.unique(np.concatenate([grid, start_ns + early]))
+        grid = np.unique(np.concatenate([grid, trace.start_ns + early]))
     while grid[0] < before_ns:
-        bend = steady.swing(row, 2) + steady.transient(row, start_ns, state, int(grid[0]), 2)
-        found = _first_below(value, grid, bend)
+        found = _first_below(value, grid, trace.swing(2) + trace.transient(int(grid[0]), 2))
         if found is not None:
             return found
-        if margin > 0 and steady.transient(row, start_ns, state, int(grid[-1])) <= margin:
+        if margin > 0 and trace.transient(int(grid[-1])) <= margin:
             return NEVER
         cycle = cycle + period
         grid = np.concatenate([grid[-1:], cycle])

@@ -17,12 +17,13 @@ from instrument.calibration import STANDARD_GRAVITY
 from instrument.load import Load
 from instrument.models.response import Response, response
 from instrument.sample import Sample
-from simulators.chain import Armature, Chain, Limits, Stack, Touch
+from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.clock import VirtualClock
 from simulators.effects.effect import (
     AmplifierEffect,
     DriveEffect,
     FilmsEffect,
+    HysteresisEffect,
     ShakerEffect,
     SourceEffect,
     StackEffect,
@@ -51,7 +52,7 @@ class Rig:
         self._set_at_ns = 0
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
         chain = self._chain()
-        mode = chain.mode(Touch(contact=False))
+        mode = chain.mode(Touch(contact=False, drag=(0,) * chain.plays))
         self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
         self._voltage = silence
         self._last = chain
@@ -151,17 +152,21 @@ class Rig:
         armature, limits = Armature(rig.force_constant, rig.coil_resistance, rig.suspension_stiffness), Limits()
         stack = self._springs()
         yielding = stack.elastic()
+        plays = Plays(ring=False, radii=(), weights=())
         for effect in effects:
             if isinstance(effect, ShakerEffect):
                 armature, limits = effect.shaker(armature, limits)
             if isinstance(effect, StackEffect):
                 yielding = effect.stack(stack)
+            if isinstance(effect, HysteresisEffect):
+                plays = effect.plays()
         thickness = self._sample.thickness if self._sample else 0.0
         return Chain(
             armature,
             limits,
             yielding,
             advance=self.position - (rig.sensor_position - thickness),
+            plays=plays,
             before=self._film_signals(),
             amplifiers=self._amplifiers(),
             bridge_tau=self._bridge_tau,
@@ -178,11 +183,13 @@ class Rig:
         return Stack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
 
     def _film_signals(self) -> StateSpace:
-        """From tooth force, ring force and the constant 1 to the films' voltages before their amplifiers."""
-        shares = np.zeros((len(self._films), 3))
+        """From tooth force, ring force, the plays' force and the constant 1 to the films' voltages before their amplifiers."""
+        hysteresis = next((e for e in self.scene.effects.values() if isinstance(e, HysteresisEffect)), None)
+        shares = np.zeros((len(self._films), 4))
         for number, film in enumerate(self._films):
             part = len(film.teeth) / len(self.scene.design.teeth)
-            shares[number] = (part, part if film.kind == "total" else 0.0, 0.0)
+            played = part if hysteresis is not None and film.kind == hysteresis.path else 0.0
+            shares[number] = (part, part if film.kind == "total" else 0.0, played, 0.0)
         matrix = np.diag([film.sensitivity for film in self._films])
         for name, effect in self.scene.effects.items():
             if isinstance(effect, FilmsEffect):

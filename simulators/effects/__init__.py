@@ -13,6 +13,9 @@ EFFECTS: dict[str, str] = {
     "white_noise": "simulators.effects.white_noise:WhiteNoise",
     "gain_scatter": "simulators.effects.gain_scatter:GainScatter",
     "load_cell": "simulators.effects.load_cell:LoadCell",
+    "shaker_dynamics": "simulators.effects.shaker_dynamics:ShakerDynamics",
+    "viscoelastic": "simulators.effects.viscoelastic:Viscoelastic",
+    "hysteresis": "simulators.effects.hysteresis:Hysteresis",
 }
 
 

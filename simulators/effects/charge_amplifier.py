@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Seconds
 from instrument.design import Design, Film
+from instrument.quantity import Seconds
 from simulators.effects.effect import AmplifierEffect, Kind
 from simulators.lti import StateSpace, first_order_high_pass
 

@@ -22,7 +22,7 @@ from instrument.config import Config
 from instrument.design import Design, Film
 
 if TYPE_CHECKING:
-    from simulators.chain import Armature, Limits, Stack
+    from simulators.chain import Armature, Limits, Plays, Stack
     from simulators.lti import StateSpace, Times
     from simulators.randomness import Stream
 
@@ -99,6 +99,16 @@ class StackEffect(Effect, ABC):
         """From the compression of the stack [m] to the forces on tooth and ring [N]."""
 
 
+class HysteresisEffect(Effect, ABC):
+    """Makes what the films feel depend on what went before."""
+
+    path: str
+
+    @abstractmethod
+    def plays(self) -> Plays:
+        """Play operators on the force of the films of a kind, `path`."""
+
+
 class FilmsEffect(Effect, ABC):
     """Changes the films' gains."""
 
@@ -112,7 +122,7 @@ class SourceEffect(Effect, ABC):
 
     @abstractmethod
     def source(self, design: Design) -> StateSpace:
-        """From tooth force, ring force [N] and the constant 1 to what is added, (films,) [V]."""
+        """From tooth force, ring force, the plays' force [N] and the constant 1 to what is added, (films,) [V]."""
 
 
 class AmplifierEffect(Effect, ABC):

@@ -41,7 +41,7 @@ def rich(harmonics: int, frequency: int = 9_999_000_001, start_ns: int = 1_234_5
 
 def output(system: StateSpace, drive: Periodic, x0: Floats, times: Times) -> Floats:
     """Outputs (n,) of a system with one input and one output from state `x0` at the drive's start."""
-    return system.drive((drive,)).row((system.c[0], system.d[0]), drive.start_ns, x0, times)
+    return system.drive((drive,)).trace((system.c, system.d), drive.start_ns, x0).at(times)[0]
 
 
 def in_blocks(times: Times, size: int) -> list[Times]:

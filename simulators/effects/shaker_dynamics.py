@@ -1,0 +1,26 @@
+"""The shaker has a coil, a mass and friction: it does not follow its voltage at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+from pydantic import Field
+
+from simulators.chain import Armature, Limits
+from simulators.effects.effect import Kind, ShakerEffect
+
+
+class ShakerDynamics(ShakerEffect):
+    """L i' = u - R i - Bl v and m x'' = Bl i - c x' - k x - F, with the scene's resistance, force constant, suspension."""
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = True
+
+    # 0.1 mH, 30 g, 2 N s/m [A]
+    inductance: float = Field(default=1e-4, gt=0, le=1)  # H
+    mass: float = Field(default=0.03, gt=0, le=100)  # kg
+    damping: float = Field(default=2.0, ge=0, le=1e4)  # N s/m
+
+    def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
+        return replace(armature, inductance=self.inductance, mass=self.mass, damping=self.damping), limits
