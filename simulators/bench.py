@@ -35,6 +35,7 @@ class SimulatedBench:
         self._node_ids = list(range(1, scene.nodes + 1))
         # first on the clock: what is sampled up to an event does not know of it yet
         self._can = CanSegment(self.clock, self.rig, self._node_ids, "virtual", self._channel)
+        self.clock.add(self.rig)
         self.nodes = self._can.nodes
         self.generator = SignalGenerator(self.clock, "SIM-SG-0001", self._generator_changed)
         self.amplifier = ShakerAmplifier(

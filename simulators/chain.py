@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +104,7 @@ class Chain:
         before: from the forces on tooth and ring, the plays' force h and the constant 1 to the films' voltages before
             their amplifiers.
         amplifiers: one for each film.
+        offsets: of the amplifiers' outputs (films,) [V].
         bridge_tau: time constant of the load cell's filter [s].
         weight: dead weight on the load cell [N].
     """
@@ -116,13 +118,15 @@ class Chain:
         plays: Plays,
         before: StateSpace,
         amplifiers: list[StateSpace],
+        offsets: Floats,
         bridge_tau: float,
         weight: float,
     ) -> None:
         self._armature, self._limits, self._stack, self._advance = armature, limits, stack, advance
         self._plays = plays
         self.plays = len(plays.radii)
-        films = before.then(functools.reduce(StateSpace.beside, amplifiers))
+        constant = np.outer(offsets, [0.0, 0.0, 0.0, 1.0])
+        films = before.then(functools.reduce(StateSpace.beside, amplifiers)).plus(gain(constant))
         self._after = _fan_out(films, bridge_tau, weight)
         self._modes: dict[Touch, Mode] = {}
         # Numbers of outputs and states that others ask for by name.
@@ -195,7 +199,10 @@ class Chain:
         )
 
     def _dynamic(self, touch: Touch) -> StateSpace:
-        """The same with inertia: L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F; states of the stack, then i, x, v."""
+        """The same with inertia: L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F.
+
+        States: those of the stack, then i, x, v.
+        """
         stack, arm = self._stack, self._armature
         n = stack.order
         stiffness, push = self._springs(touch)
@@ -300,7 +307,8 @@ class Chain:
             side = getattr(touch, name)
             for sign in (side,) if side else (-1, 1):
                 row = (sign * quantity[0], sign * quantity[1])
-                other = replace(touch, **{name: 0 if side else sign})
+                change: dict[str, Any] = {name: 0 if side else sign}
+                other = replace(touch, **change)
                 guards.append(self._sided(row, limit, bool(side), other))
         return guards
 

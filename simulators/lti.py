@@ -162,7 +162,7 @@ class StateSpace:
         return rates.astype(complex), shapes.astype(complex), np.linalg.inv(shapes).astype(complex)
 
     def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: for modes that are parallel or nearly so."""
+        """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
         from scipy.linalg import expm
 
         answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)

@@ -80,6 +80,18 @@ class Path:
 
         return self._collect(time_ns, of)
 
+    def rates(self, time_ns: Times, rows: slice) -> Floats:
+        """Rates of some of the outputs (rows, n) [1/s] at times from the change on, in ascending order."""
+
+        def of(stay: Stretch, times: Times) -> Floats:
+            system = stay.mode.system
+            # Of the inputs, the first alone changes; the last is its rate.
+            direct = np.outer(system.d[rows, 0], [0.0] * (len(self._inputs) - 1) + [1.0])
+            row = (system.c[rows] @ system.a, system.c[rows] @ system.b + direct)
+            return stay.steady.trace(row, stay.start_ns, stay.state).at(times)
+
+        return self._collect(time_ns, of)
+
     def states(self, time_ns: Times) -> Floats:
         """State (s, n) at times from the change on, in ascending order."""
         return self._collect(time_ns, lambda s, t: s.steady.state(s.start_ns, s.state, t))

@@ -18,12 +18,13 @@ from instrument.load import Load
 from instrument.models.response import Response, response
 from instrument.sample import Sample
 from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
-from simulators.clock import VirtualClock
+from simulators.clock import NEVER, VirtualClock
 from simulators.effects.effect import (
     AmplifierEffect,
     DriveEffect,
     FilmsEffect,
     HysteresisEffect,
+    LeakEffect,
     ShakerEffect,
     SourceEffect,
     StackEffect,
@@ -103,6 +104,10 @@ class Rig:
 
     # --- what can be seen ------------------------------------------------------------------------------
 
+    def film_rates(self, time_ns: npt.NDArray[np.int64]) -> Floats:
+        """Rates of the amplifier outputs, shape (films, n), V/s, at times since the present settings."""
+        return self._paths[-1].rates(time_ns, slice(0, len(self._films)))
+
     def film_voltages(self, time_ns: npt.NDArray[np.int64]) -> Floats:
         """Amplifier outputs, shape (films, n), V, at times since the present settings."""
         return self._paths[-1].outputs(time_ns, slice(0, len(self._films)))
@@ -169,6 +174,7 @@ class Rig:
             plays=plays,
             before=self._film_signals(),
             amplifiers=self._amplifiers(),
+            offsets=self._offsets(),
             bridge_tau=self._bridge_tau,
             weight=self._weight,
         )
@@ -183,7 +189,7 @@ class Rig:
         return Stack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
 
     def _film_signals(self) -> StateSpace:
-        """From tooth force, ring force, the plays' force and the constant 1 to the films' voltages before their amplifiers."""
+        """From tooth force, ring force, the plays' force and 1 to the films' voltages before their amplifiers."""
         hysteresis = next((e for e in self.scene.effects.values() if isinstance(e, HysteresisEffect)), None)
         shares = np.zeros((len(self._films), 4))
         for number, film in enumerate(self._films):
@@ -205,7 +211,34 @@ class Rig:
         amplifier = next((e for e in self.scene.effects.values() if isinstance(e, AmplifierEffect)), None)
         if amplifier is None:
             return [gain(np.eye(1)) for _ in self._films]
-        return [amplifier.system(film, self.scene.design) for film in self._films]
+        return [amplifier.system(film, self.scene.design, self._leakage()) for film in self._films]
+
+    def _offsets(self) -> Floats:
+        amplifier = next((e for e in self.scene.effects.values() if isinstance(e, AmplifierEffect)), None)
+        if amplifier is None:
+            return np.zeros(len(self._films))
+        return np.array([amplifier.offset(film, self.scene.design, self._leakage()) for film in self._films])
+
+    def _leak(self) -> LeakEffect | None:
+        return next((e for e in self.scene.effects.values() if isinstance(e, LeakEffect)), None)
+
+    def _leakage(self) -> float:
+        """Conductance across a film in the middle of the present epoch [S]."""
+        leak = self._leak()
+        if leak is None:
+            return 0.0
+        return leak.conductance((self._clock.now_ns() // leak.epoch_ns + 0.5) * leak.epoch_ns * 1e-9)
+
+    # --- what changes by itself ------------------------------------------------------------------------
+
+    def next_event_ns(self) -> int:
+        leak = self._leak()
+        return NEVER if leak is None else (self._clock.now_ns() // leak.epoch_ns + 1) * leak.epoch_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        leak = self._leak()
+        if leak is not None and end_ns // leak.epoch_ns > start_ns // leak.epoch_ns:
+            self._begin()
 
 
 def _inputs(voltage: Periodic, start_ns: int) -> tuple[Periodic, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
@@ -85,7 +86,10 @@ class SensorNode:
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
         for name, effect in self._added.items():
             streams = [Stream(self._rig.scene.seed, name, self.id, channel, period_ns) for channel in range(CHANNELS)]
-            volts = volts + [effect.volts(stream, time_ns, period_ns) for stream in streams]
+            volts = volts + [
+                effect.volts(stream, time_ns, period_ns, functools.partial(self._rates, channel, time_ns))
+                for channel, stream in enumerate(streams)
+            ]
         fraction = volts / ranges[:, np.newaxis]
         saturated = np.zeros(fraction.shape, bool)
         if self._adc is not None:
@@ -99,6 +103,11 @@ class SensorNode:
         self.settings["saturation"] = float(bits[-1])
         self._last = counts[-1]
         return Samples(counts, bits, first_number)
+
+    def _rates(self, channel: int, time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Rates of one channel's signal, V/s."""
+        rates: npt.NDArray[np.float64] = (self.film_channels() @ self._rig.film_rates(time_ns))[channel]
+        return rates
 
     def film_channels(self) -> npt.NDArray[np.float64]:
         """Matrix (4, films) that puts each film on its channel."""

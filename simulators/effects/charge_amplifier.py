@@ -21,5 +21,5 @@ class ChargeAmplifier(AmplifierEffect):
     # 1 GOhm times 1 nF [A]; the limits are far beyond any that is built
     time_constant: Seconds = Field(default=1.0, ge=1e-9, le=1e9)
 
-    def system(self, film: Film, design: Design) -> StateSpace:
+    def system(self, film: Film, design: Design, leakage: float) -> StateSpace:
         return first_order_high_pass(self.time_constant)

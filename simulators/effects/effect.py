@@ -11,7 +11,7 @@ Each stage has a class with one method; an effect stands alone in its file and o
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -129,13 +129,33 @@ class AmplifierEffect(Effect, ABC):
     """What a film's signal meets first."""
 
     @abstractmethod
-    def system(self, film: Film, design: Design) -> StateSpace:
-        """One input, one output, one state; where the output is zero, the amplifier was just reset."""
+    def system(self, film: Film, design: Design, leakage: float) -> StateSpace:
+        """One input, one output, one state, for a conductance across the film [S]."""
+
+    def offset(self, film: Film, design: Design, leakage: float) -> float:
+        """Of the output [V]."""
+        return 0.0
+
+
+class LeakEffect(Effect, ABC):
+    """A conductance across the films that changes with time."""
+
+    @property
+    @abstractmethod
+    def epoch_ns(self) -> int:
+        """For so long it may be taken as constant."""
+
+    @abstractmethod
+    def conductance(self, time: float) -> float:
+        """[S] at a time since the bench was opened [s]."""
 
 
 class InputEffect(Effect, ABC):
     """Adds to the voltage at the converter."""
 
     @abstractmethod
-    def volts(self, stream: Stream, time_ns: Times, period_ns: int) -> Floats:
-        """Voltages at integer multiples of the sample period after the bench was opened, shape (n,)."""
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
+        """Voltages at integer multiples of the sample period after the bench was opened, shape (n,).
+
+        rates: gives the rate of the channel's own signal there [V/s].
+        """

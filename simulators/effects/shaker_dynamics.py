@@ -12,7 +12,7 @@ from simulators.effects.effect import Kind, ShakerEffect
 
 
 class ShakerDynamics(ShakerEffect):
-    """L i' = u - R i - Bl v and m x'' = Bl i - c x' - k x - F, with the scene's resistance, force constant, suspension."""
+    """L i' = u - R i - Bl v and m x'' = Bl i - c x' - k x - F; R, Bl and k are the scene's."""
 
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = True

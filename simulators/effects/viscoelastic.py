@@ -39,10 +39,9 @@ class Viscoelastic(StackEffect):
             c * (1 - (1 - share) * d / direct),
             np.array([[d / direct]]),
         )
-        branches = StateSpace(
+        return StateSpace(
             np.block([[a, np.zeros_like(a)], [np.zeros_like(a), loop.a]]),
             np.vstack([b, loop.b]),
             np.block([[stack.tooth * c, np.zeros_like(c)], [np.zeros_like(c), stack.ring * loop.c]]),
             np.array([[stack.tooth * d], [stack.ring * float(loop.d[0, 0])]]),
         )
-        return branches

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from instrument.quantity import VoltsPerRootHertz
-from simulators.effects.effect import InputEffect, Kind
+from simulators.effects.effect import Floats, InputEffect, Kind
 from simulators.randomness import Stream
 
 
@@ -23,6 +24,8 @@ class WhiteNoise(InputEffect):
     # one-sided [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0)
 
-    def volts(self, stream: Stream, time_ns: npt.NDArray[np.int64], period_ns: int) -> npt.NDArray[np.float64]:
+    def volts(
+        self, stream: Stream, time_ns: npt.NDArray[np.int64], period_ns: int, rates: Callable[[], Floats]
+    ) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
         return self.density * math.sqrt(0.5e9 / period_ns) * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
