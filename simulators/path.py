@@ -101,10 +101,10 @@ class Path:
         self._extend(time_ns)
         return next(s.mode for s in reversed(self._stretches) if s.start_ns <= time_ns)
 
-    @property
-    def modes(self) -> int:
-        """How many modes were entered so far."""
-        return len(self._stretches)
+    def modes_until(self, time_ns: int) -> list[Mode]:
+        """Modes of the kept stretches up to a time, one after the other."""
+        self._extend(time_ns)
+        return [s.mode for s in self._stretches if s.start_ns <= time_ns]
 
     def _collect(self, time_ns: Times, of: Callable[[Stretch, Times], Floats]) -> Floats:
         self._extend(int(time_ns[-1]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -127,6 +128,18 @@ class Rig:
         """Force on the load cell behind the indicator's filter, N, at a time since the present settings."""
         rows = slice(self._last.bridge, self._last.bridge + 1)
         return float(self._paths[-1].outputs(np.array([time_ns]), rows)[0, 0])
+
+    def transfer(self, frequency: float) -> npt.NDArray[np.complex128]:
+        """Film voltages and force on the load cell, (films + 1,), for each volt at the coil at a frequency [Hz]."""
+        system = self._paths[-1].mode_at(self._clock.now_ns()).system
+        rows = [*range(len(self._films)), self._last.force]
+        gains: npt.NDArray[np.complex128] = system.transfer(frequency)[rows, 0]
+        return gains
+
+    def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
+        """What touches before and after each transition since the present settings, up to a time."""
+        modes = self._paths[-1].modes_until(time_ns)
+        return [(before.touch, after.touch) for before, after in pairwise(modes)]
 
     def coil_voltage(self) -> Periodic:
         return self._voltage

@@ -11,7 +11,7 @@ Each stage has a class with one method; an effect stands alone in its file and o
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -50,6 +50,7 @@ class Case:
         dwell: of the least-squares fit [s].
         rate: samples a second.
         settled: how long the drive was on before the dwell [s].
+        effects: that the scene simulates, by name.
     """
 
     design: Design
@@ -60,6 +61,7 @@ class Case:
     dwell: float
     rate: float
     settled: float
+    effects: Mapping[str, Effect]
 
 
 class Effect(Config):
