@@ -17,37 +17,23 @@ from numpy.typing import NDArray
 
 from instrument.errors import RangeError
 from instrument.models import elements as el
+from instrument.models.axisymmetric_fields import FacePressure, Field, displacements, face_pressure
 from instrument.models.condensed import Elements, Solved
 from instrument.models.condensed import solve as solve_elements
-from instrument.models.mesh import Grid, grid
+from instrument.models.mesh import Grid, grid, inside
 from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, under_tooth
 from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
-# Beyond the last refinement rounding grows faster than the discretisation error falls.
+# The last takes seconds and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
 # From this Poisson ratio on, a body keeps its pressure as an unknown.
 MIXED_POISSON = 0.4
 # Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
 BULK_BOUND = 100.0
-# Rounding of the force ratio that refinement cannot remove.
-ROUND_OFF = 1e-8
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """Displacements of a body on a grid of points, for a total force of 1 N.
-
-    Attributes:
-        radius, height: of the points, undeformed [m], (columns, rows).
-        radial, axial: displacements [m], (columns, rows).
-    """
-
-    radius: Array
-    height: Array
-    radial: Array
-    axial: Array
+# Rounding of the force ratio: up to 1.3e-12, for a foil of 10 µm and 140 GPa.
+ROUND_OFF = 1e-11
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +63,7 @@ class AxisymmetricSolution:
         base_force: force through the base [N].
         films: "tooth" and "base"; none on a rigid support.
         fields: body name -> displacements.
+        face: pressure of the object on tooth and ring.
         unknowns: displacements and pressures.
         residual: of the linear system, relative to the size of its terms.
     """
@@ -88,6 +75,7 @@ class AxisymmetricSolution:
     base_force: float
     films: dict[str, Film]
     fields: dict[str, Field]
+    face: FacePressure
     unknowns: int
     residual: float
 
@@ -236,7 +224,11 @@ def _evaluate(
         ring_force=ring,
         base_force=base,
         films=films,
-        fields={part.body.name: _field(mesh, r, part, _on(displacement, part, r)) for part in bodies},
+        fields={
+            part.body.name: displacements(mesh, part, r.dofs.shape[1] - 1, _on(displacement, part, r))
+            for part in bodies
+        },
+        face=_face(parameters, mesh, r, by_name["object"], internal),
         unknowns=elements.size + elements.dilatation.shape[0] * elements.dilatation.shape[1],
         residual=solved.residual,
     )
@@ -255,12 +247,13 @@ def _film(mesh: Grid, part: Part, internal: Array, force: float) -> Film:
     return Film(force, plane_stress=float(plane) * work / 2, normal_stress=float(normal) * work)
 
 
-def _field(mesh: Grid, r: el.Line, part: Part, displacement: Array) -> Field:
-    points = np.linspace(0, 1, 5)
-    shapes = el.shape_functions(r.dofs.shape[1] - 1, points)
-    sampled = np.einsum("xyckl,ki,lj->cxiyj", displacement, shapes, shapes)
-    radius = mesh.radii[part.columns][:, None] + np.diff(mesh.radii)[part.columns][:, None] * points
-    height = mesh.heights[part.rows][:, None] + np.diff(mesh.heights)[part.rows][:, None] * points
-    grid_r, grid_z = np.meshgrid(radius.ravel(), height.ravel(), indexing="ij")
-    radial, axial = sampled.reshape(2, *grid_r.shape)
-    return Field(grid_r, grid_z, radial, axial)
+def _face(parameters: RoundParameters, mesh: Grid, r: el.Line, body: Part, internal: Array) -> FacePressure:
+    """Pressure of the object, from its forces on the shape functions of its lower side."""
+    forces = 2 * math.pi * _on(internal, body, r)[:, 0, AXIAL, :, 0]
+    outer = min(parameters.ring_outer_radius, parameters.sensed_radius)
+    touching = np.concatenate(
+        [inside(mesh.radii, part) for part in ((0.0, parameters.tooth_radius), (parameters.ring_inner_radius, outer))]
+    )
+    by_shape = np.zeros(r.dofs.max() + 1)
+    np.add.at(by_shape, r.dofs[body.columns], forces)
+    return face_pressure(mesh, r.dofs, touching, by_shape, parameters.tooth_radius)

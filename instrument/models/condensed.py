@@ -106,9 +106,8 @@ def solve(elements: Elements, load: Array) -> Solved:
         lacking = internal.copy()
         lacking[elements.mixed] += elements._multiply(spread, gap / bounded[:, None])
         right = load - elements.gather(lacking)
-        terms = elements.gather(elements._multiply(magnitude, np.abs(strained)))
         residual = max(
-            _relative(load - elements.gather(internal), terms + np.abs(load)),
+            _relative(load - elements.gather(internal), elements._multiply(magnitude, np.abs(strained))),
             _relative(gap, elements._multiply(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))),
         )
         if step > 1 and residual > 0.1 * best:
