@@ -71,7 +71,7 @@ def modulus_of_ratio(
         RangeError: a ratio is not between 0 and 1, an uncertainty is negative or not finite, their shapes do not
             go together, or the coverage is not between 0 and 1. There must be at least one ratio.
     """
-    given, uncertainty = _checked(ratio, u, coverage)
+    given, uncertainty = check_ratios(ratio, u, coverage)
     spread = NormalDist().inv_cdf((1 + coverage) / 2) * uncertainty + curve.error
     least, greatest = curve.ratios
     left, right = _moduli_between(curve, given, given)
@@ -141,8 +141,12 @@ def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side
     return root
 
 
-def _checked(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Array, Array]:
-    """Ratios and uncertainties, of one shape."""
+def check_ratios(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Array, Array]:
+    """Ratios and uncertainties of one shape, if `modulus_of_ratio` takes them: before a curve is solved for.
+
+    Raises:
+        RangeError: it does not.
+    """
     given, uncertainty = np.asarray(ratio, dtype=np.float64), np.asarray(u, dtype=np.float64)
     if given.size == 0:
         raise RangeError("no force ratio is given; give at least one")

@@ -132,6 +132,22 @@ def print_ratios(design: str, answers: list[Answer]) -> None:
     _print(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
 
 
+def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
+    """A line a force ratio."""
+    models = ", ".join(dict.fromkeys(p["model"] for p in points))
+    table = _table(
+        _stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
+        "force ratio", "u", "modulus", "from", "to", "dlnE/dlnR", "",
+    )  # fmt: skip
+    for p in points:
+        moduli = ["-" if p[name] is None else show(p[name], "Pa") for name in ("modulus_Pa", "low_Pa", "high_Pa")]
+        table.add_row(
+            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", *moduli, _number(p["sensitivity"]),
+            ": ".join(text for text in (p["kind"], p["note"]) if text),
+        )  # fmt: skip
+    _print(table)
+
+
 def print_runs(found: list[RunSummary], folder: Path) -> None:
     """A line a run."""
     if not found:

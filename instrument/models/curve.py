@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from instrument.design import Design
 from instrument.errors import EstimateError, RangeError
 from instrument.load import Load
-from instrument.models.response import MODELS, response
+from instrument.models.response import AUTO, MODELS, response
 from instrument.sample import SAMPLES
 
 if TYPE_CHECKING:
@@ -89,7 +89,8 @@ class RatioCurve:
 def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None = None) -> RatioCurve:
     """The curve of a model for a design and a load; the modulus of the load's object does not count.
 
-    A model in closed form takes less than a second, the finite elements 31 solutions or more.
+    A model in closed form takes less than a second, the finite elements 31 solutions or more. "auto" is the cheapest
+    model that meets the tolerance at all moduli of the price list.
 
     Args:
         tolerance: greatest error of the force ratio at a node, and of interpolation; None: the model's own.
@@ -97,21 +98,37 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
     Raises:
         UnknownName: no such model.
         RangeError: the model does not answer for this design or load, or not to this tolerance.
-        EstimateError: a linear system cannot be solved accurately, or the curve has no error estimate that meets
-            the tolerance.
+        EstimateError: a linear system cannot be solved accurately, or the curve does not meet the tolerance.
     """
+    ring = design.ring.material.modulus
+    lowest, highest, own_error = SOFTEST * ring, HARDEST * ring, 0.0
+    if model == AUTO:
+        from instrument.models.price_list import AUTO_TOLERANCE, choose, stored
+
+        tolerance = AUTO_TOLERANCE if tolerance is None else tolerance
+        priced = stored().moduli_Pa or (lowest, highest)
+        choice = choose(design, [_through(load, priced[0]), _through(load, priced[-1])], tolerance)
+        model = choice.model
+        if choice.error is not None:
+            lowest, highest, own_error = priced[0], priced[-1], choice.error
+        if model in MODELS and MODELS[model].default_tolerance is None:
+            tolerance = None
 
     def answer(modulus: float) -> tuple[float, float]:
-        found = response(design, replace(load, sensed=replace(load.sensed, modulus=modulus)), model, tolerance)
-        return found.force_ratio, found.error_estimate or 0.0
+        found = response(design, _through(load, modulus), model, tolerance)
+        return found.force_ratio, max(own_error, found.error_estimate or 0.0)
 
     if model == "experiment" and design.thesis_force_ratio:
         # Six points, and the curve that the model has between them.
         moduli = sorted(SAMPLES[name].modulus for name in design.thesis_force_ratio)
         return curve_through(moduli, [answer(modulus)[0] for modulus in moduli], model)
-    ring = design.ring.material.modulus
     own = MODELS[model].default_tolerance if model in MODELS else None
-    return sampled_curve(answer, SOFTEST * ring, HARDEST * ring, model, tolerance or own or CLOSED_FORM_TOLERANCE)
+    return sampled_curve(answer, lowest, highest, model, tolerance or own or CLOSED_FORM_TOLERANCE)
+
+
+def _through(load: Load, modulus: float) -> Load:
+    """The load through an object of that modulus [Pa]."""
+    return replace(load, sensed=replace(load.sensed, modulus=modulus))
 
 
 def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float = 0.0) -> RatioCurve:
