@@ -24,6 +24,7 @@ from instrument.errors import ConfigError, RangeError
 from instrument.load import Load
 from instrument.models.parameters import solid_parameters
 from instrument.models.response import MODELS, Response
+from instrument.models.surface import fixed
 from instrument.quantity import show
 
 STORED = Path(__file__).with_name("prices.json")
@@ -211,8 +212,7 @@ def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Resp
 
 def fingerprint(design: Design, load: Load) -> str:
     """SHA-256 of all that the finite-element models look at but modulus and force."""
-    parameters = replace(solid_parameters(design, load), sensed_modulus=1.0, force=1.0)
-    return hashlib.sha256(parameters.canonical().encode()).hexdigest()
+    return hashlib.sha256(fixed(solid_parameters(design, load)).encode()).hexdigest()
 
 
 @functools.cache
