@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from instrument.design import Design
 from instrument.errors import EstimateError, RangeError
 from instrument.load import Load
+from instrument.models import surface
 from instrument.models.response import AUTO, MODELS, response
 from instrument.sample import SAMPLES
 
@@ -101,7 +102,8 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         EstimateError: a linear system cannot be solved accurately, or the curve does not meet the tolerance.
     """
     ring = design.ring.material.modulus
-    lowest, highest, own_error = SOFTEST * ring, HARDEST * ring, 0.0
+    softest = surface.LOWEST if model == "surface" else SOFTEST
+    lowest, highest, own_error = softest * ring, HARDEST * ring, 0.0
     if model == AUTO:
         from instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 
@@ -159,7 +161,7 @@ def sampled_curve(
     Args:
         answer: modulus [Pa] -> force ratio, and a bound on its error.
         lowest, highest: moduli between which it is asked [Pa].
-        tolerance: of interpolation.
+        tolerance: of interpolation; a thousandth of the model's own error is good enough, too.
 
     Raises:
         EstimateError: 961 nodes do not meet the tolerance.
@@ -173,12 +175,12 @@ def sampled_curve(
         nodes = np.linspace(low, high, count)
         for share, node in zip(np.linspace(0, 1, count), nodes, strict=True):
             if share not in known:
-                known[share] = answer(math.exp(node))
+                known[share] = answer(min(max(math.exp(node), lowest), highest))
         ratios, errors = np.array([known[share] for share in np.linspace(0, 1, count)]).T
         spline = make_interp_spline(nodes, ratios, k=5)
         if coarser is not None:
             interpolation = float(np.abs(coarser(nodes) - ratios).max()) / GAIN
-            if interpolation <= tolerance:
+            if interpolation <= max(tolerance, 1e-3 * errors.max()):
                 return _curve(model, PPoly.from_spline(spline.tck), float(errors.max()) + interpolation)
         coarser = spline
     raise EstimateError(

@@ -163,15 +163,16 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
 def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
     """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
 
-    The section is that of the first modulus, for 1 N. A model in closed form knows no section: it gets the force
-    ratio alone.
+    The section is that of the first modulus, for 1 N. Only the axisymmetric model knows one: for any other the
+    force ratio is drawn alone.
     """
     from instrument.quantity import parse
-    from procedures import model_plot
+    from procedures import model_picture, model_plot
 
     output = Output(as_json, quiet)
-    picture = model_plot.solve(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
-    file = model_plot.draw(picture, out, store())
+    file = model_plot.place(question, out, store())
+    picture = model_picture.solve(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
+    model_plot.draw(picture, file)
     if output.as_json:
         output.json({"file": str(file), **picture.data()})
     output.line(str(file))
