@@ -132,7 +132,24 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
 
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
     solution, estimate = solid.solve_to(solid_parameters(design, load), asked)
-    return _response("solid", design, load, solution.force_ratio, estimate)
+    films = {}
+    for film in design.films:
+        if film.kind == FILM_KINDS[0]:
+            place, forces, stresses = film.teeth[0], solution.tooth_forces, solution.tooth_films
+        else:
+            place = film.teeth[0] if design.separate_bases else 0
+            forces, stresses = solution.base_forces, solution.base_films
+        films[film.name] = FilmLoad(forces[place], stresses[place] if stresses else (0.0, 0.0))
+    return Response(
+        model="solid",
+        force_rigid=sum(solution.tooth_forces),
+        force_total=solution.total_force,
+        force_ratio=solution.force_ratio,
+        error_estimate=estimate,
+        tooth_forces=solution.tooth_forces,
+        films=films,
+        stiffness=springs.stiffness(design, load.sensed),
+    )
 
 
 def _surface(design: Design, load: Load, tolerance: float | None) -> Response:
