@@ -14,6 +14,7 @@ from instrument.design import Design
 from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
 from instrument.models.curve import ratio_curve
+from instrument.models.parameter_sets import get_parameter_set
 from instrument.models.parameters import round_parameters
 from instrument.models.ratio import Answer, Question, ask
 from instrument.models.response import AXISYMMETRIC_TOLERANCE, MODELS
@@ -156,18 +157,32 @@ def solve(question: Question, moduli: Sequence[float]) -> Picture:
     thesis = _thesis(design)
     ring = design.ring.material.modulus
     shown = np.concatenate([[SOFTER * ring, HARDER * ring], moduli, *(found for found, _ in thesis.values())])
-    curves = {name: line for name in CURVES if (line := _line(question, name, shown)) is not None}
+    curves: dict[str, tuple[Array, Array]] = {}
+    for model in CURVES:
+        parameters = _parameters(question, model)
+        label = model if parameters == question.parameters else f"{model}, {parameters} parameters"
+        line = _line(Question(question.design, model, parameters, question.settings), shown)
+        if line is not None:
+            curves[label] = line
     return Picture(question, answers, sections, curves, thesis)
 
 
-def _line(question: Question, model: str, shown: Array) -> tuple[Array, Array] | None:
-    """The curve of a model over what is shown; None where it does not know this sensor."""
+def _parameters(question: Question, model: str) -> str:
+    """The question's parameter set, or the physical one for a model that it was not identified for."""
     try:
-        own = Question(question.design, model, question.parameters, question.settings)
-        sensor = own.sensor()
-        tolerance = None if MODELS[model].default_tolerance is None else CURVE_TOLERANCE
-        curve = ratio_curve(sensor, own.load(sensor.ring.material.modulus), model, tolerance)
-    except (UnknownName, RangeError):
+        get_parameter_set(question.parameters, model)
+    except UnknownName:
+        return "physical"
+    return question.parameters
+
+
+def _line(question: Question, shown: Array) -> tuple[Array, Array] | None:
+    """The curve of a model over what is shown; None where it does not know the sensor."""
+    sensor, tolerance = question.sensor(), MODELS[question.model].default_tolerance
+    load = question.load(sensor.ring.material.modulus)
+    try:
+        curve = ratio_curve(sensor, load, question.model, None if tolerance is None else CURVE_TOLERANCE)
+    except RangeError:
         return None
     least, greatest = curve.moduli
     moduli = np.geomspace(max(shown.min(), least), min(shown.max(), greatest), 200)

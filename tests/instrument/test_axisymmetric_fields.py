@@ -77,7 +77,7 @@ def test_one_material_without_gap_presses_evenly() -> None:
     )
     face = solved(one).face
     uneven = np.abs(face.pressure * math.pi * 5e-3**2 - 1)
-    # The slit's lower lip is free at one node of the mesh, some 10 nm wide; a tenth of a millimetre off it is forgotten.
+    # One node of the ring at the slit is free, over some 40 nm; a tenth of a millimetre off it is forgotten.
     assert uneven[np.abs(face.radius - 1.4e-3) > 1e-4].max() < 1e-6
     assert np.average(uneven, weights=face.area) < 1e-5
 

@@ -202,7 +202,7 @@ def test_what_no_spline_can_follow_is_refused() -> None:
     def jump(modulus: float) -> tuple[float, float]:
         return (0.2 if modulus < 1e5 else 0.8), 0.0
 
-    with pytest.raises(EstimateError, match="at 961 nodes is above 0.0001"):
+    with pytest.raises(EstimateError, match="at 961 nodes is above"):
         sampled_curve(jump, 1e3, 1e7, "jump", 1e-4)
 
 
