@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.errors import RangeError
+from instrument.models import solid_system
 from instrument.models.parameters import SolidParameters
 from instrument.models.solid_forces import evaluate
-from instrument.models.solid_system import RESOLUTIONS, System, symmetry
+from instrument.models.solid_mesh import Resolution
+from instrument.models.solid_system import System, symmetry
 
-REFINEMENTS = tuple(range(len(RESOLUTIONS)))
+REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Summation over some 1e5 unknowns.
 ROUND_OFF = 1e-10
 
@@ -68,8 +70,18 @@ def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> Sol
         EstimateError: the linear system cannot be solved accurately.
         UnknownName: the solver is not installed.
     """
+    return solve_on(parameters, _resolution(refinement), solver)
+
+
+def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = "") -> SolidSolution:
+    """Forces on the teeth, on any mesh.
+
+    Raises:
+        EstimateError: the linear system cannot be solved accurately.
+        UnknownName: the solver is not installed.
+    """
     start = time.perf_counter()
-    system = _system(parameters, refinement, solver)
+    system = System(parameters, resolution, solver)
     built = time.perf_counter()
     solved = system.solve(system.load(parameters.load_at))
     forces = evaluate(system, solved)
@@ -105,7 +117,7 @@ def point_loads(
     """
     symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
     mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
-    system = _system(replace(parameters, load_at=places[0]), refinement, solver, mirrored)
+    system = System(replace(parameters, load_at=places[0]), _resolution(refinement), solver, mirrored)
     return np.array([evaluate(system, system.solve(system.load(place))).teeth for place in places])
 
 
@@ -141,9 +153,7 @@ def error_estimate(ratios: Sequence[float]) -> float:
     return max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
 
 
-def _system(
-    parameters: SolidParameters, refinement: int, solver: str, mirrored: tuple[bool, bool] | None = None
-) -> System:
+def _resolution(refinement: int) -> Resolution:
     if refinement not in REFINEMENTS:
         raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
-    return System(parameters, refinement, solver, mirrored)
+    return solid_system.RESOLUTIONS[refinement]

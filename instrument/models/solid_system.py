@@ -59,11 +59,15 @@ class System:
     """
 
     def __init__(
-        self, parameters: SolidParameters, refinement: int, solver: str = "", mirrored: tuple[bool, bool] | None = None
+        self,
+        parameters: SolidParameters,
+        resolution: Resolution,
+        solver: str = "",
+        mirrored: tuple[bool, bool] | None = None,
     ) -> None:
         self.parameters = parameters
         self.mirrored = symmetry(parameters) if mirrored is None else mirrored
-        self.stack = Stack(parameters, RESOLUTIONS[refinement], self.mirrored)
+        self.stack = Stack(parameters, resolution, self.mirrored)
         self._solver = SymmetricSolver(self._stiffness(), solver)
 
     @property

@@ -139,7 +139,7 @@ def test_mirrored_loads_give_mirrored_forces(one_layer: None) -> None:
 
 
 def test_a_load_here_moves_there_as_a_load_there_moves_here(one_layer: None) -> None:
-    system = System(SolidParameters(interface="frictionless"), 0, mirrored=(False, True))
+    system = System(SolidParameters(interface="frictionless"), solid_system.RESOLUTIONS[0], mirrored=(False, True))
     here, there = system.load((2e-3, 5e-3)), system.load((8.5e-3, 5e-3))
     work = there @ system.solve(here).displacement
     assert work == pytest.approx(here @ system.solve(there).displacement, rel=1e-9)
@@ -149,7 +149,7 @@ def test_an_array_is_symmetric_where_no_symmetry_is_made_use_of(one_layer: None)
     corner = replace(
         solid_parameters(get_design("array"), PHYSICAL.load(1e5)), columns=2, support="rigid", interface="frictionless"
     )
-    system = System(corner, 0, mirrored=(False, True))
+    system = System(corner, solid_system.RESOLUTIONS[0], mirrored=(False, True))
     forces = evaluate(system, system.solve(system.load(None)))
     assert forces.teeth == pytest.approx(np.full(4, forces.teeth[0]), rel=1e-9)
     assert forces.teeth.sum() < forces.bases.sum()
