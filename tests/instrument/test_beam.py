@@ -16,6 +16,7 @@ from instrument.errors import RangeError
 from instrument.models import beam
 from instrument.models.beam import Stretch
 from instrument.sample import SAMPLES, get_sample
+from instrument.thesis import read_table
 
 SINGLE = get_design("single")
 THESIS = Path(__file__).parents[1] / "data" / "thesis"
@@ -63,12 +64,12 @@ def implied_theory() -> dict[str, float]:
             for row in csv.DictReader(file)
             if float(row["load_nominal_N"]) == 3
         }
-    with (THESIS / "table_5_8.csv").open(newline="") as file:
-        return {
-            row["sample"]: at_3_newtons[row["sample"]] / (1 + float(row["single_vs_2D_error_percent"]) / 100)
-            for row in csv.DictReader(file)
-            if row["sample"] in SAMPLES
-        }
+    table = read_table("5.8")
+    return {
+        sample: at_3_newtons[sample] / (1 + percent / 100)
+        for sample, percent in zip(table.rows, table.values("single_vs_2D_error_percent"), strict=True)
+        if sample in SAMPLES
+    }
 
 
 def test_refinement_converges_to_the_exact_solution_with_the_fourth_power() -> None:
