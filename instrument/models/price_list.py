@@ -8,6 +8,7 @@ was measured. For anything else the list does not vouch, and a model with an err
 
 from __future__ import annotations
 
+import bisect
 import functools
 import hashlib
 import math
@@ -15,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from instrument.config import Config
 from instrument.design import Design
@@ -46,8 +47,8 @@ class Reference(Config):
     """The converged force ratios of one design that errors are taken against.
 
     Attributes:
-        fingerprint: of all that the finite-element models look at but the object's modulus.
-        force_ratios, uncertainties: at the moduli of the list.
+        fingerprint: of all that the finite-element models look at but modulus and force.
+        force_ratios, uncertainties: at each modulus of the list.
         how: they were got and checked.
     """
 
@@ -62,9 +63,9 @@ class Price(Config):
     """Error and time of one model of one design at one refinement.
 
     Attributes:
-        errors: distance of the force ratio from the reference and the reference's uncertainty together, at the
-            moduli of the list; None where the model does not answer or was not asked.
-        estimates: the model's own bounds on its error; None where it has none.
+        errors: greatest distance from the reference, with the reference's uncertainty, from each modulus of the
+            list to the next; None where the model does not answer in all of it, or was not asked.
+        estimates: greatest of the model's own bounds on its error, likewise; None where it has none.
         build_s, solve_s, evaluate_s: time that one answer takes at this refinement, taken apart [s].
         answer_s: time that a caller of the model pays for an answer like this, with every mesh that its error
             estimate needs [s]; None where no caller gets it.
@@ -89,11 +90,12 @@ class Price(Config):
             return self.evaluate_s
         return self.build_s + self.solve_s + self.evaluate_s
 
-    def promise(self, moduli: slice) -> float | None:
-        """Greatest error over some moduli of the list, by reference and by own estimate; None: not all are known."""
-        errors = self.errors[moduli]
-        known = [error for error in (*errors, *self.estimates[moduli]) if error is not None]
-        return None if None in errors else max(known)
+    def promise(self, intervals: slice) -> float | None:
+        """Greatest error over some intervals, by reference and by own estimate; None: not all are known."""
+        errors = self.errors[intervals]
+        if not errors or None in errors:
+            return None
+        return max(error for error in (*errors, *self.estimates[intervals]) if error is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +115,10 @@ class Choice:
 
 
 class PriceList(Config):
-    """All prices, at Young moduli of the object that rise [Pa]."""
+    """All prices, between Young moduli of the object that rise [Pa]."""
 
     machine: Machine
-    moduli_Pa: tuple[float, ...]
+    moduli_Pa: tuple[float, ...] = Field(min_length=2)
     references: tuple[Reference, ...]
     prices: tuple[Price, ...]
 
@@ -126,12 +128,13 @@ class PriceList(Config):
         Raises:
             RangeError: no price was measured for that design and range, or none meets the tolerance.
         """
-        of_design = [price for price in self.prices if price.design == design and price.answer_s is not None]
-        moduli = self._around(low, high)
+        intervals = self._around(low, high)
         offers = [
             (price.answer_s, promise, price)
-            for price in of_design
-            if price.answer_s is not None and (promise := price.promise(moduli)) is not None
+            for price in self.prices
+            if price.design == design
+            and price.answer_s is not None
+            and (promise := price.promise(intervals)) is not None
         ]
         where = f"design {design!r} and moduli of {show(low, 'Pa')} to {show(high, 'Pa')}"
         if not offers:
@@ -152,6 +155,15 @@ class PriceList(Config):
             f" cheapest of {len({price.model for _, _, price in good})} models that meet {tolerance:g} for {where}",
         )
 
+    def of(self, designs: Sequence[str]) -> PriceList:
+        """What was measured for some designs alone."""
+        return self.model_copy(
+            update={
+                "references": tuple(reference for reference in self.references if reference.design in designs),
+                "prices": tuple(price for price in self.prices if price.design in designs),
+            }
+        )
+
     def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
         """Whether prices were measured for this very design, such objects and such moduli."""
         known = {reference.design: reference.fingerprint for reference in self.references}
@@ -162,12 +174,11 @@ class PriceList(Config):
         )
 
     def _around(self, low: float, high: float) -> slice:
-        """Of the list's moduli: the last at or below `low` to the first at or above `high`."""
-        if not (self.moduli_Pa and self.moduli_Pa[0] <= low <= high <= self.moduli_Pa[-1]):
+        """Intervals from the last modulus at or below `low` to the first at or above `high`."""
+        if not (self.moduli_Pa[0] <= low <= high <= self.moduli_Pa[-1]):
             return slice(0, 0)
-        first = max(i for i, modulus in enumerate(self.moduli_Pa) if modulus <= low)
-        last = min(i for i, modulus in enumerate(self.moduli_Pa) if modulus >= high)
-        return slice(first, last + 1)
+        last = bisect.bisect_left(self.moduli_Pa, high, 1)
+        return slice(min(bisect.bisect_right(self.moduli_Pa, low), last) - 1, last)
 
 
 def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
@@ -225,4 +236,6 @@ def stored() -> PriceList:
     try:
         return PriceList.model_validate_json(STORED.read_bytes())
     except (OSError, ValidationError) as error:
-        raise ConfigError(f"{STORED}: is no price list ({error}); measure one with palpate accuracy models") from None
+        raise ConfigError(
+            f"{STORED}: is no price list ({error}); measure it anew: palpate accuracy models --store"
+        ) from None

@@ -85,6 +85,13 @@ class ResponseSurface:
         value = np.polynomial.chebyshev.chebval(place, self.coefficients).astype(np.float64)
         return value if isinstance(modulus_ratio, np.ndarray) else float(value)
 
+    def thinned(self, stride: int) -> ResponseSurface:
+        """The surface through every so many of the nodes; its error bound is not known."""
+        count = len(self.coefficients)
+        kept = np.cos(math.pi * np.arange(0, count, stride) / (count - 1))
+        coefficients = interpolate(np.polynomial.chebyshev.chebval(kept, self.coefficients).astype(np.float64))
+        return replace(self, coefficients=coefficients, error_bound=math.inf)
+
     def save(self, path: Path) -> None:
         """Write to an `.npz` file.
 
@@ -222,11 +229,6 @@ def find(design: Design, load: Load) -> ResponseSurface:
         f" {shipped} as they are, each under a bonded object of 3 mm and Poisson ratio 0.3;"
         f" ask model {_model(parameters)!r}"
     )
-
-
-def modulus_ratios(count: int) -> Array:
-    """The nodes of a surface of that many, from hard to soft."""
-    return np.array([_modulus_ratio(angle) for angle in _angles(count)])
 
 
 def interpolate(values: Array) -> Array:
