@@ -89,7 +89,9 @@ class Rig:
 
     def mount(self, sample: Sample) -> None:
         self._sample = sample
-        self._stack = response(self.scene.design, Load(force=1.0, sensed=sample), self.scene.model)
+        self._stack = response(
+            self.scene.design, Load(force=1.0, sensed=sample), self.scene.model, self.scene.tolerance
+        )
         self._begin(self._segments[-1].voltage)
 
     def place_weight(self, mass: float) -> None:
