@@ -70,7 +70,7 @@ def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> Sol
         EstimateError: the linear system cannot be solved accurately.
         UnknownName: the solver is not installed.
     """
-    return solve_on(parameters, _resolution(refinement), solver)
+    return solve_on(parameters, resolution_of(refinement), solver)
 
 
 def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = "") -> SolidSolution:
@@ -117,7 +117,7 @@ def point_loads(
     """
     symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
     mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
-    system = System(replace(parameters, load_at=places[0]), _resolution(refinement), solver, mirrored)
+    system = System(replace(parameters, load_at=places[0]), resolution_of(refinement), solver, mirrored)
     return np.array([evaluate(system, system.solve(system.load(place))).teeth for place in places])
 
 
@@ -153,7 +153,12 @@ def error_estimate(ratios: Sequence[float]) -> float:
     return max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
 
 
-def _resolution(refinement: int) -> Resolution:
+def resolution_of(refinement: int) -> Resolution:
+    """How fine the mesh of a refinement is.
+
+    Raises:
+        RangeError: there is no such refinement.
+    """
     if refinement not in REFINEMENTS:
         raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
     return solid_system.RESOLUTIONS[refinement]

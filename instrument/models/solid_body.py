@@ -113,6 +113,7 @@ class HeightElements:
 
     Attributes:
         breaks: heights between the steps [m].
+        degree: of the shape functions.
         count: of shape functions.
         local: names of each step's shape functions, shape (steps, shapes).
         one: coefficients of the function 1.
@@ -124,7 +125,7 @@ class HeightElements:
         basis = height_basis(breaks, degree)
         steps = len(breaks) - 1
         order = np.concatenate([np.arange(steps), np.arange(steps + 1, basis.N), [steps]])
-        self.breaks = breaks
+        self.breaks, self.degree = breaks, degree
         self.count = basis.N
         self.local = np.argsort(order)[basis.element_dofs].T
         # Hierarchical shape functions add nothing to those of the ends.
@@ -208,6 +209,9 @@ def plan_basis(plan: Plan, degree: int) -> Any:
     return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)
 
 
-def height_basis(breaks: Vector, degree: int) -> Any:
-    """Shape functions along the height."""
-    return Basis(MeshLine(breaks), ElementLineP2() if degree == 2 else ElementLinePp(degree), intorder=2 * degree)
+def height_basis(breaks: Vector, degree: int, points: Vector | None = None) -> Any:
+    """Shape functions along the height, at the points of an exact quadrature or at these of each step (0 to 1)."""
+    element = ElementLineP2() if degree == 2 else ElementLinePp(degree)
+    if points is None:
+        return Basis(MeshLine(breaks), element, intorder=2 * degree)
+    return Basis(MeshLine(breaks), element, quadrature=(points[None], np.full(len(points), 1 / len(points))))

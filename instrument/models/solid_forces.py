@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.models.solid_parts import Part
+from instrument.models.solid_parts import Part, Stack
 from instrument.models.solid_system import Solved, System
 
 Vector = NDArray[np.float64]
-
-BOTTOM = slice(0, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +33,17 @@ class Forces:
 def evaluate(system: System, solved: Solved) -> Forces:
     """Forces and stresses of the whole sensor, mirrored where half of it was solved for."""
     return _Evaluation(system, solved).forces()
+
+
+def forces_below(part: Part, stack: Stack, solved: Solved) -> Vector:
+    """Forces along z on the shape functions of the lower side of a part's elements, (elements, shapes) [N]."""
+    lowest = np.flatnonzero(part.body.height.local[0] == 0)[0]
+    forces: Vector = _inside(part, stack, solved, slice(0, 1))[:, 0, 2, lowest]
+    return forces
+
+
+def _inside(part: Part, stack: Stack, solved: Solved, steps: slice = slice(None)) -> Vector:
+    return part.forces(solved.displacement, solved.pressures[stack.parts.index(part)], steps)
 
 
 class _Evaluation:
@@ -67,15 +76,10 @@ class _Evaluation:
             grid = grid + grid[::-1]
         return grid.reshape(by_cell.shape)
 
-    def _inside(self, part: Part, steps: slice) -> Vector:
-        pressure = self._solved.pressures[self._stack.parts.index(part)]
-        return part.forces(self._solved.displacement, pressure, steps)
-
     def _below(self, part: Part) -> Vector:
-        """Forces along z on the lower side of a part, (elements, nodes)."""
-        body = part.body
-        lowest = np.flatnonzero(body.height.local[0] == 0)[0]
-        forces: Vector = self._inside(part, BOTTOM)[:, 0, 2, lowest] * self._stack.one[body.plan.nodes[body.plan.local]]
+        """Forces on the lower side of a part, that on each element being the sum of its row."""
+        plan = part.body.plan
+        forces: Vector = forces_below(part, self._stack, self._solved) * self._stack.one[plan.nodes[plan.local]]
         return forces
 
     def _on_teeth(self) -> Vector:
@@ -91,7 +95,7 @@ class _Evaluation:
     def _work(self, film: Part) -> tuple[Vector, Vector]:
         """By cell: work of the forces inside on the displacements x and y, which is stress times volume; volume."""
         plan, height = film.body.plan, film.body.height
-        inside = np.einsum("esckn,sk->ecn", self._inside(film, slice(None)), height.one[height.local])
+        inside = np.einsum("esckn,sk->ecn", _inside(film, self._stack, self._solved), height.one[height.local])
         cells = self._stack.plan.cell[plan.elements]
         places = self._stack.places[:, plan.nodes[plan.local]]
         work = [self._by_cell((inside[:, axis] * places[axis]).sum(axis=1), cells) for axis in (0, 1)]

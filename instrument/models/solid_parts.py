@@ -22,6 +22,7 @@ ALL, NORMAL = (0, 1, 2), (2,)
 class Part:
     """A body with the names of its unknowns, of the body's shape, HELD where fixed."""
 
+    name: str
     body: Body
     names: Names
 
@@ -55,6 +56,7 @@ class Stack:
         tooth: the part whose lower side carries the teeth's forces: their films, or the object on rigid teeth.
         floor: parts that stand on the floor.
         base_films: the films of the bases; none on a rigid support.
+        touching: elements of the plan where the object touches teeth and rings.
         basis: shape functions of the plan.
         one: coefficients of the function 1 in the plan.
         places: coefficients of the functions x and y in the plan [m], shape (2, nodes).
@@ -109,22 +111,24 @@ class Stack:
         compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
         ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
         if p.support == "rigid":
-            self.floor = [self._add(ring, ring_heights, compliant, floor=True)]
+            self.floor = [self._add("ring", ring, ring_heights, compliant, floor=True)]
             below = [(self.floor[0], joint)]
         else:
             plates = self._plates(everywhere, foot)
             steps = max(1, layers - 1)
             sheet = self._heights(np.array([foot, -p.sensor_height]))
             tall = self._heights(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
-            self.tooth = self._add(region == TOOTH, sheet, Elastic(p.film_modulus, p.film_poisson), plates)
-            phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
-            tooth = self._add(region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
-            below = [(tooth, joint), (self._add(ring, ring_heights, compliant, plates), joint)]
+            film, phenolic = Elastic(p.film_modulus, p.film_poisson), Elastic(p.tooth_modulus, p.tooth_poisson)
+            self.tooth = self._add("tooth film", region == TOOTH, sheet, film, plates)
+            tooth = self._add("tooth", region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
+            below = [(tooth, joint), (self._add("ring", ring, ring_heights, compliant, plates), joint)]
         if p.load_at is None:
             heights = graded(0.0, p.sensed_thickness, layers + 1, ratio, "start")
         else:
             heights = graded(0.0, p.sensed_thickness, layers, ratio, "both")
+        self.touching = ring | (region == TOOTH)
         self.object = self._add(
+            "object",
             everywhere,
             self._heights(heights),
             Elastic(p.sensed_modulus, p.sensed_poisson),
@@ -151,15 +155,17 @@ class Stack:
         stacks = [plan.cell == k for k in np.unique(plan.cell)] if p.separate_bases else [everywhere]
         uppermost: list[Join] = []
         for stack in stacks:
-            floor = self._add(stack, lower, plexiglas, floor=True, base=True)
-            between = self._add(stack, sheet, film, [(floor, ALL)], base=True)
-            uppermost.append((self._add(stack, upper, plexiglas, [(between, ALL)], base=True), ALL))
+            floor = self._add("lower plate", stack, lower, plexiglas, floor=True, base=True)
+            between = self._add("base film", stack, sheet, film, [(floor, ALL)], base=True)
+            top_plate = self._add("upper plate", stack, upper, plexiglas, [(between, ALL)], base=True)
+            uppermost.append((top_plate, ALL))
             self.floor.append(floor)
             self.base_films.append(between)
         return uppermost
 
     def _add(
         self,
+        name: str,
         elements: NDArray[np.bool_],
         height: HeightElements,
         material: Elastic,
@@ -195,7 +201,7 @@ class Stack:
         new = names == UNNAMED
         names[new] = self.unknowns + np.arange(new.sum())
         self.unknowns += int(new.sum())
-        part = Part(body, names)
+        part = Part(name, body, names)
         self.parts.append(part)
         return part
 
