@@ -78,7 +78,8 @@ class Rig:
 
     def mount(self, sample: Sample) -> None:
         self._sample = sample
-        self._response = response(self.scene.design, Load(force=1.0, sensed=sample), self.scene.model)
+        scene = self.scene
+        self._response = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
         self._begin()
 
     def place_weight(self, mass: float) -> None:

@@ -14,8 +14,10 @@ from instrument.config import Config, check, read
 from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError, UnknownName, nearest
-from instrument.models.response import MODELS
+from instrument.load import Load
+from instrument.models.response import AUTO, MODELS
 from instrument.quantity import Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
+from instrument.sample import SAMPLES
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
@@ -43,6 +45,7 @@ class SceneFile(Config):
     purpose: str
     design: str
     model: str = "experiment"
+    tolerance: float | None = Field(default=None, gt=0, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
     nodes: int = Field(default=1, ge=1, le=20, strict=True)
     rig: RigParameters = RigParameters()
@@ -51,12 +54,21 @@ class SceneFile(Config):
 
 @dataclass(frozen=True)
 class Scene:
-    """A checked scene. `effects` holds the effects called for, by name, in the order of the registry."""
+    """A checked scene.
+
+    Attributes:
+        model: that answers; where the file says "auto", the one that was chosen for the samples.
+        tolerance: to which it answers; None: its own.
+        why: the model was chosen; empty where the file names it.
+        effects: called for, by name, in the order of the registry.
+    """
 
     name: str
     purpose: str
     design: Design
     model: str
+    tolerance: float | None
+    why: str
     seed: int
     nodes: int
     rig: RigParameters
@@ -67,8 +79,8 @@ class Scene:
         """The scene file that gives this scene, its seed and model included."""
         import tomli_w
 
-        file = self.file.model_copy(update={"seed": self.seed, "model": self.model})
-        return tomli_w.dumps(file.model_dump(mode="json"))
+        file = self.file.model_copy(update={"seed": self.seed})
+        return tomli_w.dumps(file.model_dump(mode="json", exclude_none=True))
 
     def with_seed(self, seed: int) -> Scene:
         """The same scene with other noise and scatter. Raises RangeError."""
@@ -77,8 +89,16 @@ class Scene:
         return replace(self, seed=seed)
 
     def with_model(self, model: str) -> Scene:
-        """The same scene with another sensor model. Raises UnknownName."""
-        return replace(self, model=_known_model(model))
+        """The same scene with another sensor model, to the file's tolerance where the model refines.
+
+        Raises:
+            UnknownName: no such model. RangeError: no model meets the tolerance.
+        """
+        file = self.file.model_copy(update={"model": model})
+        if model in MODELS and MODELS[model].default_tolerance is None:
+            file = file.model_copy(update={"tolerance": None})
+        name, tolerance, why = _chosen(self.design, file)
+        return replace(self, model=name, tolerance=tolerance, why=why, file=file)
 
 
 def shipped() -> dict[str, Path]:
@@ -112,8 +132,9 @@ def read_scene(name_or_file: str) -> Scene:
         if name in file.effects
     }
     try:
-        design, model = get_design(file.design), _known_model(file.model)
-    except UnknownName as error:
+        design = get_design(file.design)
+        model, tolerance, why = _chosen(design, file)
+    except (UnknownName, RangeError) as error:
         raise ConfigError(f"{path}: {error}") from None
     if {film.name for film in design.films} != SIMULATED_FILMS:
         raise ConfigError(f"{path}: design {file.design!r} cannot be simulated yet; take 'single'")
@@ -122,6 +143,8 @@ def read_scene(name_or_file: str) -> Scene:
         purpose=file.purpose,
         design=design,
         model=model,
+        tolerance=tolerance,
+        why=why,
         seed=file.seed,
         nodes=file.nodes,
         rig=file.rig,
@@ -130,7 +153,20 @@ def read_scene(name_or_file: str) -> Scene:
     )
 
 
-def _known_model(model: str) -> str:
-    if model not in MODELS:
-        raise UnknownName("model", model, MODELS)
-    return model
+def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
+    """The model that answers, its tolerance, and why it was chosen: "auto" is settled once, for all samples."""
+    if file.model == AUTO:
+        from instrument.models.price_list import AUTO_TOLERANCE, choose
+
+        asked = AUTO_TOLERANCE if file.tolerance is None else file.tolerance
+        choice = choose(design, [Load(force=1.0, sensed=sample) for sample in SAMPLES.values()], asked)
+        refines = MODELS[choice.model].default_tolerance is not None
+        return choice.model, asked if refines else None, choice.why
+    if file.model not in MODELS:
+        raise UnknownName("model", file.model, (*MODELS, AUTO))
+    if file.tolerance is not None and MODELS[file.model].default_tolerance is None:
+        raise RangeError(
+            f"tolerance: model {file.model!r} has no error estimate to meet {file.tolerance:g}; leave it out,"
+            f" or take model {AUTO!r}"
+        )
+    return file.model, file.tolerance, ""

@@ -127,10 +127,7 @@ def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple
     Raises:
         RangeError: bending stiffness, a length or a foundation is not positive and finite.
     """
-    _require_positive("bending stiffness", bending, "N m2")
-    for stretch in beam:
-        _require_positive("length of a stretch", stretch.length, "m")
-        _require_positive("foundation of a stretch", stretch.foundation, "N/m2")
+    require_beam(bending, beam)
     lengths = np.repeat([stretch.length / elements for stretch in beam], elements)
     foundations = np.repeat([stretch.foundation for stretch in beam], elements)
     span = float(lengths.sum())
@@ -154,6 +151,14 @@ def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple
     unknowns = scale * np.linalg.solve(matrix * np.outer(scale, scale), scale * (basis.T @ load))
     motion = basis @ unknowns
     return motion[0::2], motion[1::2] / span
+
+
+def require_beam(bending: float, beam: Sequence[Stretch]) -> None:
+    """Raises RangeError: bending stiffness, a length or a foundation is not positive and finite."""
+    _require_positive("bending stiffness", bending, "N m2")
+    for stretch in beam:
+        _require_positive("length of a stretch", stretch.length, "m")
+        _require_positive("foundation of a stretch", stretch.foundation, "N/m2")
 
 
 def _require_positive(label: str, value: float, unit: str) -> None:

@@ -2,7 +2,10 @@
 
 On a rectangle every integral is a sum of products of an integral over the radius and one over the height,
 so scikit-fem assembles forms on two lines only, and the element matrices are Kronecker products of theirs.
-Shape functions are the hierarchical ones of scikit-fem (`ElementLinePp`) in both directions, degree p.
+Nodes have the hierarchical shape functions of scikit-fem (`ElementLinePp`) in both directions, degree p.
+Element matrices have 1 in the place of the first one, so that their first unknown is a value and their
+second a difference: a foil of 10 µm that rides on rubber moves 1e8 times its strain, and its stiffness
+times nodal values would be a difference of numbers as much larger than itself.
 
 Displacement-pressure form: the dilatation is projected on discontinuous polynomials of degree p - 2 (pair
 Q_p x Q_(p-2), stable on anisotropic and geometrically graded meshes: Schötzau, Schwab and Stenberg 1999).
@@ -10,6 +13,7 @@ Q_p x Q_(p-2), stable on anisotropic and geometrically graded meshes: Schötzau,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +26,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Integrals over the intervals of one line, each of shape (intervals, p + 1, p + 1).
+    """Integrals over the intervals of one line, with 1 for the first shape function: (intervals, p + 1, p + 1).
 
     Rows belong to the first factor named, columns to the second: φ shape function, d its derivative, w the
     weight (r over the radius, 1 over the height). `dilatation` and `value` are ∫ q (wφ)' and ∫ q wφ with q
@@ -66,17 +70,29 @@ def line(points: Array, degree: int, radial: bool) -> Line:
 
     mass = local(lambda u, v, w: weight(w) * u * v, tests)
     orthonormal = np.linalg.inv(np.linalg.cholesky(mass))
+    # 1 is the sum of the first two: its slopes cancel exactly.
+    modes = np.eye(degree + 1)
+    modes[0, 1] = 1
+
+    def square(form: Any) -> Array:
+        matrices: Array = modes @ local(form, basis) @ modes.T
+        return matrices
+
+    def projected(form: Any) -> Array:
+        matrices: Array = orthonormal @ local(form, basis, tests) @ modes.T
+        return matrices
+
     return Line(
         dofs=np.asarray(basis.element_dofs.T, dtype=np.intp),
         positions=points,
-        value_value=local(lambda u, v, w: weight(w) * u * v, basis),
-        slope_slope=local(lambda u, v, w: weight(w) * u.grad[0] * v.grad[0], basis),
-        slope_value=local(lambda u, v, w: weight(w) * u * v.grad[0], basis),
-        hoop=local(lambda u, v, w: u * v / w.x[0] if radial else 0 * u * v, basis),
-        dilatation_dilatation=local(lambda u, v, w: weight(w) * dilatation(u, w) * dilatation(v, w), basis),
-        dilatation_value=local(lambda u, v, w: weight(w) * u * dilatation(v, w), basis),
-        dilatation=orthonormal @ local(lambda u, v, w: weight(w) * dilatation(u, w) * v, basis, tests),
-        value=orthonormal @ local(lambda u, v, w: weight(w) * u * v, basis, tests),
+        value_value=square(lambda u, v, w: weight(w) * u * v),
+        slope_slope=square(lambda u, v, w: weight(w) * u.grad[0] * v.grad[0]),
+        slope_value=square(lambda u, v, w: weight(w) * u * v.grad[0]),
+        hoop=square(lambda u, v, w: u * v / w.x[0] if radial else 0 * u * v),
+        dilatation_dilatation=square(lambda u, v, w: weight(w) * dilatation(u, w) * dilatation(v, w)),
+        dilatation_value=square(lambda u, v, w: weight(w) * u * dilatation(v, w)),
+        dilatation=projected(lambda u, v, w: weight(w) * dilatation(u, w) * v),
+        value=projected(lambda u, v, w: weight(w) * u * v),
     )
 
 
@@ -91,7 +107,8 @@ def stiffness(r: Line, z: Line, columns: Indices, rows: Indices, shear: float, l
     """Stiffness of the elements in `columns` x `rows`, per radian: (elements, 2 (p + 1)^2, the same).
 
     Unknowns of an element: radial displacement, then axial, each with the axial shape function running
-    fastest. `shear` is the modulus G, `lame` the modulus λ of the dilatation taken in full [Pa].
+    fastest; `differences` gives them. `shear` is the modulus G, `lame` the modulus λ of the dilatation
+    taken in full [Pa].
     """
 
     def of(radial: Array, axial: Array) -> Array:
@@ -113,6 +130,31 @@ def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
     return np.concatenate(
         [product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])], axis=2
     )
+
+
+def differences(nodal: Array, rest: Array) -> Array:
+    """Unknowns of the element matrices from nodal values (elements, 2 (p + 1)^2) and what these were rounded by."""
+    shapes = math.isqrt(nodal.shape[1] // 2)
+    value, small = (np.array(part).reshape(-1, 2, shapes, shapes) for part in (nodal, rest))
+    for axis in (3, 2):
+        first, second = (np.take(value, index, axis) for index in (0, 1))
+        difference = second - first
+        # What the difference is rounded by, exactly (Knuth): a strain may be 1e-16 of a displacement.
+        taken = difference - second
+        rounding = (second - (difference - taken)) - (first + taken)
+        place = (..., 1) if axis == 3 else (..., 1, slice(None))
+        small[place] += rounding - np.take(small, 0, axis)
+        value[place] = difference
+    return (value + small).reshape(nodal.shape)
+
+
+def nodal(forces: Array) -> Array:
+    """Forces on nodes, from those on the unknowns of the element matrices: (..., 2 (p + 1)^2)."""
+    shapes = math.isqrt(forces.shape[-1] // 2)
+    moved = np.array(forces).reshape(-1, shapes, shapes)
+    moved[:, :, 0] -= moved[:, :, 1]
+    moved[:, 0] -= moved[:, 1]
+    return moved.reshape(forces.shape)
 
 
 def shape_functions(degree: int, points: Array) -> Array:

@@ -51,8 +51,8 @@ class SymmetricSolver:
         self.backend = name
         self.matrix = matrix
         self._scale = 1 / np.sqrt(diagonal)
-        scaling = sparse.diags_array(self._scale)
-        scaled = sparse.csc_array(scaling @ matrix @ scaling)
+        scaled = matrix.copy()
+        scaled.data *= self._scale[scaled.indices] * np.repeat(self._scale, np.diff(scaled.indptr))
         self._norm = float(abs(scaled).sum(axis=1).max())
         self._factor = BACKENDS[name](scaled)
 

@@ -134,7 +134,7 @@ def _interval(low: float, high: float, size_low: float, size_high: float, longes
         parts = np.append(parts, length - _distances(size_high, reach))
     # Distances to one corner can meet those to the other up to rounding.
     parts = np.unique(parts)
-    least = 1e-9 * min(length, size_low, size_high)
+    least = max(1e-9 * min(length, size_low, size_high), 8 * float(np.spacing(high)))
     parts = parts[np.append(True, np.diff(parts) > least)]
     parts[-1] = length
     cut = [np.linspace(a, b, math.ceil((b - a) / longest) + 1)[1:] for a, b in pairwise(parts)]

@@ -35,7 +35,6 @@ class Numbering:
     size: int
     shared: int
     inner: NDArray[np.bool_]
-    lifted: Indices
 
 
 def parts(mesh: Grid) -> list[Part]:
@@ -68,8 +67,7 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
     unknowns = np.empty(names.shape, dtype=np.intp)
     unknowns[:, ~inner] = np.where(outer >= 0, np.searchsorted(distinct, outer), size)
     unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
-    lifted = np.array([local * local + shape for shape in (0, 1, local, local + 1)])
-    return Numbering(unknowns, size, shared, inner, lifted)
+    return Numbering(unknowns, size, shared, inner)
 
 
 def under_tooth(parameters: RoundParameters, mesh: Grid, r: Line) -> Indices:

@@ -95,7 +95,7 @@ def response(design: Design, load: Load, model: str = "experiment", tolerance: f
     if tolerance is not None and chosen.default_tolerance is None:
         refining = [name for name, other in MODELS.items() if other.default_tolerance is not None]
         raise RangeError(
-            f"tolerance {tolerance:g}: model {model!r} has no error estimate to meet it;"
+            f"tolerance {tolerance:g}: model {model!r} has no error estimate to refine by;"
             f" leave it out, or ask {AUTO!r} or one of {', '.join(refining)}"
         )
     return chosen.answer(design, load, tolerance)
@@ -132,7 +132,32 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
 
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
     solution, estimate = solid.solve_to(solid_parameters(design, load), asked)
-    return _response("solid", design, load, solution.force_ratio, estimate)
+    films = {}
+    for film in design.films:
+        if film.kind == FILM_KINDS[0]:
+            place, forces, stresses = film.teeth[0], solution.tooth_forces, solution.tooth_films
+        else:
+            place = film.teeth[0] if design.separate_bases else 0
+            forces, stresses = solution.base_forces, solution.base_films
+        films[film.name] = FilmLoad(forces[place], stresses[place] if stresses else (0.0, 0.0))
+    return Response(
+        model="solid",
+        force_rigid=sum(solution.tooth_forces),
+        force_total=solution.total_force,
+        force_ratio=solution.force_ratio,
+        error_estimate=estimate,
+        tooth_forces=solution.tooth_forces,
+        films=films,
+        stiffness=springs.stiffness(design, load.sensed),
+    )
+
+
+def _surface(design: Design, load: Load, tolerance: float | None) -> Response:
+    from instrument.models import surface
+
+    found = surface.find(design, load)
+    ratio = found.force_ratio(load.sensed.modulus / design.ring.material.modulus)
+    return _response("surface", design, load, ratio, found.error_bound * ratio + found.discretisation)
 
 
 def _response(
@@ -174,5 +199,6 @@ MODELS: Mapping[str, Model] = MappingProxyType(
         "experiment": _closed_form("experiment", experiment.force_ratio),
         "axisymmetric": Model(_axisymmetric, AXISYMMETRIC_TOLERANCE),
         "solid": Model(_solid, SOLID_TOLERANCE),
+        "surface": Model(_surface),
     }
 )

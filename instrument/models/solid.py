@@ -18,20 +18,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.errors import RangeError
+from instrument.models import solid_system
 from instrument.models.parameters import SolidParameters
-from instrument.models.solid_system import RESOLUTIONS, System, symmetry
+from instrument.models.solid_forces import evaluate
+from instrument.models.solid_mesh import Resolution
+from instrument.models.solid_system import System, symmetry
 
-REFINEMENTS = tuple(range(len(RESOLUTIONS)))
+REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Summation over some 1e5 unknowns.
 ROUND_OFF = 1e-10
 
 
+PlaneStress = tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class SolidSolution:
-    """What the teeth take.
+    """What teeth, bases and films take. Forces are compressions [N], stresses tensions [Pa].
 
     Attributes:
-        tooth_forces: by row, then column [N].
+        tooth_forces: by row, then column.
+        base_forces: of the one common base, or of each tooth's own.
+        tooth_films: mean stresses along x and y of the film below each tooth; none on a rigid support.
+        base_films: of the film of each base; none on a rigid support.
         total_force: that reaches the floor [N].
         force_ratio: sum of the tooth forces over the total force.
         unknowns: displacements solved for.
@@ -40,6 +49,9 @@ class SolidSolution:
     """
 
     tooth_forces: tuple[float, ...]
+    base_forces: tuple[float, ...]
+    tooth_films: tuple[PlaneStress, ...]
+    base_films: tuple[PlaneStress, ...]
     total_force: float
     force_ratio: float
     unknowns: int
@@ -58,16 +70,31 @@ def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> Sol
         EstimateError: the linear system cannot be solved accurately.
         UnknownName: the solver is not installed.
     """
+    return solve_on(parameters, resolution_of(refinement), solver)
+
+
+def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = "") -> SolidSolution:
+    """Forces on the teeth, on any mesh.
+
+    Raises:
+        EstimateError: the linear system cannot be solved accurately.
+        UnknownName: the solver is not installed.
+    """
     start = time.perf_counter()
-    system = _system(parameters, refinement, solver)
+    system = System(parameters, resolution, solver)
     built = time.perf_counter()
-    teeth, total, residual = system.forces(parameters.load_at)
+    solved = system.solve(system.load(parameters.load_at))
+    forces = evaluate(system, solved)
+    total = float(forces.bases.sum())
     return SolidSolution(
-        tooth_forces=tuple(float(force) for force in teeth.ravel()),
+        tooth_forces=tuple(forces.teeth.tolist()),
+        base_forces=tuple(forces.bases.tolist()),
+        tooth_films=tuple((along, across) for along, across in forces.tooth_films.tolist()),
+        base_films=tuple((along, across) for along, across in forces.base_films.tolist()),
         total_force=total,
-        force_ratio=float(teeth.sum()) / total,
+        force_ratio=float(forces.teeth.sum()) / total,
         unknowns=system.unknowns,
-        residual=residual,
+        residual=solved.residual,
         seconds=(built - start, time.perf_counter() - built),
     )
 
@@ -90,15 +117,12 @@ def point_loads(
     """
     symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
     mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
-    system = _system(replace(parameters, load_at=places[0]), refinement, solver, mirrored)
-    return np.array([system.forces(place)[0].ravel() for place in places])
+    system = System(replace(parameters, load_at=places[0]), resolution_of(refinement), solver, mirrored)
+    return np.array([evaluate(system, system.solve(system.load(place))).teeth for place in places])
 
 
 def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") -> tuple[SolidSolution, float]:
     """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
-
-    A refinement divides the error by about three. The bound is the last change, or what is left of a series that
-    falls as slowly as the last two changes, where that is more.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
@@ -110,9 +134,7 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
     for refinement in REFINEMENTS[2:]:
         solution = solve(parameters, refinement, solver)
         ratios.append(solution.force_ratio)
-        before, change = abs(ratios[-2] - ratios[-3]), abs(ratios[-1] - ratios[-2])
-        slowness = min(change / before, 0.9) if before > 0 else 0.5
-        estimate = max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
+        estimate = error_estimate(ratios)
         if estimate <= tolerance:
             return solution, estimate
     raise RangeError(
@@ -120,9 +142,23 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
     )
 
 
-def _system(
-    parameters: SolidParameters, refinement: int, solver: str, mirrored: tuple[bool, bool] | None = None
-) -> System:
+def error_estimate(ratios: Sequence[float]) -> float:
+    """Bound on the error of the last of at least three force ratios of rising refinement.
+
+    A refinement divides the error by about three. The bound is the last change, or what is left of a series that
+    falls as slowly as the last two changes, where that is more.
+    """
+    before, change = abs(ratios[-2] - ratios[-3]), abs(ratios[-1] - ratios[-2])
+    slowness = min(change / before, 0.9) if before > 0 else 0.5
+    return max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
+
+
+def resolution_of(refinement: int) -> Resolution:
+    """How fine the mesh of a refinement is.
+
+    Raises:
+        RangeError: there is no such refinement.
+    """
     if refinement not in REFINEMENTS:
         raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
-    return System(parameters, refinement, solver, mirrored)
+    return solid_system.RESOLUTIONS[refinement]

@@ -1,8 +1,8 @@
-"""Stiffness of one part of the solid model: a plan times a range of heights.
+"""Element matrices of one part of the solid model: a plan times a range of heights.
 
-Shape functions are products of one in the plan and one along the height, both of degree p, so that every matrix
-in space is a sum of Kronecker products of one in the plan and one along the height. The pressure is a
-discontinuous polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and rubber does not lock.
+Shape functions are products of one in the plan and one along the height, both of degree p, so that every element
+matrix is a sum of products of one in the plan and one along the height. The pressure is a discontinuous
+polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and rubber does not lock.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from skfem import Basis, BilinearForm, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, LinearForm, MeshLine
+from skfem import Basis, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, MeshLine
 
 from instrument.models.solid_mesh import Plan
 
 Vector = NDArray[np.float64]
-Sparse = sparse.csr_array
+Names = NDArray[np.intp]
 
 # 2 G e + λ tr e is assembled with λ / G up to this; what is above it comes by iteration on the pressure.
 LAME_RATIO_LIMIT = 1000.0
@@ -57,128 +56,162 @@ class Elastic:
         return 1 - self.lame * self.compliance if np.isfinite(self.compliance) else 0.0
 
 
-class PlanMatrices:
-    """Matrices in the plan on a selection of its elements, over the nodes of that selection.
+class PlanElements:
+    """Integrals over each of a selection of the plan's elements.
 
     Attributes:
-        nodes: names in the whole plan of the n shape functions that do not vanish on the selection.
-        integrals: of the shape functions.
-        mass, xx, yy, yx, vx, vy: integrals of products of shape functions and their derivatives.
-        pressure: by degree, triples (x derivative, y derivative, value) against orthonormal polynomials.
+        elements: numbers in the whole plan.
+        nodes: names in the whole plan of the shape functions that do not vanish on the selection.
+        local: places of each element's shape functions in `nodes`, shape (elements, shapes).
+        integrals: of the shape functions over the selection, by node.
+        areas: of the elements [m2].
+        mass, xx, yy, yx, vx, vy: of products of shape functions and their derivatives, (elements, shapes, shapes).
+        pressure: x derivative, y derivative and value of shape functions against orthonormal polynomials, by
+            degree of these, each (elements, polynomials, shapes).
     """
 
-    def __init__(self, basis: Any, elements: NDArray[np.intp], degree: int) -> None:
-        part = basis.with_elements(elements) if len(elements) < basis.mesh.nelements else basis
-        self.nodes = np.unique(basis.element_dofs[:, elements])
-        pick = self.nodes
+    def __init__(self, basis: Any, elements: Names, degree: int) -> None:
+        part = basis.with_elements(elements)
+        self.elements = elements
+        names = basis.element_dofs[:, elements].T
+        self.nodes, local = np.unique(names, return_inverse=True)
+        self.local = local.reshape(names.shape)
+        weight = part.dx
+        shapes = [field[0] for field in part.basis]
+        v = np.stack([np.broadcast_to(np.asarray(shape), weight.shape) for shape in shapes], axis=1)
+        x, y = (np.stack([shape.grad[axis] for shape in shapes], axis=1) for axis in (0, 1))
 
-        def form(function: Any) -> Sparse:
-            return sparse.csr_array(BilinearForm(function).assemble(part))[pick][:, pick]
+        def product(test: Vector, trial: Vector) -> Vector:
+            result: Vector = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
+            return result
 
-        self.integrals = np.asarray(LinearForm(lambda v, w: v).assemble(part))[pick]
-        self.mass = form(lambda u, v, w: u * v)
-        self.xx = form(lambda u, v, w: u.grad[0] * v.grad[0])
-        self.yy = form(lambda u, v, w: u.grad[1] * v.grad[1])
-        self.yx = form(lambda u, v, w: u.grad[0] * v.grad[1])  # row: y derivative, column: x derivative
-        self.vx = form(lambda u, v, w: u.grad[0] * v)
-        self.vy = form(lambda u, v, w: u.grad[1] * v)
-        self.pressure = _pressures(part, elements, pick, degree - 1)
+        self.areas = weight.sum(axis=1)
+        self.integrals = np.bincount(self.local.ravel(), weights=(v @ weight[..., None]).ravel())
+        self.mass, self.xx, self.yy, self.yx = product(v, v), product(x, x), product(y, y), product(y, x)
+        self.vx, self.vy = product(v, x), product(v, y)
+        self.pressure = []
+        for count in np.cumsum(np.arange(1, degree + 1)):
+            polynomials = _orthonormal(np.asarray(part.global_coordinates()), weight, degree - 1)[:, :count]
+            self.pressure.append((product(polynomials, x), product(polynomials, y), product(polynomials, v)))
 
 
-def _pressures(part: Any, elements: NDArray[np.intp], pick: NDArray[np.intp], degree: int) -> list[tuple[Sparse, ...]]:
-    x, weight = np.asarray(part.global_coordinates()), part.dx
-    centre = (x * weight).sum(-1, keepdims=True) / weight.sum(-1)[None, :, None]
-    size = np.sqrt(((x - centre) ** 2 * weight).sum(-1, keepdims=True) / weight.sum(-1)[None, :, None])
-    a, b = (x - centre) / size
+def _orthonormal(places: Vector, weight: Vector, degree: int) -> Vector:
+    """Polynomials at the quadrature points, (elements, polynomials, points), orthonormal on each element."""
+    area = weight.sum(axis=-1)[:, None]
+    centre = (places * weight).sum(axis=-1, keepdims=True) / area
+    size = np.sqrt(((places - centre) ** 2 * weight).sum(axis=-1, keepdims=True) / area)
+    a, b = (places - centre) / size
     # By rising degree, so that the first ones span every lower degree.
     monomials = np.stack([a ** (k - m) * b**m for k in range(degree + 1) for m in range(k + 1)], axis=-1)
     root = np.sqrt(weight)[..., None]
-    orthonormal = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 0)
-    count = len(elements)
-    columns = part.element_dofs if part.element_dofs.shape[1] == count else part.element_dofs[:, elements]
-    shapes = [field[0] for field in part.basis]
-    total = []
-    for values in (
-        np.stack([f.grad[0] for f in shapes]),
-        np.stack([f.grad[1] for f in shapes]),
-        np.stack([np.broadcast_to(np.asarray(f), weight.shape) for f in shapes]),
-    ):
-        data = np.einsum("aeq,neq,eq->aen", orthonormal, values, weight)
-        rows = np.broadcast_to(np.arange(len(orthonormal) * count).reshape(-1, count, 1), data.shape)
-        names = np.broadcast_to(columns.T[None], data.shape)
-        entries = (data.ravel(), (rows.ravel(), names.ravel()))
-        matrix = sparse.csr_array(entries, shape=(len(orthonormal) * count, part.N))
-        total.append(sparse.csr_array(matrix[:, pick]))
-    return [tuple(matrix[: count * (k + 1) * (k + 2) // 2] for matrix in total) for k in range(degree + 1)]
+    polynomials: Vector = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 1)
+    return polynomials
 
 
-class HeightMatrices:
-    """Matrices along the height: the first shape function alone reaches the bottom, the last the top."""
+class HeightElements:
+    """Integrals over each step along the height; its first shape function alone reaches the bottom, the last the top.
+
+    Attributes:
+        breaks: heights between the steps [m].
+        degree: of the shape functions.
+        count: of shape functions.
+        local: names of each step's shape functions, shape (steps, shapes).
+        one: coefficients of the function 1.
+        mass, zz, zv: of products of shape functions and their derivatives, (steps, shapes, shapes).
+        pressure: value and slope of the shape functions against Legendre polynomials, (degree, steps, shapes).
+    """
 
     def __init__(self, breaks: Vector, degree: int) -> None:
-        basis = Basis(MeshLine(breaks), ElementLineP2() if degree == 2 else ElementLinePp(degree), intorder=2 * degree)
+        basis = height_basis(breaks, degree)
         steps = len(breaks) - 1
         order = np.concatenate([np.arange(steps), np.arange(steps + 1, basis.N), [steps]])
+        self.breaks, self.degree = breaks, degree
         self.count = basis.N
+        self.local = np.argsort(order)[basis.element_dofs].T
+        # Hierarchical shape functions add nothing to those of the ends.
+        self.one = np.where((order <= steps) | (degree == 2), 1.0, 0.0)
+        weight = basis.dx
+        v = np.stack([np.broadcast_to(np.asarray(field[0]), weight.shape) for field in basis.basis], axis=1)
+        z = np.stack([field[0].grad[0] for field in basis.basis], axis=1)
 
-        def form(function: Any) -> Sparse:
-            return sparse.csr_array(BilinearForm(function).assemble(basis))[order][:, order]
+        def product(test: Vector, trial: Vector) -> Vector:
+            result: Vector = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
+            return result
 
-        self.mass = form(lambda u, v, w: u * v)
-        self.zz = form(lambda u, v, w: u.grad[0] * v.grad[0])
-        self.vz = form(lambda u, v, w: u.grad[0] * v)
-        rank = np.argsort(order)
-        z, weight = np.asarray(basis.global_coordinates())[0], basis.dx
-        low, high = z.min(axis=1), z.max(axis=1)
-        local = (2 * z - (low + high)[:, None]) / (high - low)[:, None]
-        root = np.sqrt(weight)[..., None]
-        powers = np.linalg.qr(root * local[..., None] ** np.arange(degree))[0] / root
-        names = rank[basis.element_dofs]
-        self.pressure: list[tuple[Sparse, Sparse]] = []
-        for polynomial in np.moveaxis(powers, -1, 0):
-            pair = []
-            for shapes in (
-                [np.asarray(field[0]) for field in basis.basis],
-                [field[0].grad[0] for field in basis.basis],
-            ):
-                values = np.stack([np.broadcast_to(shape, weight.shape) for shape in shapes])
-                data = np.einsum("eq,neq,eq->en", polynomial, values, weight)
-                rows = np.broadcast_to(np.arange(steps)[:, None], data.shape)
-                pair.append(sparse.csr_array((data.ravel(), (rows.ravel(), names.T.ravel())), shape=(steps, basis.N)))
-            self.pressure.append((pair[0], pair[1]))
+        self.mass, self.zz, self.zv = product(v, v), product(z, z), product(z, v)
+        places = np.asarray(basis.global_coordinates())[0]
+        middle, half = (breaks[1:] + breaks[:-1])[:, None] / 2, np.diff(breaks)[:, None] / 2
+        levels = np.arange(degree)[:, None, None]
+        legendre = np.polynomial.legendre.legvander((places - middle) / half, degree - 1).transpose(2, 0, 1)
+        legendre = legendre * np.sqrt((2 * levels + 1) / (2 * half))
+        pairs = [(product(level[:, None], v), product(level[:, None], z)) for level in legendre]
+        self.pressure = [(value[:, 0], slope[:, 0]) for value, slope in pairs]
 
 
 class Body:
-    """One part: stiffness matrix and the operator from displacements to its orthonormal dilatations.
+    """One part: a plan, a range of heights, and a material.
 
-    The unknowns run over displacement (x, y, z), then node of the plan, then height.
-
-    Attributes:
-        stiffness: shape (3 n, 3 n), sparse.
-        dilatation: shape (pressures, 3 n), sparse.
+    Element matrices have the unknowns displacement (x, y, z), then height, then node of the plan.
     """
 
-    def __init__(self, plan: PlanMatrices, height: HeightMatrices, material: Elastic) -> None:
+    def __init__(self, plan: PlanElements, height: HeightElements, material: Elastic) -> None:
         self.plan, self.height, self.material = plan, height, material
-        self.shape = (3, len(plan.nodes), height.count)
-        kron = sparse.kron
-        xx, yy, zz = kron(plan.xx, height.mass), kron(plan.yy, height.mass), kron(plan.mass, height.zz)
-        xy = kron(plan.yx, height.mass)
-        xz = kron(plan.vx, height.vz.T)
-        yz = kron(plan.vy, height.vz.T)
-        shear = sparse.block_array(
-            [[2 * xx + yy + zz, xy, xz], [xy.T, xx + 2 * yy + zz, yz], [xz.T, yz.T, xx + yy + 2 * zz]], format="csr"
+        self.shape = (3, height.count, len(plan.nodes))
+
+    def local(self, names: Names, steps: slice = slice(None)) -> Names:
+        """Those of `names`, of the body's shape, that belong to each element: (elements, steps, unknowns)."""
+        heights, nodes = self.height.local[steps], self.plan.local
+        picked = names[:, heights[None, :, :, None], nodes[:, None, None, :]]
+        return np.moveaxis(picked, 0, 2).reshape(len(nodes), len(heights), -1)
+
+    def stiffness(self, steps: slice = slice(None)) -> Vector:
+        """Shape (elements, steps, unknowns, unknowns)."""
+        p, h = self.plan, self.height
+        shear = self.material.shear
+        mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
+        xx, yy, flat, yx, vx, vy = (
+            shear * matrix[:, None, None, :, None, :] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy)
         )
+        upright = flat * zz
+        blocks = {
+            (0, 0): (2 * xx + yy) * mass + upright,
+            (1, 1): (xx + 2 * yy) * mass + upright,
+            (2, 2): (xx + yy) * mass + 2 * upright,
+            (0, 1): yx * mass,
+            (0, 2): vx * zv,
+            (1, 2): vy * zv,
+        }
+        elements, count, m, n = *upright.shape[:3], upright.shape[3]
+        dilatation = self.dilatation(steps)
+        matrix = dilatation.transpose(0, 1, 3, 2) @ (self.material.lame * dilatation)
+        by_axis = matrix.reshape(elements, count, 3, m * n, 3, m * n)
+        for (a, b), block in blocks.items():
+            square = block.reshape(elements, count, m * n, m * n)
+            by_axis[:, :, a, :, b] += square
+            if a != b:
+                by_axis[:, :, b, :, a] += square.transpose(0, 1, 3, 2)
+        return matrix
+
+    def dilatation(self, steps: slice = slice(None)) -> Vector:
+        """Operator from unknowns to orthonormal dilatations: (elements, steps, pressures, unknowns)."""
         rows = []
-        for level, (value, slope) in enumerate(height.pressure):
-            dx, dy, flat = plan.pressure[-1 - level]
-            rows.append(sparse.hstack([kron(dx, value), kron(dy, value), kron(flat, slope)]))
-        self.dilatation = sparse.csr_array(sparse.vstack(rows))
-        self.stiffness = sparse.csr_array(
-            material.shear * shear + material.lame * (self.dilatation.T @ self.dilatation)
-        )
+        for level, (value, slope) in enumerate(self.height.pressure):
+            triple = self.plan.pressure[-1 - level]
+            value, slope = (matrix[None, steps, None, :, None] for matrix in (value, slope))
+            dx, dy, flat = (matrix[:, None, :, None, :] for matrix in triple)
+            rows.append(np.stack([dx * value, dy * value, flat * slope], axis=3))
+        joined = np.concatenate(rows, axis=2)
+        return joined.reshape(*joined.shape[:3], -1)
 
 
 def plan_basis(plan: Plan, degree: int) -> Any:
     """Shape functions of a plan."""
     return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)
+
+
+def height_basis(breaks: Vector, degree: int, points: Vector | None = None) -> Any:
+    """Shape functions along the height, at the points of an exact quadrature or at these of each step (0 to 1)."""
+    element = ElementLineP2() if degree == 2 else ElementLinePp(degree)
+    if points is None:
+        return Basis(MeshLine(breaks), element, intorder=2 * degree)
+    return Basis(MeshLine(breaks), element, quadrature=(points[None], np.full(len(points), 1 / len(points))))

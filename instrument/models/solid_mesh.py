@@ -132,7 +132,10 @@ def _quarter(cell: Cell, resolution: Resolution) -> tuple[Vector, NDArray[np.int
     core = 0.5 * cell.tooth_radius
     side = np.linspace(0, 1, 2 * m + 1)
     angle = np.linspace(0, np.pi / 2, 4 * m + 1)
-    circle = np.array([np.cos(angle), np.sin(angle)])
+    # The middle of each arc stands out just as far as gives the parabola through its ends the arc's area.
+    half = np.pi / (8 * m)
+    bulge = np.cos(half) + (2 * half - np.sin(2 * half)) * 3 / (8 * np.sin(half))
+    circle = np.where(np.arange(4 * m + 1) % 2, bulge, 1.0) * np.array([np.cos(angle), np.sin(angle)])
     square = np.array([np.concatenate([np.ones(2 * m), side[::-1]]), np.concatenate([side, np.ones(2 * m)])])
     rectangle = square * np.array([[cell.half_length], [cell.half_width]])
     rings = [(core * square, cell.tooth_radius * circle, "end", TOOTH)]

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.models.parameters import SolidParameters
-from instrument.models.solid_body import Body, Elastic, HeightMatrices, PlanMatrices, plan_basis
+from instrument.models.solid_body import Body, Elastic, HeightElements, Names, PlanElements, plan_basis
 from instrument.models.solid_mesh import GAP, OVERHANG, RING, TOOTH, Cell, Resolution, graded, plan_mesh
 
 Vector = NDArray[np.float64]
-Names = NDArray[np.intp]
 
 HELD, UNNAMED = -1, -2
 ALL, NORMAL = (0, 1, 2), (2,)
@@ -21,14 +20,27 @@ ALL, NORMAL = (0, 1, 2), (2,)
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A body with the names of its unknowns, shape (3, nodes of the plan, heights), HELD where fixed."""
+    """A body with the names of its unknowns, of the body's shape, HELD where fixed."""
 
+    name: str
     body: Body
     names: Names
 
-    def displacement(self, solution: Vector) -> Vector:
-        """Shape (3 n,), zero where held."""
-        return np.append(solution, 0.0)[self.names.ravel()]
+    def strained(self, solution: Vector, steps: slice = slice(None)) -> Vector:
+        """Unknowns of its elements, (elements, steps, unknowns), zero where held."""
+        return np.append(solution, 0.0)[self.body.local(self.names, steps)]
+
+    def forces(self, solution: Vector, pressure: Vector, steps: slice = slice(None)) -> Vector:
+        """On the unknowns of its elements, (elements, steps, 3, heights, nodes) [N].
+
+        Args:
+            pressure: that the matrix does not carry, (elements, all steps, pressures); of size 0 where it carries all.
+        """
+        body = self.body
+        total = body.stiffness(steps) @ self.strained(solution, steps)[..., None]
+        if pressure.size:
+            total += body.dilatation(steps).transpose(0, 1, 3, 2) @ pressure[:, steps, :, None]
+        return total.reshape(*total.shape[:2], 3, body.height.local.shape[1], body.plan.local.shape[1])
 
 
 # A part below, and the displacements that it shares.
@@ -43,8 +55,11 @@ class Stack:
         object: the sensed object.
         tooth: the part whose lower side carries the teeth's forces: their films, or the object on rigid teeth.
         floor: parts that stand on the floor.
+        base_films: the films of the bases; none on a rigid support.
+        touching: elements of the plan where the object touches teeth and rings.
         basis: shape functions of the plan.
         one: coefficients of the function 1 in the plan.
+        places: coefficients of the functions x and y in the plan [m], shape (2, nodes).
         unknowns: how many there are.
     """
 
@@ -57,8 +72,11 @@ class Stack:
         # Hierarchical shape functions add nothing to the corners'.
         corner = np.arange(self.basis.N) < self.plan.mesh.nvertices
         self.one = np.where(corner | (resolution.degree == 2), 1.0, 0.0)
-        self._matrices: dict[bytes, PlanMatrices] = {}
+        self.places = np.stack([self.basis.project(lambda at, axis=axis: at[axis]) for axis in (0, 1)])
+        self._plans: dict[bytes, PlanElements] = {}
         self.parts: list[Part] = []
+        self.floor: list[Part] = []
+        self.base_films: list[Part] = []
         self.unknowns = 0
         self._build()
 
@@ -93,22 +111,24 @@ class Stack:
         compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
         ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
         if p.support == "rigid":
-            self.floor = [self._add(ring, ring_heights, compliant, floor=True)]
+            self.floor = [self._add("ring", ring, ring_heights, compliant, floor=True)]
             below = [(self.floor[0], joint)]
         else:
             plates = self._plates(everywhere, foot)
             steps = max(1, layers - 1)
             sheet = self._heights(np.array([foot, -p.sensor_height]))
             tall = self._heights(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
-            self.tooth = self._add(region == TOOTH, sheet, Elastic(p.film_modulus, p.film_poisson), plates)
-            phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
-            tooth = self._add(region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
-            below = [(tooth, joint), (self._add(ring, ring_heights, compliant, plates), joint)]
+            film, phenolic = Elastic(p.film_modulus, p.film_poisson), Elastic(p.tooth_modulus, p.tooth_poisson)
+            self.tooth = self._add("tooth film", region == TOOTH, sheet, film, plates)
+            tooth = self._add("tooth", region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
+            below = [(tooth, joint), (self._add("ring", ring, ring_heights, compliant, plates), joint)]
         if p.load_at is None:
             heights = graded(0.0, p.sensed_thickness, layers + 1, ratio, "start")
         else:
             heights = graded(0.0, p.sensed_thickness, layers, ratio, "both")
+        self.touching = ring | (region == TOOTH)
         self.object = self._add(
+            "object",
             everywhere,
             self._heights(heights),
             Elastic(p.sensed_modulus, p.sensed_poisson),
@@ -120,8 +140,8 @@ class Stack:
         if p.support == "rigid":
             self.tooth = self.object
 
-    def _heights(self, breaks: Vector) -> HeightMatrices:
-        return HeightMatrices(breaks, self._resolution.degree)
+    def _heights(self, breaks: Vector) -> HeightElements:
+        return HeightElements(breaks, self._resolution.degree)
 
     def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
         """Plate, film and plate below `top`, in one stack or one for each cell; the uppermost of each stack."""
@@ -133,19 +153,21 @@ class Stack:
         sheet = self._heights(np.array([film_top - p.film_thickness, film_top]))
         lower = self._heights(film_top - p.film_thickness + np.array([-p.plate_thickness, 0.0]))
         stacks = [plan.cell == k for k in np.unique(plan.cell)] if p.separate_bases else [everywhere]
-        self.floor = []
         uppermost: list[Join] = []
         for stack in stacks:
-            floor = self._add(stack, lower, plexiglas, floor=True, base=True)
-            between = self._add(stack, sheet, film, [(floor, ALL)], base=True)
-            uppermost.append((self._add(stack, upper, plexiglas, [(between, ALL)], base=True), ALL))
+            floor = self._add("lower plate", stack, lower, plexiglas, floor=True, base=True)
+            between = self._add("base film", stack, sheet, film, [(floor, ALL)], base=True)
+            top_plate = self._add("upper plate", stack, upper, plexiglas, [(between, ALL)], base=True)
+            uppermost.append((top_plate, ALL))
             self.floor.append(floor)
+            self.base_films.append(between)
         return uppermost
 
     def _add(
         self,
+        name: str,
         elements: NDArray[np.bool_],
-        height: HeightMatrices,
+        height: HeightElements,
         material: Elastic,
         below: Sequence[Join] = (),
         *,
@@ -157,29 +179,29 @@ class Stack:
     ) -> Part:
         """One more part, on the parts below, on the floor, or with some displacements held on rigid teeth."""
         key = elements.tobytes()
-        if key not in self._matrices:
-            self._matrices[key] = PlanMatrices(self.basis, np.flatnonzero(elements), self._resolution.degree)
-        body = Body(self._matrices[key], height, material)
+        if key not in self._plans:
+            self._plans[key] = PlanElements(self.basis, np.flatnonzero(elements), self._resolution.degree)
+        body = Body(self._plans[key], height, material)
         names = np.full(body.shape, UNNAMED, dtype=np.intp)
         self._hold_symmetry(names, body, base)
         if floor:
-            names[:, :, 0] = HELD
+            names[:, 0] = HELD
         for axis in on_teeth:
-            names[axis, self.over_teeth(body), 0] = HELD
+            names[axis, 0, self.over_teeth(body)] = HELD
         for part, axes in below:
             _, mine, its = np.intersect1d(body.plan.nodes, part.body.plan.nodes, return_indices=True)
             for axis in axes:
-                free = names[axis, mine, 0] == UNNAMED
-                names[axis, mine[free], 0] = part.names[axis, its[free], -1]
+                free = names[axis, 0, mine] == UNNAMED
+                names[axis, 0, mine[free]] = part.names[axis, -1, its[free]]
         if slides:
             self._hold_sliding(names, body)
         if platen:
-            names[2, :, -1] = self.unknowns
+            names[2, -1] = self.unknowns
             self.unknowns += 1
         new = names == UNNAMED
         names[new] = self.unknowns + np.arange(new.sum())
         self.unknowns += int(new.sum())
-        part = Part(body, names)
+        part = Part(name, body, names)
         self.parts.append(part)
         return part
 
@@ -192,7 +214,7 @@ class Stack:
                 middle = np.flatnonzero(
                     (np.abs(self.plan.mesh.p[axis, self.plan.mesh.facets] - size / 2) < 1e-9 * size).all(axis=0)
                 )
-                names[axis, np.isin(body.plan.nodes, self.basis.get_dofs(middle).flatten())] = HELD
+                names[axis][:, np.isin(body.plan.nodes, self.basis.get_dofs(middle).flatten())] = HELD
 
     def _hold_sliding(self, names: Names, body: Body) -> None:
         """Hold what nothing else holds of an object that slides: translation, and rotation about z."""
@@ -200,11 +222,11 @@ class Stack:
         corners = self.plan.mesh.p[0, body.plan.nodes[body.plan.nodes < self.plan.mesh.nvertices]]
         far = int(np.argmax(corners))
         if not self._mirrored[0]:
-            names[0, 0, -1] = HELD
+            names[0, -1, 0] = HELD
         if not self._mirrored[1]:
-            names[1, 0, -1] = HELD
+            names[1, -1, 0] = HELD
         if not any(self._mirrored):
-            names[1, far, -1] = HELD
+            names[1, -1, far] = HELD
 
 
 def _cell(parameters: SolidParameters) -> Cell:

@@ -1,4 +1,6 @@
-"""Response surface: the axisymmetric model's force ratio as a polynomial in the logarithm of the modulus ratio.
+"""Response surface: a finite-element model's force ratio as a polynomial in the logarithm of the modulus ratio.
+
+    find(get_design("single"), load).force_ratio(load.sensed.modulus / 24e3)
 
 R runs from the share of a soft object to that of a hard one, both finite, and is analytic in between, so
 Chebyshev interpolation in log10 of the object's modulus over the ring's converges geometrically. The error
@@ -7,9 +9,12 @@ bound is measured at points between the nodes, where the polynomial never saw th
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
+import time
 import zipfile
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,18 +23,25 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.design import Design
 from instrument.errors import ConfigError, EstimateError, RangeError
-from instrument.models.parameters import RoundParameters
+from instrument.load import Load
+from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 
 Array = NDArray[np.float64]
 Ratios = TypeVar("Ratios", float, NDArray[np.float64])
+Parameters = RoundParameters | SolidParameters
 
 LOWEST, HIGHEST = 0.1, 1e7
 ERROR_LIMIT = 1e-6
-# Raise it with every change of the model's numbers: surfaces of another version are refused.
-CODE_VERSION = 1
-REFINEMENT = 3
-NODES = (25, 49, 97)  # each has the one before among its nodes
+# Raise it with every change of the models' numbers: surfaces of another version are refused.
+CODE_VERSION = 2
+NODES = (21, 41, 81)  # each has the one before among its nodes
+# Modulus ratios at which the mesh is compared with the next finer one: it tells most where tooth and ring share
+# the force.
+PROBES = (4.0, 40.0)
+REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
+STORED = Path(__file__).with_name("surfaces")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +52,9 @@ class ResponseSurface:
         coefficients: of Chebyshev polynomials in log10 of the modulus ratio, -1 at `lowest`, 1 at `highest`.
         lowest, highest: modulus ratios between which it answers.
         error_bound: greatest relative difference from the finite-element model.
+        discretisation: bound on the error of the finite-element model's force ratio.
+        seconds: that it took to build.
+        model: the finite-element model's name.
         design_hash: of parameters, refinement and code version.
     """
 
@@ -47,6 +62,9 @@ class ResponseSurface:
     lowest: float
     highest: float
     error_bound: float
+    discretisation: float
+    seconds: float
+    model: str
     design_hash: str
 
     def force_ratio(self, modulus_ratio: Ratios) -> Ratios:
@@ -60,12 +78,19 @@ class ResponseSurface:
         if bad.any():
             raise RangeError(
                 f"modulus ratio {ratios[bad].flat[0]:g} is outside {self.lowest:g} to {self.highest:g} of the"
-                " response surface; ask model 'axisymmetric'"
+                f" response surface; ask model {self.model!r}"
             )
         low, high = math.log10(self.lowest), math.log10(self.highest)
         place = (2 * np.log10(ratios) - (low + high)) / (high - low)
         value = np.polynomial.chebyshev.chebval(place, self.coefficients).astype(np.float64)
         return value if isinstance(modulus_ratio, np.ndarray) else float(value)
+
+    def thinned(self, stride: int) -> ResponseSurface:
+        """The surface through every so many of the nodes; its error bound is not known."""
+        count = len(self.coefficients)
+        kept = np.cos(math.pi * np.arange(0, count, stride) / (count - 1))
+        coefficients = interpolate(np.polynomial.chebyshev.chebval(kept, self.coefficients).astype(np.float64))
+        return replace(self, coefficients=coefficients, error_bound=math.inf)
 
     def save(self, path: Path) -> None:
         """Write to an `.npz` file.
@@ -77,86 +102,105 @@ class ResponseSurface:
             np.savez(
                 file,
                 coefficients=self.coefficients,
-                limits=np.array([self.lowest, self.highest, self.error_bound]),
+                numbers=self._numbers(),
+                model=np.array(self.model),
                 design_hash=np.array(self.design_hash),
                 content_hash=np.array(self._content_hash()),
             )
 
+    def _numbers(self) -> Array:
+        return np.array([self.lowest, self.highest, self.error_bound, self.discretisation, self.seconds])
+
     def _content_hash(self) -> str:
-        digest = hashlib.sha256(self.design_hash.encode())
-        digest.update(np.array([self.lowest, self.highest, self.error_bound], dtype="<f8").tobytes())
+        digest = hashlib.sha256(f"{self.model};{self.design_hash}".encode())
+        digest.update(self._numbers().astype("<f8").tobytes())
         digest.update(self.coefficients.astype("<f8").tobytes())
         return digest.hexdigest()
 
 
-def design_hash(parameters: RoundParameters, refinement: int = REFINEMENT) -> str:
-    """SHA-256 of what a surface depends on: everything but the object's modulus.
+def fixed(parameters: Parameters) -> str:
+    """All that a force ratio depends on but the object's modulus.
 
     The ring's modulus counts: it sets the sensor's own stiffness against the plates.
     """
-    fixed = replace(parameters, sensed_modulus=parameters.compliant_modulus).canonical()
-    return hashlib.sha256(f"surface {CODE_VERSION};refinement={refinement};{fixed}".encode()).hexdigest()
+    apart = replace(parameters, sensed_modulus=parameters.compliant_modulus)
+    if isinstance(apart, SolidParameters):
+        apart = replace(apart, force=1.0)
+    return apart.canonical()
 
 
-def build(parameters: RoundParameters, refinement: int = REFINEMENT) -> ResponseSurface:
+def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
+    """SHA-256 of what a surface depends on; without a refinement that of the stored surfaces."""
+    model = _model(parameters)
+    used = REFINEMENTS[model] if refinement is None else refinement
+    text = f"surface {CODE_VERSION};{model};refinement={used};{fixed(parameters)}"
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def surface_parameters(design: Design, load: Load) -> Parameters:
+    """What the surface of a design is built of: the axisymmetric model where the design is round, or the solid one."""
+    return (round_parameters if design.outline == "round" else solid_parameters)(design, load)
+
+
+def build(
+    parameters: Parameters, refinement: int | None = None, apply: Callable[..., Iterable[float]] = map
+) -> ResponseSurface:
     """Build the surface of a sensor over modulus ratios 0.1 to 1e7; `parameters.sensed_modulus` does not count.
 
-    Raises:
-        EstimateError: 97 nodes do not reach a relative error of 1e-6.
-    """
-    from instrument.models.axisymmetric import solve
+    Args:
+        refinement: of the finite-element model; there must be a finer one. None: that of the stored surfaces.
+        apply: `map`, or that of an executor: where the finite-element model is solved at many moduli.
 
-    low, high = math.log10(LOWEST), math.log10(HIGHEST)
+    Raises:
+        EstimateError: 81 nodes do not reach a relative error of 1e-6.
+    """
+    start = time.perf_counter()
+    used = REFINEMENTS[_model(parameters)] if refinement is None else refinement
     known: dict[Fraction, float] = {}
 
-    def at(angle: Fraction) -> float:
-        if angle not in known:
-            place = math.cos(math.pi * angle)
-            modulus = parameters.compliant_modulus * 10 ** (low + (high - low) * (place + 1) / 2)
-            known[angle] = solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
-        return known[angle]
+    def at(angles: Sequence[Fraction]) -> Array:
+        missing = [angle for angle in angles if angle not in known]
+        found = apply(functools.partial(_solve, parameters, used), [_modulus_ratio(angle) for angle in missing])
+        known.update(zip(missing, found, strict=True))
+        return np.array([known[angle] for angle in angles])
 
     bound = math.inf
     for count in NODES:
-        # Extreme points: the ends are met exactly, and every second one is a node of half the count.
-        values = np.array([at(Fraction(index, count - 1)) for index in range(count)])
-        coefficients = _interpolate(values)
+        coefficients = interpolate(at(_angles(count)))
+        # Every second point between the nodes is a node of twice the count.
         between = [Fraction(2 * index + 1, 2 * (count - 1)) for index in range(0, count - 1, 2)]
-        truth = np.array([at(angle) for angle in between])
         places = np.cos(math.pi * np.array(between, dtype=np.float64))
-        error = np.abs(np.polynomial.chebyshev.chebval(places, coefficients) / truth - 1)
+        error = np.abs(np.polynomial.chebyshev.chebval(places, coefficients) / at(between) - 1)
         # Twice the worst of those looked at stands for those in between.
         bound = 2 * float(error.max()) + 1e-12
         if bound < ERROR_LIMIT:
-            return ResponseSurface(coefficients, LOWEST, HIGHEST, bound, design_hash(parameters, refinement))
-    raise EstimateError(
-        f"response surface: relative error {bound:.1e} at {NODES[-1]} nodes is above {ERROR_LIMIT:g};"
-        " ask model 'axisymmetric' itself"
+            break
+    else:
+        raise EstimateError(
+            f"response surface: relative error {bound:.1e} at {NODES[-1]} nodes is above {ERROR_LIMIT:g};"
+            f" ask model {_model(parameters)!r} itself"
+        )
+    own, finer = (list(apply(functools.partial(_solve, parameters, used + k), PROBES)) for k in (0, 1))
+    return ResponseSurface(
+        coefficients=coefficients,
+        lowest=LOWEST,
+        highest=HIGHEST,
+        error_bound=bound,
+        # A refinement divides the error by three at least, so that the change is two thirds of it or more.
+        discretisation=2 * float(np.abs(np.subtract(finer, own)).max()),
+        seconds=time.perf_counter() - start,
+        model=_model(parameters),
+        design_hash=design_hash(parameters, used),
     )
 
 
-def load(path: Path, parameters: RoundParameters, refinement: int = REFINEMENT) -> ResponseSurface:
+def load(path: Path, parameters: Parameters, refinement: int | None = None) -> ResponseSurface:
     """Read the surface of that sensor.
 
     Raises:
         ConfigError: no such file, it is corrupt, or it belongs to another design or code version.
     """
-    try:
-        # np.load leaves a file that it opened itself open when it turns out to be cut off.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            lowest, highest, bound = (float(value) for value in stored["limits"])
-            surface = ResponseSurface(
-                coefficients=np.asarray(stored["coefficients"], dtype=np.float64),
-                lowest=lowest,
-                highest=highest,
-                error_bound=bound,
-                design_hash=str(stored["design_hash"]),
-            )
-            content = str(stored["content_hash"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
-    if content != surface._content_hash():
-        raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
+    surface = _read(path)
     expected = design_hash(parameters, refinement)
     if surface.design_hash != expected:
         raise ConfigError(
@@ -166,7 +210,28 @@ def load(path: Path, parameters: RoundParameters, refinement: int = REFINEMENT) 
     return surface
 
 
-def _interpolate(values: Array) -> Array:
+def find(design: Design, load: Load) -> ResponseSurface:
+    """The surface that comes with palpate, for a design and an object.
+
+    Raises:
+        RangeError: there is none for that design, object or load.
+        ConfigError: its file is corrupt.
+    """
+    parameters = surface_parameters(design, load)
+    path = STORED / f"{design.name}.npz"
+    if path.exists():
+        surface = _kept(path)
+        if surface.design_hash == design_hash(parameters):
+            return surface
+    shipped = ", ".join(sorted(file.stem for file in STORED.glob("*.npz")))
+    raise RangeError(
+        f"model 'surface' has none for design {design.name!r} with these dimensions, materials and this load; it knows"
+        f" {shipped} as they are, each under a bonded object of 3 mm and Poisson ratio 0.3;"
+        f" ask model {_model(parameters)!r}"
+    )
+
+
+def interpolate(values: Array) -> Array:
     """Chebyshev coefficients of the polynomial through `values` at cos(π k / n), k = 0 to n."""
     from scipy.fft import dct
 
@@ -174,3 +239,53 @@ def _interpolate(values: Array) -> Array:
     coefficients: Array = dct(values, type=1) / count
     coefficients[[0, -1]] /= 2
     return coefficients
+
+
+def _angles(count: int) -> list[Fraction]:
+    """Extreme points: the ends are met exactly, and every second one is a node of half the count."""
+    return [Fraction(index, count - 1) for index in range(count)]
+
+
+def _modulus_ratio(angle: Fraction) -> float:
+    low, high = math.log10(LOWEST), math.log10(HIGHEST)
+    return float(10 ** (low + (high - low) * (math.cos(math.pi * angle) + 1) / 2))
+
+
+def _model(parameters: Parameters) -> str:
+    return "axisymmetric" if isinstance(parameters, RoundParameters) else "solid"
+
+
+def _solve(parameters: Parameters, refinement: int, modulus_ratio: float) -> float:
+    """The finite-element model's force ratio. Of the module, so that another process can call it."""
+    from instrument.models import axisymmetric, solid
+
+    modulus = parameters.compliant_modulus * modulus_ratio
+    if isinstance(parameters, RoundParameters):
+        return axisymmetric.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
+    return solid.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
+
+
+def _read(path: Path) -> ResponseSurface:
+    try:
+        # np.load leaves a file that it opened itself open when it turns out to be cut off.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            lowest, highest, bound, discretisation, seconds = (float(value) for value in stored["numbers"])
+            surface = ResponseSurface(
+                coefficients=np.asarray(stored["coefficients"], dtype=np.float64),
+                lowest=lowest,
+                highest=highest,
+                error_bound=bound,
+                discretisation=discretisation,
+                seconds=seconds,
+                model=str(stored["model"]),
+                design_hash=str(stored["design_hash"]),
+            )
+            content = str(stored["content_hash"])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
+    if content != surface._content_hash():
+        raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
+    return surface
+
+
+_kept = functools.cache(_read)

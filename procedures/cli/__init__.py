@@ -8,6 +8,7 @@ import sys
 
 import click
 
+from procedures.cli.accuracy import accuracy
 from procedures.cli.calibrate import calibrate
 from procedures.cli.contracts import contracts
 from procedures.cli.model import model
@@ -27,7 +28,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, runs, contracts, model):
+for group in (sweep, calibrate, runs, contracts, model, accuracy):
     palpate.add_command(group)
 
 

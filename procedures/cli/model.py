@@ -2,20 +2,82 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Output, output_options
+from procedures.cli.options import FILE_NAME, Output, output_options, store
 
 if TYPE_CHECKING:
     from instrument.design import Design
-    from instrument.models.ratio import Answer
+    from instrument.models.ratio import Answer, Question
+
+# Settings that go over the parameter set's, with their units.
+_SETTINGS = {
+    "sensed_thickness": ("m", "Thickness of the object."),
+    "sensed_poisson": ("", "Poisson ratio of the object."),
+    "compliant_modulus": ("Pa", "Young modulus of the ring."),
+    "compliant_poisson": ("", "Poisson ratio of the ring."),
+    "plate_modulus": ("Pa", "Young modulus of the plates."),
+}
 
 
 @click.group()
 def model() -> None:
     """Ask the sensor models, without a bench."""
+
+
+def question_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Which sensor, by which model, from which numbers: the command gets one `question`."""
+
+    @functools.wraps(command)
+    def asked(
+        design: str, name: str, parameters: str, interface: str | None, tolerance: str | None, **given: Any
+    ) -> None:
+        from instrument.models.ratio import Question
+        from instrument.quantity import parse
+
+        texts = {setting: given.pop(setting) for setting in _SETTINGS}
+        settings: dict[str, float | str] = {
+            setting: parse(text, _SETTINGS[setting][0]) for setting, text in texts.items() if text is not None
+        }
+        if interface is not None:
+            settings["interface"] = interface
+        limit = None if tolerance is None else parse(tolerance, "")
+        command(question=Question(design, name, parameters, settings, limit), **given)
+
+    described = [click.option(f"--{name.replace('_', '-')}", help=text) for name, (_, text) in _SETTINGS.items()]
+    for option in reversed(
+        (
+            click.option(
+                "--design",
+                default="single",
+                show_default=True,
+                help="single, single_round, common_base, different_base or array.",
+            ),
+            click.option(
+                "--model",
+                "name",
+                default="axisymmetric",
+                show_default=True,
+                help="column, beam, beam_printed, experiment, axisymmetric, solid, or auto.",
+            ),
+            *described,
+            click.option("--interface", help="bonded or frictionless."),
+            click.option(
+                "--parameters",
+                default="physical",
+                show_default=True,
+                help="What is not given above: thesis, physical or identified.",
+            ),
+            click.option("--tolerance", help="Greatest error estimate (default: 1e-4 axisymmetric, 5e-3 solid)."),
+        )
+    ):
+        asked = option(asked)
+    return asked
 
 
 @model.command(
@@ -24,77 +86,96 @@ def model() -> None:
     "\n\n  palpate model ratio --design common_base --model solid --parameters identified"
     " --sensed-modulus '720 kPa' --json"
 )
-@click.option(
-    "--design", default="single", show_default=True, help="single, single_round, common_base, different_base or array."
-)
-@click.option(
-    "--model",
-    "name",
-    default="axisymmetric",
-    show_default=True,
-    help="column, beam, beam_printed, experiment, axisymmetric, solid, or auto.",
-)
 @click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
-@click.option("--sensed-thickness", help="Thickness of the object.")
-@click.option("--sensed-poisson", help="Poisson ratio of the object.")
-@click.option("--compliant-modulus", help="Young modulus of the ring.")
-@click.option("--compliant-poisson", help="Poisson ratio of the ring.")
-@click.option("--plate-modulus", help="Young modulus of the plates.")
-@click.option("--interface", help="bonded or frictionless.")
-@click.option(
-    "--parameters",
-    default="physical",
-    show_default=True,
-    help="What is not given above: thesis, physical or identified.",
-)
-@click.option("--tolerance", help="Greatest error estimate (default: 1e-4 axisymmetric, 5e-3 solid).")
+@question_options
 @output_options
-def ratio(
-    design: str,
-    name: str,
-    sensed_modulus: str,
-    sensed_thickness: str | None,
-    sensed_poisson: str | None,
-    compliant_modulus: str | None,
-    compliant_poisson: str | None,
-    plate_modulus: str | None,
-    interface: str | None,
-    parameters: str,
-    tolerance: str | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -> None:
     """Force ratio, tooth force over total force, for objects of given moduli.
 
     The error estimate is that of the discretisation, not of what a model leaves out. Models in closed form have none.
     The solid model takes a minute and more a point; the extra "fast" (pypardiso) shortens it.
     The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
-    from instrument.models.ratio import Question, ask
+    from instrument.models.ratio import ask
     from instrument.quantity import parse
 
     output = Output(as_json, quiet)
-    quantities = {
-        "sensed_thickness": (sensed_thickness, "m"),
-        "sensed_poisson": (sensed_poisson, ""),
-        "compliant_modulus": (compliant_modulus, "Pa"),
-        "compliant_poisson": (compliant_poisson, ""),
-        "plate_modulus": (plate_modulus, "Pa"),
-    }
-    settings: dict[str, float | str] = {
-        setting: parse(text, unit) for setting, (text, unit) in quantities.items() if text is not None
-    }
-    if interface is not None:
-        settings["interface"] = interface
-    question = Question(design, name, parameters, settings, None if tolerance is None else parse(tolerance, ""))
     answers = ask(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
     if output.as_json:
         sensor = question.sensor()
-        output.json({"design": design, "parameters": parameters, "points": [_point(sensor, a) for a in answers]})
+        output.json(
+            {
+                "design": question.design,
+                "parameters": question.parameters,
+                "points": [_point(sensor, a) for a in answers],
+            }
+        )
     elif output.for_people:
         from procedures import report
 
-        report.print_ratios(design, answers)
+        report.print_ratios(question.design, answers)
+
+
+@model.command(
+    epilog="Examples:\n\n  palpate model modulus --force-ratio '0.31, 0.99' --model column"
+    "\n\n  palpate model modulus --force-ratio 0.183 --uncertainty 0.005 --design single --json"
+)
+@click.option("--force-ratio", required=True, help="Force ratio, or a list with commas.")
+@click.option(
+    "--uncertainty", help="Standard uncertainty of the ratios (default: by how much the design's repeat, about 4 %)."
+)
+@question_options
+@output_options
+def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_json: bool, quiet: bool) -> None:
+    """Young modulus of the sensed object from the force ratio, with an interval that covers it by 95 %.
+
+    Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
+    The interval holds the uncertainty of the ratio and the model's error estimate, not what the model leaves out.
+    A model in closed form takes less than a second, the axisymmetric one some 20 s, the solid one half an hour.
+    """
+    from instrument.quantity import parse
+    from procedures import model_modulus, report
+
+    output = Output(as_json, quiet)
+    ratios = [parse(text, "") for text in force_ratio.split(",")]
+    points = model_modulus.estimate(question, ratios, None if uncertainty is None else parse(uncertainty, ""))
+    if output.as_json:
+        output.json(
+            {
+                "design": question.design,
+                "parameters": question.parameters,
+                "coverage": model_modulus.COVERAGE,
+                "points": points,
+            }
+        )
+    elif output.for_people:
+        report.print_moduli(question.design, points)
+
+
+@model.command(
+    epilog="Examples:\n\n  palpate model plot --sensed-modulus '24 kPa, 100 kPa, 1 MPa' --out sensor.png"
+    "\n\n  palpate model plot --design common_base --model column --sensed-modulus '100 kPa'"
+)
+@click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="Where the picture goes (default: new in runs/plots/).")
+@question_options
+@output_options
+def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
+    """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
+
+    The section is that of the first modulus, for 1 N. Only the axisymmetric model knows one: for any other the
+    force ratio is drawn alone.
+    """
+    from instrument.quantity import parse
+    from procedures import model_picture, model_plot
+
+    output = Output(as_json, quiet)
+    file = model_plot.place(question, out, store())
+    picture = model_picture.solve(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
+    model_plot.draw(picture, file)
+    if output.as_json:
+        output.json({"file": str(file), **picture.data()})
+    output.line(str(file))
 
 
 def _point(design: Design, answer: Answer) -> dict[str, Any]:

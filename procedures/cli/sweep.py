@@ -23,7 +23,7 @@ def sweep() -> None:
 @click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
 @click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
-@click.option("--model", metavar="NAME", help="Sensor model of the scene: experiment, column, beam, beam_printed.")
+@click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
 @bench_options
 def loads(
     samples: str,

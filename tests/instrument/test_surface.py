@@ -69,12 +69,16 @@ def test_a_surface_of_another_design_or_refinement_is_refused(built: ResponseSur
         surface.load(path, SENSOR, refinement=2)
 
 
-def test_a_surface_that_was_changed_is_refused(built: ResponseSurface, tmp_path: Path) -> None:
+@pytest.mark.parametrize("field", ["coefficients", "numbers", "model", "design_hash"])
+def test_a_surface_that_was_changed_is_refused(built: ResponseSurface, tmp_path: Path, field: str) -> None:
     path = tmp_path / "surface.npz"
     built.save(path)
     with np.load(path) as stored:
         arrays = dict(stored)
-    arrays["coefficients"][3] += 1e-9
+    if arrays[field].ndim:
+        arrays[field][3] += 1e-9
+    else:
+        arrays[field] = np.array("solid")
     np.savez(path, **arrays)
     with pytest.raises(ConfigError, match="content hash"):
         surface.load(path, SENSOR, refinement=1)
@@ -88,7 +92,7 @@ def test_a_corrupt_file_is_refused(built: ResponseSurface, tmp_path: Path, damag
     if damage == "missing":
         path.unlink()
     elif damage == "pickle":
-        np.savez(path, limits=np.array([{}], dtype=object))
+        np.savez(path, numbers=np.array([{}], dtype=object))
     elif damage == "no field":
         with zipfile.ZipFile(path, "w"):
             pass

@@ -1,0 +1,105 @@
+"""What the round sensor's solution looks like: displacements over every body, pressure on the sensor's face."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.models import elements as el
+from instrument.models.mesh import Grid
+from instrument.models.numbering import Part
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+POINTS = 5  # a side of an element
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Displacements of a body on a grid of points, for a total force of 1 N.
+
+    Attributes:
+        radius, height: of the points, undeformed [m], (columns, rows).
+        radial, axial: displacements [m], (columns, rows).
+    """
+
+    radius: Array
+    height: Array
+    radial: Array
+    axial: Array
+
+
+@dataclass(frozen=True, slots=True)
+class FacePressure:
+    """Pressure of the object on the sensor's face at Gauss points, from the axis outwards, for a total force of 1 N.
+
+    Where parts end it is singular: the finer the mesh, the higher it reaches next to their edges. What a part
+    takes in all is not touched by that.
+
+    Attributes:
+        radius: of the points [m]; none lie over the gap.
+        pressure: compression positive [Pa]; negative where a bonded object pulls.
+        area: of the face that each point stands for [m2].
+        reach: radius of the tooth [m].
+    """
+
+    radius: Array
+    pressure: Array
+    area: Array
+    reach: float
+
+    @property
+    def tooth_force(self) -> float:
+        """Integral over the tooth [N]."""
+        return float((self.pressure * self.area)[self.radius < self.reach].sum())
+
+    @property
+    def force(self) -> float:
+        """Integral over the face [N]."""
+        return float((self.pressure * self.area).sum())
+
+
+def displacements(mesh: Grid, part: Part, degree: int, displacement: Array) -> Field:
+    """Of a body, from its element displacements (columns, rows, axis, radial shape, axial shape)."""
+    points = np.linspace(0, 1, POINTS)
+    shapes = el.shape_functions(degree, points)
+    sampled = np.einsum("xyckl,ki,lj->cxiyj", displacement, shapes, shapes)
+    radius = mesh.radii[part.columns][:, None] + np.diff(mesh.radii)[part.columns][:, None] * points
+    height = mesh.heights[part.rows][:, None] + np.diff(mesh.heights)[part.rows][:, None] * points
+    grid_r, grid_z = np.meshgrid(radius.ravel(), height.ravel(), indexing="ij")
+    radial, axial = sampled.reshape(2, *grid_r.shape)
+    return Field(grid_r, grid_z, radial, axial)
+
+
+def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, reach: float) -> FacePressure:
+    """The pressure whose work on every shape function of the face is that of the nodal forces.
+
+    Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey,
+    Chow and Seager 1985), balance the forces exactly, and need no stress of a body that keeps its pressure apart.
+
+    Args:
+        dofs: numbers of the shape functions of each interval of the radius, (intervals, p + 1).
+        touching: intervals where the object touches the sensor.
+        forces: of the object on the face, by number of the shape function [N].
+        reach: radius of the tooth [m].
+    """
+    from scipy.linalg import solve
+
+    degree = dofs.shape[1] - 1
+    points, weights = np.polynomial.legendre.leggauss(degree + 2)
+    shapes = el.shape_functions(degree, (points + 1) / 2)
+    width = np.diff(mesh.radii)[touching][:, None]
+    radius = mesh.radii[touching][:, None] + width * (points + 1) / 2
+    area = 2 * math.pi * radius * width * weights / 2
+
+    numbers, local = np.unique(dofs[touching], return_inverse=True)
+    local = local.reshape(len(touching), -1)
+    mass = np.zeros((len(numbers), len(numbers)))
+    np.add.at(mass, (local[:, :, None], local[:, None, :]), np.einsum("eq,iq,jq->eij", area, shapes, shapes))
+    scale = 1 / np.sqrt(np.diag(mass))
+    nodal = scale * solve(mass * np.outer(scale, scale), scale * forces[numbers], assume_a="pos")
+    return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)

@@ -1,0 +1,241 @@
+"""What the accuracy of each model costs: measured once and stored, to be asked for the cheapest that will do.
+
+    choose(get_design("single"), [Load(1.0, get_sample("2"))], tolerance=1e-3).model
+
+A price holds for one design, for an object like the one it was measured with, and between the moduli at which it
+was measured. For anything else the list does not vouch, and a model with an error estimate of its own answers.
+"""
+
+from __future__ import annotations
+
+import bisect
+import functools
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from instrument.config import Config
+from instrument.design import Design
+from instrument.designs import DESIGNS
+from instrument.errors import ConfigError, RangeError
+from instrument.load import Load
+from instrument.models.parameters import solid_parameters
+from instrument.models.response import MODELS, Response
+from instrument.models.surface import fixed
+from instrument.quantity import show
+
+STORED = Path(__file__).with_name("prices.json")
+# Where the caller names none: below the 4 % by which the measured ratio scatters.
+AUTO_TOLERANCE = 1e-2
+
+
+class Machine(Config):
+    """Where and when the times were taken."""
+
+    cpu: str
+    cores: int
+    system: str
+    python: str
+    date: str
+
+
+class Reference(Config):
+    """The converged force ratios of one design that errors are taken against.
+
+    Attributes:
+        fingerprint: of all that the finite-element models look at but modulus and force.
+        force_ratios, uncertainties: at each modulus of the list.
+        how: they were got and checked.
+    """
+
+    design: str
+    fingerprint: str
+    force_ratios: tuple[float, ...]
+    uncertainties: tuple[float, ...]
+    how: str
+
+
+class Price(Config):
+    """Error and time of one model of one design at one refinement.
+
+    Attributes:
+        errors: greatest distance from the reference, with the reference's uncertainty, from each modulus of the
+            list to the next; None where the model does not answer in all of it, or was not asked.
+        estimates: greatest of the model's own bounds on its error, likewise; None where it has none.
+        build_s, solve_s, evaluate_s: time that one answer takes at this refinement, taken apart [s].
+        answer_s: time that a caller of the model pays for an answer like this, with every mesh that its error
+            estimate needs [s]; None where no caller gets it.
+        failure: why something is missing; empty where nothing is.
+    """
+
+    design: str
+    model: str
+    refinement: str
+    errors: tuple[float | None, ...]
+    estimates: tuple[float | None, ...]
+    build_s: float | None
+    solve_s: float | None
+    evaluate_s: float | None
+    answer_s: float | None
+    failure: str = ""
+
+    @property
+    def seconds(self) -> float | None:
+        """Time for one answer at this refinement alone [s]; what is built once and kept does not count."""
+        if self.build_s is None or self.solve_s is None or self.evaluate_s is None:
+            return self.evaluate_s
+        return self.build_s + self.solve_s + self.evaluate_s
+
+    def promise(self, intervals: slice) -> float | None:
+        """Greatest error over some intervals, by reference and by own estimate; None: not all are known."""
+        errors = self.errors[intervals]
+        if not errors or None in errors:
+            return None
+        return max(error for error in (*errors, *self.estimates[intervals]) if error is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A model that meets a tolerance.
+
+    Attributes:
+        error: greatest error that its price promises; None: the list does not vouch, its own estimate does.
+        seconds: for each answer; None: not priced.
+        why: it was chosen, in one sentence.
+    """
+
+    model: str
+    error: float | None
+    seconds: float | None
+    why: str
+
+
+class PriceList(Config):
+    """All prices, between Young moduli of the object that rise [Pa]."""
+
+    machine: Machine
+    moduli_Pa: tuple[float, ...] = Field(min_length=2)
+    references: tuple[Reference, ...]
+    prices: tuple[Price, ...]
+
+    def choose(self, design: str, low: float, high: float, tolerance: float) -> Choice:
+        """The cheapest model whose priced error meets the tolerance for objects of moduli `low` to `high` [Pa].
+
+        Raises:
+            RangeError: no price was measured for that design and range, or none meets the tolerance.
+        """
+        intervals = self._around(low, high)
+        offers = [
+            (price.answer_s, promise, price)
+            for price in self.prices
+            if price.design == design
+            and price.answer_s is not None
+            and (promise := price.promise(intervals)) is not None
+        ]
+        where = f"design {design!r} and moduli of {show(low, 'Pa')} to {show(high, 'Pa')}"
+        if not offers:
+            raise RangeError(f"no price was measured for {where}; ask a finite-element model itself")
+        good = [offer for offer in offers if offer[1] <= tolerance]
+        if not good:
+            _, error, best = min(offers, key=lambda offer: offer[1])
+            raise RangeError(
+                f"tolerance {tolerance:g}: no model meets it for {where}; the best is {best.model!r}"
+                f" with {error:.1e}; give a larger tolerance"
+            )
+        seconds, error, cheapest = min(good, key=lambda offer: offer[:2])
+        return Choice(
+            cheapest.model,
+            error,
+            seconds,
+            f"{cheapest.model} ({cheapest.refinement}): error at most {error:.1e} in {show(seconds, 's', 2)}, the"
+            f" cheapest of {len({price.model for _, _, price in good})} models that meet {tolerance:g} for {where}",
+        )
+
+    def of(self, designs: Sequence[str]) -> PriceList:
+        """What was measured for some designs alone."""
+        return self.model_copy(
+            update={
+                "references": tuple(reference for reference in self.references if reference.design in designs),
+                "prices": tuple(price for price in self.prices if price.design in designs),
+            }
+        )
+
+    def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
+        """Whether prices were measured for this very design, such objects and such moduli."""
+        known = {reference.design: reference.fingerprint for reference in self.references}
+        return DESIGNS.get(design.name) == design and all(
+            fingerprint(design, load) == known.get(design.name)
+            and self.moduli_Pa[0] <= load.sensed.modulus <= self.moduli_Pa[-1]
+            for load in loads
+        )
+
+    def _around(self, low: float, high: float) -> slice:
+        """Intervals from the last modulus at or below `low` to the first at or above `high`."""
+        if not (self.moduli_Pa[0] <= low <= high <= self.moduli_Pa[-1]):
+            return slice(0, 0)
+        last = bisect.bisect_left(self.moduli_Pa, high, 1)
+        return slice(min(bisect.bisect_right(self.moduli_Pa, low), last) - 1, last)
+
+
+def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
+    """The cheapest model that meets a tolerance of the force ratio under all of some loads.
+
+    Raises:
+        RangeError: the tolerance is not positive and finite, or no model meets it.
+    """
+    if not (0 < tolerance < math.inf):
+        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
+    prices = stored()
+    if prices.vouches(design, loads):
+        moduli = [load.sensed.modulus for load in loads]
+        return prices.choose(design.name, min(moduli), max(moduli), tolerance)
+    uniform = all(load.at is None for load in loads)
+    model = "axisymmetric" if design.outline == "round" and uniform else "solid"
+    return Choice(
+        model,
+        None,
+        None,
+        f"{model}: no prices were measured for this sensor, object or range, so that the model that knows its own"
+        f" error refines until its estimate meets {tolerance:g}",
+    )
+
+
+def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Response:
+    """The response by the cheapest model that meets the tolerance; without one by 1e-2.
+
+    Its error estimate is never below the priced error.
+
+    Raises:
+        RangeError: the tolerance is not positive and finite, or no model meets it.
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    asked = AUTO_TOLERANCE if tolerance is None else tolerance
+    choice = choose(design, [load], asked)
+    model = MODELS[choice.model]
+    given = model.answer(design, load, None if model.default_tolerance is None else asked)
+    errors = [error for error in (choice.error, given.error_estimate) if error is not None]
+    return replace(given, error_estimate=max(errors), why=choice.why)
+
+
+def fingerprint(design: Design, load: Load) -> str:
+    """SHA-256 of all that the finite-element models look at but modulus and force."""
+    return hashlib.sha256(fixed(solid_parameters(design, load)).encode()).hexdigest()
+
+
+@functools.cache
+def stored() -> PriceList:
+    """The prices that come with palpate.
+
+    Raises:
+        ConfigError: the file is missing or damaged.
+    """
+    try:
+        return PriceList.model_validate_json(STORED.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise ConfigError(
+            f"{STORED}: is no price list ({error}); measure it anew: palpate accuracy models --store"
+        ) from None

@@ -1,0 +1,152 @@
+"""Tables of the thesis, as printed and as repaired: what the models are held against.
+
+    read_table("A2.1").values("force_rigid_N")      # repaired, [N]
+    read_table("A2.1").columns["force_rigid_N"][14].printed
+
+`table_*.csv` hold what is printed; where the scan is not readable, what it must be. `repairs.csv` holds each cell
+that is doubtful: as printed, its best value, and why.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.errors import UnknownName
+
+Array = NDArray[np.float64]
+
+MODULUS = "sensed_modulus_Pa"
+EVERY_ROW = "*"
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A number of a table.
+
+    Attributes:
+        printed: as the page has it.
+        value: the best there is: what is printed, or repaired.
+        reason: for the repair; empty where what is printed stands.
+    """
+
+    printed: str
+    value: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of the thesis.
+
+    Attributes:
+        number: in the thesis.
+        title: what it holds, in our words.
+        key: name of the column that says which row it is.
+        rows: that column, as printed.
+        columns: name, which ends in its unit, -> cells by row. Units are SI but for percent.
+        doubt: about the table as a whole; empty where there is none.
+    """
+
+    number: str
+    title: str
+    key: str
+    rows: tuple[str, ...]
+    columns: Mapping[str, tuple[Cell, ...]]
+    doubt: str = ""
+
+    def keys(self) -> Array:
+        """The rows' key as numbers."""
+        return np.array([float(row) for row in self.rows])
+
+    def values(self, column: str) -> Array:
+        """Best values of a column, by row."""
+        return np.array([cell.value for cell in self.columns[column]])
+
+    def repaired(self) -> list[tuple[str, str, Cell]]:
+        """Row, column and cell of every repair."""
+        return [
+            (row, column, cell)
+            for column, cells in self.columns.items()
+            for row, cell in zip(self.rows, cells, strict=True)
+            if cell.reason
+        ]
+
+
+# Number -> title, key, doubt.
+_TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {
+        "4.1": ("single sensor, three-dimensional finite elements, ring 24 kPa", MODULUS, ""),
+        "4.3": (
+            "two sensors on different bases, three-dimensional finite elements, ring 24 kPa",
+            MODULUS,
+            "powers of ten of the moduli are not readable; they are those of Table A2.5."
+            " The films are headed PVDF 3 and PVDF 4, and are PVDF 1 and PVDF 3",
+        ),
+        "4.5": (
+            "two sensors on a common base, three-dimensional finite elements, ring 24 kPa",
+            MODULUS,
+            "powers of ten of the moduli are not readable; they are those of Table A2.3."
+            " The films are headed PVDF 2 and PVDF 3, and are PVDF 1 and PVDF 2",
+        ),
+        "5.8": (
+            "percent error of the experiments against the theories",
+            "sample",
+            "the error is not defined, and the columns do not share one definition",
+        ),
+        "A2.1": ("single sensor, three-dimensional finite elements, ring 24 kPa, 48 moduli", MODULUS, ""),
+        "A2.3": (
+            "two sensors on a common base, three-dimensional finite elements, ring 24 kPa, 48 moduli",
+            MODULUS,
+            "",
+        ),
+        "A2.5": (
+            "two sensors on different bases, three-dimensional finite elements, ring 24 kPa, 48 moduli",
+            MODULUS,
+            "",
+        ),
+        "A2.7": (
+            "common base under a load of 1 N along its length",
+            "x_inferred_mm",
+            "neither the object's modulus nor the unit of x is printed: the rows mirror about the middle and peak at"
+            " the teeth if they stand 1 mm apart. The films are headed PVDF 2 (total), 1 (right) and 3 (left)",
+        ),
+    }
+)
+TABLES = tuple(_TABLES)
+
+
+@cache
+def read_table(number: str) -> Table:
+    """The table of that number.
+
+    Raises:
+        UnknownName: no such table here.
+    """
+    if number not in _TABLES:
+        raise UnknownName("table of the thesis", number, TABLES)
+    title, key, doubt = _TABLES[number]
+    printed = _read(f"table_{number.replace('.', '_')}.csv")
+    rows = tuple(row[key] for row in printed)
+    repairs = {(r["column"], r["row"]): r for r in _read("repairs.csv") if r["table"] == number}
+
+    def cell(column: str, row: str, text: str) -> Cell:
+        repair = repairs.get((column, row)) or repairs.get((column, EVERY_ROW))
+        return Cell(repair["printed"], float(repair["best"]), repair["reason"]) if repair else Cell(text, float(text))
+
+    columns = {
+        name: tuple(cell(name, row[key], row[name]) for row in printed) for name in printed[0] if name != key
+    }  # fmt: skip
+    return Table(number, title, key, rows, MappingProxyType(columns), doubt)
+
+
+def _read(name: str) -> list[dict[str, str]]:
+    text = (resources.files(__name__) / name).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))

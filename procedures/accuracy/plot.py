@@ -1,0 +1,57 @@
+"""Work-precision diagrams: error against the time of one answer, a panel for each design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from instrument.models.price_list import Price, PriceList
+from instrument.quantity import show
+from procedures.report import MARKERS
+from procedures.run import storing
+
+# Of the rubber samples: the one that every model answers in.
+INTERVAL = 1
+
+
+def plot_prices(prices: PriceList, designs: list[str], folder: Path) -> Path:
+    """Draws `models.png` in a folder.
+
+    Raises:
+        RecordError: the folder or file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    columns = min(2, len(designs))
+    rows = -(-len(designs) // columns)
+    figure = Figure(figsize=(6.4 * columns, 4.6 * rows), layout="constrained")
+    low, high = prices.moduli_Pa[INTERVAL : INTERVAL + 2]
+    figure.suptitle(
+        f"Greatest error of the force ratio for objects of {show(low, 'Pa', 3)} to {show(high, 'Pa', 3)}"
+        f"\n{prices.machine.cpu}, {prices.machine.date}"
+    )
+    models = list(dict.fromkeys(price.model for price in prices.prices))
+    for place, design in enumerate(designs):
+        ax = figure.add_subplot(rows, columns, place + 1)
+        for number, model in enumerate(models):
+            of_model = [p for p in prices.prices if (p.design, p.model) == (design, model)]
+            points = [point for price in of_model if (point := _point(price))]
+            label = model if points else f"{model}: no answer"
+            style = f"C{number}{MARKERS[number % len(MARKERS)]}-"
+            ax.plot([x for x, _ in points], [y for _, y in points], style, ms=6, lw=1, label=label)
+        reference = next(reference for reference in prices.references if reference.design == design)
+        known = max(reference.uncertainties[INTERVAL : INTERVAL + 2])
+        ax.axhline(known, color="0.5", ls=":", label="uncertainty of the reference")
+        ax.set(xscale="log", yscale="log", title=design, xlabel="time of one answer (s)", ylabel="error")
+        ax.grid(alpha=0.3)
+        ax.legend(fontsize=7)
+    path = folder / "models.png"
+    with storing(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=120, metadata={"Software": None})
+    return path
+
+
+def _point(price: Price) -> tuple[float, float] | None:
+    """Time and error; None where there is not both."""
+    error = price.errors[INTERVAL]
+    return None if error is None or price.seconds is None else (price.seconds, error)

@@ -1,0 +1,100 @@
+"""palpate accuracy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from procedures.cli.options import FILE_NAME, Output, output_options
+
+
+@click.group()
+def accuracy() -> None:
+    """What accuracy costs in time."""
+
+
+@accuracy.command(
+    epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
+    "\n\n  palpate accuracy models --store"
+)
+@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: ten minutes for all designs.")
+@click.option("--store", is_flag=True, help="Measure all, and keep it as the list that models are chosen by.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
+@output_options
+def models(design: str | None, anew: bool, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Error and time of every sensor model at every refinement: the list that model "auto" chooses by.
+
+    Shows the stored list, with the machine that it was measured on. The error is the greatest distance from a
+    converged reference, whose own uncertainty is counted in, for objects like the thesis' rubber samples.
+    """
+    from instrument.errors import UnknownName, UsageError
+    from instrument.models import price_list
+    from procedures.accuracy.measure import DESIGNS, measure
+    from procedures.accuracy.plot import plot_prices
+
+    output = Output(as_json, quiet)
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with prices", design, DESIGNS)
+    if store and design is not None:
+        raise UsageError("--store keeps the prices of all designs; leave out --design, or take --measure")
+    designs = list(DESIGNS) if design is None else [design]
+    if anew or store:
+        with output.progress() as progress:
+            prices = measure(designs, progress)
+        if store:
+            price_list.STORED.write_text(prices.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    else:
+        prices = price_list.stored().of(designs)
+    plot = None if out is None else plot_prices(prices, designs, out)
+    if output.as_json:
+        output.json({**prices.model_dump(mode="json"), "plot": None if plot is None else str(plot)})
+    elif output.for_people:
+        from procedures import report
+
+        report.print_prices(prices, designs, plot)
+
+
+@accuracy.command(
+    epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
+)
+@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--store", is_flag=True, help='Build them anew, and keep them as those of model "surface".')
+@output_options
+def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
+    """Response surfaces that model "surface" answers by, with their bounds; building all takes some minutes."""
+    from instrument.designs import get_design
+    from instrument.errors import UnknownName
+    from instrument.models import surface
+    from instrument.models.parameter_sets import PHYSICAL
+    from procedures.accuracy.measure import DESIGNS, build_surface
+
+    output = Output(as_json, quiet)
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with a surface", design, DESIGNS)
+    found = {}
+    with output.progress() as progress:
+        for name in DESIGNS if design is None else [design]:
+            if store:
+                build_surface(name, progress).save(surface.STORED / f"{name}.npz")
+            found[name] = surface.find(get_design(name), PHYSICAL.load(1e5))
+    if output.as_json:
+        rows = [
+            {
+                "design": name,
+                "model": known.model,
+                "nodes": len(known.coefficients),
+                "error_bound": known.error_bound,
+                "discretisation": known.discretisation,
+                "lowest_modulus_ratio": known.lowest,
+                "highest_modulus_ratio": known.highest,
+                "build_s": known.seconds,
+            }
+            for name, known in found.items()
+        ]
+        output.json({"surfaces": rows})
+    elif output.for_people:
+        from procedures import report
+
+        report.print_surfaces(found)

@@ -1,0 +1,201 @@
+"""What is drawn of a sensor under load: sections, pressure on its face, force ratios over the modulus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.design import Design
+from instrument.errors import RangeError, UnknownName
+from instrument.load import Load
+from instrument.models.curve import ratio_curve
+from instrument.models.parameter_sets import get_parameter_set
+from instrument.models.parameters import round_parameters
+from instrument.models.ratio import Answer, Question, ask
+from instrument.models.response import AXISYMMETRIC_TOLERANCE, MODELS
+from instrument.sample import SAMPLES
+from instrument.thesis import read_table
+
+Array = NDArray[np.float64]
+
+CURVES = ("column", "beam", "surface", "axisymmetric")
+CURVE_TOLERANCE = 1e-3  # less than the width of a line
+SOFTER, HARDER = 0.1, 1e4  # ends of the curves, over the modulus of the ring
+LARGEST = 0.12  # greatest displacement drawn, over the height of the picture
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body in the plane of a section: points on a grid, and their displacements for 1 N [m]."""
+
+    x: Array
+    z: Array
+    right: Array
+    up: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """The plane through the axis of a tooth, for 1 N; the tooth's axis is at x = 0.
+
+    Attributes:
+        bodies: by name; the half at x >= 0.
+        x: places on the sensor's face [m], where the object touches it.
+        pressure: there, compression positive [Pa].
+        tooth: radius of the tooth [m].
+        mean: pressure on the object [Pa].
+    """
+
+    bodies: Mapping[str, Body]
+    x: Array
+    pressure: Array
+    tooth: float
+    mean: float
+
+
+def _round_section(design: Design, load: Load, tolerance: float | None) -> Section:
+    from instrument.models import axisymmetric
+
+    parameters = round_parameters(design, load)
+    solution, _ = axisymmetric.solve_to(parameters, tolerance or AXISYMMETRIC_TOLERANCE)
+    bodies = {name: Body(f.radius, f.height, f.radial, f.axial) for name, f in solution.fields.items()}
+    area = math.pi * parameters.sensed_radius**2
+    return Section(bodies, solution.face.radius, solution.face.pressure, solution.face.reach, 1 / area)
+
+
+# Of the models that know what happens inside the sensor.
+SECTIONS: Mapping[str, Callable[[Design, Load, float | None], Section]] = {"axisymmetric": _round_section}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What is drawn.
+
+    Attributes:
+        answers: by the model that was asked, at the moduli that were asked for.
+        sections: at those moduli; none where the model knows no section.
+        curves: model -> moduli [Pa] and force ratios, of those that know the sensor.
+        thesis: what the thesis has of the design: what it is -> moduli [Pa] and force ratios.
+    """
+
+    question: Question
+    answers: list[Answer]
+    sections: list[Section]
+    curves: dict[str, tuple[Array, Array]]
+    thesis: dict[str, tuple[Array, Array]]
+
+    @property
+    def scale(self) -> float:
+        """Of the displacements in the drawing: 1, 2 or 5 times a power of ten."""
+        bodies = self.sections[0].bodies.values()
+        largest = max(float(np.hypot(body.right, body.up).max()) for body in bodies)
+        height = max(float(body.z.max()) for body in bodies)
+        wanted = LARGEST * height / largest
+        power = 10.0 ** math.floor(math.log10(wanted))
+        return next(step for step in (5 * power, 2 * power, power) if step <= wanted)
+
+    def data(self) -> dict[str, Any]:
+        """The numbers in the picture, for JSON."""
+        sections = zip(self.answers, self.sections, strict=False)
+        return {
+            "design": self.question.design,
+            "parameters": self.question.parameters,
+            "model": self.question.model,
+            "points": [
+                {
+                    "sensed_modulus_Pa": answer.sensed_modulus,
+                    "force_ratio": answer.response.force_ratio,
+                    "error_estimate": answer.response.error_estimate,
+                }
+                for answer in self.answers
+            ],
+            "deformation": {
+                "sensed_modulus_Pa": self.answers[0].sensed_modulus,
+                "scale": self.scale,
+                "largest_displacement_m": {
+                    name: float(np.hypot(body.right, body.up).max()) for name, body in self.sections[0].bodies.items()
+                },
+            }
+            if self.sections
+            else None,
+            "pressure": [
+                {
+                    "sensed_modulus_Pa": answer.sensed_modulus,
+                    "x_m": section.x.tolist(),
+                    "pressure_Pa": section.pressure.tolist(),
+                }
+                for answer, section in sections
+            ],
+            "curves": _columns(self.curves),
+            "thesis": _columns(self.thesis),
+        }
+
+
+def _columns(lines: Mapping[str, tuple[Array, Array]]) -> dict[str, Any]:
+    return {
+        name: {"sensed_modulus_Pa": moduli.tolist(), "force_ratio": ratios.tolist()}
+        for name, (moduli, ratios) in lines.items()
+    }
+
+
+def solve(question: Question, moduli: Sequence[float]) -> Picture:
+    """Everything that is drawn for objects of these moduli [Pa].
+
+    Raises:
+        RangeError: a modulus or setting is out of its limits, or the model does not answer for this sensor.
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    answers = ask(question, moduli)
+    design = question.sensor()
+    section = SECTIONS.get(answers[0].response.model)
+    sections = [] if section is None else [section(design, question.load(m), question.tolerance) for m in moduli]
+    thesis = _thesis(design)
+    ring = design.ring.material.modulus
+    shown = np.concatenate([[SOFTER * ring, HARDER * ring], moduli, *(found for found, _ in thesis.values())])
+    curves: dict[str, tuple[Array, Array]] = {}
+    for model in CURVES:
+        parameters = _parameters(question, model)
+        label = model if parameters == question.parameters else f"{model}, {parameters} parameters"
+        line = _line(Question(question.design, model, parameters, question.settings), shown)
+        if line is not None:
+            curves[label] = line
+    return Picture(question, answers, sections, curves, thesis)
+
+
+def _parameters(question: Question, model: str) -> str:
+    """The question's parameter set, or the physical one for a model that it was not identified for."""
+    try:
+        get_parameter_set(question.parameters, model)
+    except UnknownName:
+        return "physical"
+    return question.parameters
+
+
+def _line(question: Question, shown: Array) -> tuple[Array, Array] | None:
+    """The curve of a model over what is shown; None where it does not know the sensor."""
+    sensor, tolerance = question.sensor(), MODELS[question.model].default_tolerance
+    load = question.load(sensor.ring.material.modulus)
+    try:
+        curve = ratio_curve(sensor, load, question.model, None if tolerance is None else CURVE_TOLERANCE)
+    except RangeError:
+        return None
+    least, greatest = curve.moduli
+    moduli = np.geomspace(max(shown.min(), least), min(shown.max(), greatest), 200)
+    return moduli, curve.force_ratio(moduli)
+
+
+def _thesis(design: Design) -> dict[str, tuple[Array, Array]]:
+    found = {}
+    if design.name == "single":
+        table = read_table("A2.1")
+        ratios = table.values("force_rigid_N") / table.values("force_total_N")
+        found["thesis, finite elements (A2.1)"] = (table.keys(), ratios)
+    if design.thesis_force_ratio:
+        moduli = np.array([SAMPLES[name].modulus for name in design.thesis_force_ratio])
+        found["thesis, measured means"] = (moduli, np.array(list(design.thesis_force_ratio.values())))
+    return found

@@ -1,0 +1,99 @@
+"""The thesis' tables: what is printed is kept, and every doubtful cell is marked."""
+
+from __future__ import annotations
+
+import csv
+import re
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from instrument import thesis
+from instrument.errors import UnknownName
+from instrument.thesis import EVERY_ROW, TABLES, read_table
+
+
+def raw(name: str) -> list[dict[str, str]]:
+    text = (resources.files(thesis) / name).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+REPAIRS = raw("repairs.csv")
+
+
+@pytest.mark.parametrize("number", TABLES)
+def test_every_repair_marks_its_cell_and_no_other_cell_is_marked(number: str) -> None:
+    table = read_table(number)
+    expected = {
+        (row, repair["column"])
+        for repair in REPAIRS
+        if repair["table"] == number
+        for row in (table.rows if repair["row"] == EVERY_ROW else [repair["row"]])
+    }
+    assert {(row, column) for row, column, _ in table.repaired()} == expected
+
+
+def test_every_repair_belongs_to_a_table() -> None:
+    assert {repair["table"] for repair in REPAIRS} <= set(TABLES)
+    assert sum(repair["row"] != EVERY_ROW for repair in REPAIRS) + 25 == sum(
+        len(read_table(number).repaired()) for number in TABLES
+    )
+
+
+@pytest.mark.parametrize("number", TABLES)
+def test_what_is_printed_is_kept_beside_its_repair(number: str) -> None:
+    """Where the scan is readable the CSV has the printed number; where it is not, the number that it must be."""
+    table = read_table(number)
+    printed = {row[table.key]: row for row in raw(f"table_{number.replace('.', '_')}.csv")}
+    for column, cells in table.columns.items():
+        for row, cell in zip(table.rows, cells, strict=True):
+            if not cell.reason:
+                assert (cell.printed, cell.value) == (printed[row][column], float(printed[row][column]))
+            elif cell.reason.startswith("scan:"):
+                assert float(printed[row][column]) == cell.value
+            else:
+                assert cell.printed == printed[row][column]
+                assert float(cell.printed) != cell.value
+
+
+def test_the_shifted_forces_of_table_a2_1_are_put_right() -> None:
+    table = read_table("A2.1")
+    cell = table.columns["force_rigid_N"][table.rows.index("95400")]
+    assert (cell.printed, cell.value) == ("-0.3089", -0.3221)
+    volts, force = table.values("voltage_pvdf2_V"), table.values("force_rigid_N")
+    assert volts / force == pytest.approx(1e-3, rel=5e-3)
+
+
+@pytest.mark.parametrize("number", ["A2.3", "A2.5", "4.3", "4.5"])
+def test_repaired_voltages_forces_and_ratios_agree_with_one_another(number: str) -> None:
+    table = read_table(number)
+    force = table.values("force_pvdf1_N")
+    assert np.all(force < 0)
+    assert table.values("voltage_pvdf1_V") / force == pytest.approx(1.035e-3, rel=6e-3)
+    assert table.values("force_ratio") == pytest.approx(2 * force, rel=2e-3)
+
+
+def test_the_ratio_rises_with_the_modulus_once_repaired() -> None:
+    for number, column in (("A2.1", "force_rigid_N"), ("A2.3", "force_ratio"), ("A2.5", "force_ratio")):
+        table = read_table(number)
+        assert np.all(np.diff(table.keys()) > 0)
+        assert np.all(np.diff(abs(table.values(column))) > 0)
+
+
+def test_chapter_4_is_an_extract_of_the_appendix() -> None:
+    for number, whole in (("4.1", "A2.1"), ("4.3", "A2.5"), ("4.5", "A2.3")):
+        extract, table = read_table(number), read_table(whole)
+        rows = [table.rows.index(row) for row in extract.rows]
+        for column in set(extract.columns) & set(table.columns):
+            assert extract.values(column) == pytest.approx(table.values(column)[rows], rel=1e-12)
+
+
+def test_an_unknown_table_is_refused_with_those_there_are() -> None:
+    with pytest.raises(UnknownName, match=r"table of the thesis 'A2.2'.*valid: 4.1, 4.3"):
+        read_table("A2.2")
+
+
+def test_no_table_lies_here_that_is_not_read() -> None:
+    files = {file.name for file in resources.files(thesis).iterdir() if re.fullmatch(r"table_.*\.csv", file.name)}
+    assert files == {f"table_{number.replace('.', '_')}.csv" for number in TABLES}

@@ -1,0 +1,119 @@
+"""What `palpate model modulus` answers, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from tests.procedures.conftest import Palpate
+
+MODULUS = ("model", "modulus", "--json", "--model", "column")
+AREA_SHARE = 1.4**2 / (1.4**2 + 5**2 - 1.5**2)
+
+
+def column_modulus(ratio: float) -> float:
+    """E = E_c (T_s / T_c) (R - a) / (a (1 - R))."""
+    return 24e3 * 3 / 3.88 * (ratio - AREA_SHARE) / (AREA_SHARE * (1 - ratio))
+
+
+def test_each_ratio_gets_its_modulus_or_a_bound(palpate: Palpate) -> None:
+    said = palpate(*MODULUS, "--force-ratio", "0.31,0.99, 0.081, 0.05", "--uncertainty", "0.005", "--design", "single")
+    inside, hard, soft, outside = said.object["points"]
+    assert inside["modulus_Pa"] == pytest.approx(column_modulus(0.31), rel=1e-9)
+    assert inside["low_Pa"] == pytest.approx(column_modulus(0.31 - 1.959963985 * 0.005), rel=1e-6)
+    assert inside["high_Pa"] == pytest.approx(column_modulus(0.31 + 1.959963985 * 0.005), rel=1e-6)
+    assert inside["sensitivity"] == pytest.approx(0.31 * (1 - AREA_SHARE) / ((0.31 - AREA_SHARE) * 0.69), rel=1e-8)
+    assert (inside["kind"], inside["note"], inside["model"]) == ("interval", "", "column")
+    assert (hard["modulus_Pa"], hard["high_Pa"], hard["kind"]) == (None, None, "at least")
+    assert hard["low_Pa"] == pytest.approx(column_modulus(0.99 - 1.959963985 * 0.005), rel=1e-5)
+    assert hard["note"] == "1 % of the ratio is 100 % of the modulus here"
+    assert (soft["modulus_Pa"], soft["low_Pa"], soft["kind"]) == (None, None, "at most")
+    assert soft["high_Pa"] == pytest.approx(column_modulus(0.081 + 1.959963985 * 0.005), rel=1e-6)
+    assert outside["kind"] == "at most"
+    assert outside["note"].startswith("the model's ratios are 0.0794")
+    assert outside["sensitivity"] is None
+
+
+def test_without_an_uncertainty_the_ratios_own_scatter_counts(palpate: Palpate) -> None:
+    (point,) = palpate(*MODULUS, "--force-ratio", "0.3").object["points"]
+    assert point["force_ratio_u"] == pytest.approx(0.041 * 0.3)
+    (exact,) = palpate(*MODULUS, "--force-ratio", "0.3", "--uncertainty", "0").object["points"]
+    assert exact["high_Pa"] / exact["low_Pa"] < 1 + 1e-9 < 1.1 < point["high_Pa"] / point["low_Pa"]
+
+
+def test_settings_reach_the_model(palpate: Palpate) -> None:
+    wide = (*MODULUS, "--force-ratio", "0.3", "--uncertainty", "0")
+    (own,) = palpate(*wide).object["points"]
+    (given,) = palpate(*wide, "--compliant-modulus", "48 kPa", "--sensed-thickness", "6 mm").object["points"]
+    assert given["modulus_Pa"] == pytest.approx(4 * own["modulus_Pa"], rel=1e-9)
+
+
+def test_the_ratio_of_the_ratio_command_leads_back_to_its_modulus(palpate: Palpate) -> None:
+    asked = ("--model", "surface", "--design", "single_round")
+    (there,) = palpate("model", "ratio", "--json", *asked, "--sensed-modulus", "43 kPa").object["points"]
+    ratio = f"{there['force_ratio']:.15f}"
+    (back,) = palpate("model", "modulus", "--json", *asked, "--force-ratio", ratio).object["points"]
+    assert back["modulus_Pa"] == pytest.approx(43e3, rel=1e-6)
+
+
+def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
+    said = palpate(*MODULUS, "--force-ratio", "0.3", "--quiet")
+    assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
+    assert list(said.object) == ["design", "parameters", "coverage", "points"]
+    assert said.object["coverage"] == 0.95
+    assert list(said.object["points"][0]) == [
+        "force_ratio", "force_ratio_u", "modulus_Pa", "low_Pa", "high_Pa", "sensitivity", "kind", "note", "model",
+    ]  # fmt: skip
+
+
+def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
+    asked = ("model", "modulus", "--model", "column", "--force-ratio", "0.31, 0.99", "--uncertainty", "0.001")
+    said = palpate(*asked)
+    assert (said.status, said.err) == (0, "")
+    assert "single, model column: Young modulus, 95 % interval" in said.out
+    assert f"{column_modulus(0.31) / 1e3:.2f} kPa" in said.out
+    assert "at least: 1 % of the ratio" in said.out
+    quiet = palpate(*asked, "--quiet")
+    assert (quiet.status, quiet.out, quiet.err) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("--force-ratio", "0"), "force ratio 0 is not between 0 and 1"),
+        (("--force-ratio", "0.3, 1"), "force ratio 1 is not between 0 and 1"),
+        (("--force-ratio", "-0.1"), "force ratio -0.1 is not between 0 and 1"),
+        (("--force-ratio", "31 %, 120 %"), "force ratio 1.2 is not between 0 and 1"),
+        (("--force-ratio", "nan"), "'nan' is not a quantity"),
+        (("--force-ratio", ""), "'' is not a quantity"),
+        (("--force-ratio", "0.3,"), "'' is not a quantity"),
+        (("--uncertainty", "-0.01"), "uncertainty -0.01 is below 0"),
+        (("--uncertainty", "1e999"), "is not finite"),
+        (("--model", "colum"), "did you mean 'column'?"),
+        (("--design", "singel"), "did you mean 'single'?"),
+        (("--parameters", "identified"), "unknown parameter set of model 'column' 'identified'"),
+        (("--tolerance", "1e-4"), "model 'column' has no error estimate"),
+        (("--sensed-thickness", "0 mm"), "thickness 0 m of sample 'sensed object' is not above 0"),
+        (("--model", "axisymmetric", "--design", "common_base"), "has 2 teeth, not one; take model 'solid'"),
+        (("--model", "experiment", "--design", "array"), "nothing was measured with design 'array'"),
+    ],
+)
+def test_bad_input_is_one_error_and_nothing_else(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
+    said = palpate(*MODULUS, "--force-ratio", "0.3", *wrong)
+    assert said.status == 2
+    assert message in said.complaint
+    assert len(said.complaint.splitlines()) == 1
+
+
+def test_without_a_ratio_nothing_is_answered(palpate: Palpate) -> None:
+    said = palpate("model", "modulus")
+    assert (said.status, said.out) == (2, "")
+    assert "Missing option '--force-ratio'" in said.err
+
+
+def test_no_number_in_json_is_infinite(palpate: Palpate) -> None:
+    points = palpate(*MODULUS, "--force-ratio", "0.0801, 0.5, 0.999999", "--uncertainty", "0.3").object["points"]
+    assert all(math.isfinite(value) for point in points for value in point.values() if isinstance(value, float))
+    assert [point["kind"] for point in points] == ["at most", "any", "at least"]

@@ -1,0 +1,169 @@
+"""What `palpate model plot` draws, where it goes, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+
+from instrument.models.ratio import Question
+from procedures import model_picture, model_plot
+from procedures.model_picture import Picture
+from tests.procedures.conftest import Palpate
+
+PLOT = ("model", "plot", "--sensed-modulus", "100 kPa")
+CLOSED = (*PLOT, "--model", "column")
+ROUND = Question("single", "axisymmetric", "identified", tolerance=1e-2)
+
+
+@pytest.fixture
+def few_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_picture, "CURVES", ("column", "axisymmetric", "experiment"))
+    monkeypatch.setattr(model_picture, "CURVE_TOLERANCE", -1.0)  # finite elements are not solved for a line
+
+
+@pytest.fixture(scope="module")
+def picture() -> Picture:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_picture, "CURVES", ("column",))
+        return model_picture.solve(ROUND, [1e5, 1e6])
+
+
+@pytest.fixture(scope="module")
+def panels(picture: Picture) -> list[Axes]:
+    """Of the figure, in their order: deformation, pressure, ratio."""
+    saved: list[Figure] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+        model_plot.draw(picture, Path("sensor.png"))
+    (figure,) = saved
+    figure.draw_without_rendering()
+    return [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+
+
+def labels(axes: Axes) -> list[str]:
+    return [text.get_text() for text in axes.get_legend().get_texts()]  # type: ignore[union-attr]
+
+
+# --- what is drawn --------------------------------------------------------------------------------------
+
+
+def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: Picture, panels: list[Axes]) -> None:
+    deformed = panels[0]
+    meshes = [item for item in deformed.collections if isinstance(item, QuadMesh)]
+    assert len(meshes) == 2 * len(picture.sections[0].bodies) == 4
+    largest = max(float(np.hypot(body.right, body.up).max()) for body in picture.sections[0].bodies.values())
+    assert max(float(np.max(mesh.get_array())) for mesh in meshes) == pytest.approx(1e6 * largest)  # type: ignore[arg-type]
+    assert {text.get_text() for text in deformed.texts} == {"object", "ring"}
+    assert f"100 kPa, displacements × {picture.scale:g}" in deformed.get_title()
+
+
+def test_the_largest_displacement_stays_small_in_the_drawing(picture: Picture) -> None:
+    bodies = picture.sections[0].bodies
+    largest = max(float(np.hypot(body.right, body.up).max()) for body in bodies.values())
+    assert 0.04 < picture.scale * largest / max(float(body.z.max()) for body in bodies.values()) <= 0.12
+    digits = picture.scale / 10 ** np.floor(np.log10(picture.scale))
+    assert digits == pytest.approx(min((1, 2, 5), key=lambda step: abs(step - digits)))
+
+
+def test_the_pressure_is_broken_over_the_gap_and_says_what_the_tooth_takes(
+    picture: Picture, panels: list[Axes]
+) -> None:
+    pressure = panels[1]
+    assert pressure.get_yscale() == "log"
+    assert "clipped" in pressure.get_title()
+    for line, section in zip(pressure.get_lines(), picture.sections, strict=False):
+        x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+        gap = int(np.flatnonzero(np.isnan(x))[0])
+        assert x[gap - 1] < 1e3 * section.tooth < 1.5 <= x[gap + 1]
+        assert np.nanmin(y) > 0
+    taken = [f"tooth takes {100 * answer.response.force_ratio:.1f} %" for answer in picture.answers]
+    assert [label.split(": ")[1] for label in labels(pressure)[:2]] == taken
+    highest = max(float(section.pressure.max()) for section in picture.sections) / 1e3
+    assert pressure.get_ylim()[1] < highest
+
+
+def test_the_ratio_panel_holds_the_models_the_thesis_and_what_was_asked(picture: Picture, panels: list[Axes]) -> None:
+    ratio = panels[2]
+    assert labels(ratio) == [
+        "column, physical parameters", "thesis, finite elements (A2.1)",
+        "thesis, measured means", "axisymmetric, as asked",
+    ]  # fmt: skip
+    asked = ratio.get_lines()[-1]
+    assert list(np.asarray(asked.get_xdata())) == pytest.approx([100, 1000])
+    assert list(np.asarray(asked.get_ydata())) == [answer.response.force_ratio for answer in picture.answers]
+
+
+def test_the_data_are_those_of_the_picture(picture: Picture) -> None:
+    data = picture.data()
+    assert [point["sensed_modulus_Pa"] for point in data["points"]] == [1e5, 1e6]
+    assert set(data["deformation"]["largest_displacement_m"]) == {"object", "ring"}
+    assert len(data["pressure"]) == 2
+    assert len(data["pressure"][0]["x_m"]) == len(data["pressure"][0]["pressure_Pa"]) > 50
+    assert len(data["curves"]["column, physical parameters"]["force_ratio"]) == 200
+    assert len(data["thesis"]["thesis, finite elements (A2.1)"]["force_ratio"]) == 48
+    assert all(0 < ratio < 1 for ratio in data["thesis"]["thesis, finite elements (A2.1)"]["force_ratio"][:40])
+
+
+def test_a_model_that_does_not_know_the_sensor_has_no_curve(few_curves: None) -> None:
+    drawn = model_picture.solve(Question("array", "column"), [1e5])
+    assert (set(drawn.curves), drawn.thesis, drawn.sections) == ({"column"}, {}, [])
+
+
+# --- where it goes --------------------------------------------------------------------------------------
+
+
+def test_a_model_without_a_section_gets_the_ratio_alone(palpate: Palpate, few_curves: None) -> None:
+    said = palpate(*CLOSED, "--out", "sensor.png", "--json")
+    assert said.object["file"] == str(Path("sensor.png").absolute())
+    assert Path("sensor.png").exists()
+    assert said.object["deformation"] is None
+    assert said.object["pressure"] == []
+    assert set(said.object["curves"]) == {"column", "experiment"}
+
+
+def test_without_a_name_each_picture_is_a_new_file_of_the_store(palpate: Palpate, few_curves: None) -> None:
+    said = palpate(*CLOSED, "--design", "common_base")
+    file = Path(said.out.strip())
+    assert (said.status, said.err) == (0, "")
+    assert file.is_file()
+    assert file.parent == Path("runs/plots").absolute()
+    assert file.name.endswith("-common_base-column.png")
+    assert palpate("runs", "list", "--json").object == {"runs": []}
+
+
+def test_quiet_says_nothing(palpate: Palpate, few_curves: None) -> None:
+    said = palpate(*CLOSED, "--out", "sensor.png", "--quiet")
+    assert (said.status, said.out, said.err) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("--out", "missing/sensor.png"), "missing/sensor.png: there is no folder missing; make it"),
+        (("--out", "sensor.txt"), "sensor.txt does not end in .png"),
+        (("--out", "taken.png"), "taken.png exists and is not overwritten"),
+        (("--sensed-modulus", "0 Pa"), "modulus 0 Pa of sample 'sensed object' is not above 0"),
+        (("--sensed-modulus", "24 kPa,"), "'' is not a quantity"),
+        (("--design", "singel"), "did you mean 'single'?"),
+        (("--model", "colum"), "did you mean 'column'?"),
+        (("--model", "axisymmetric", "--design", "common_base"), "has 2 teeth, not one; take model 'solid'"),
+    ],
+)
+def test_bad_input_is_one_error_and_leaves_no_file(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
+    Path("taken.png").touch()
+    said = palpate(*CLOSED, *(() if "--out" in wrong else ("--out", "new.png")), *wrong)
+    assert said.status == 2
+    assert message in said.complaint
+    assert len(said.complaint.splitlines()) == 1
+    assert [file.name for file in Path().iterdir()] == ["taken.png"]
+
+
+def test_an_empty_name_is_refused(palpate: Palpate) -> None:
+    said = palpate(*CLOSED, "--out", "")
+    assert (said.status, said.out) == (2, "")
+    assert "the name is empty" in said.err
