@@ -123,7 +123,7 @@ def plan(scene: Scene, question: Question) -> Plan:
         why=why,
         transitions=count,
         included=tuple(
-            Included(name, effect.kind, effect.cancels_in_ratio, scene.why.get(name, "called for"))
+            Included(name, effect.kind, effect.cancels_in_ratio, scene.called[name])
             for name, effect in scene.effects.items()
         ),
         omitted=tuple(_omitted(scene, case)),

@@ -22,6 +22,8 @@ from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
 LARGEST_SEED = 2**63 - 1
+WHEN, ON = "when", "on"  # a table's own key, and what it says if it has none
+EFFECTS_TOLERANCE = 1e-4  # of automatic effects, where the file has none
 SIMULATED_FILMS = {"rigid", "total"}  # the rig has one tooth
 
 
@@ -49,7 +51,7 @@ class SceneFile(Config):
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
     nodes: int = Field(default=1, ge=1, le=20, strict=True)
     rig: RigParameters = RigParameters()
-    effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    effects: dict[str, Any] = Field(default_factory=dict)  # a table, "on" or "auto"
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,8 @@ class Scene:
         model: that answers; where the file says "auto", the one that was chosen for the samples.
         tolerance: to which it answers; None: its own.
         why: the model was chosen; empty where the file names it.
-        effects: called for, by name, in the order of the registry.
+        effects: simulated, by name, in the order of the registry.
+        called: why each effect is simulated.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Scene:
     nodes: int
     rig: RigParameters
     effects: Mapping[str, Effect]
+    called: Mapping[str, str]
     file: SceneFile
 
     def to_toml(self) -> str:
@@ -119,18 +123,7 @@ def read_scene(name_or_file: str) -> Scene:
     if name_or_file not in scenes and path.suffix != ".toml" and not path.exists():
         raise UnknownName("scene", name_or_file, scenes)
     file = read(path, SceneFile)
-    if unknown := [name for name in file.effects if name not in EFFECTS]:
-        raise ConfigError(
-            "\n".join(
-                f"{path}: effects.{name}: unknown effect{nearest(name, EFFECTS)}; valid: {', '.join(EFFECTS)}"
-                for name in unknown
-            )
-        )
-    effects = {
-        name: check(file.effects[name], effect_class(name), f"{path}: effects.{name}")
-        for name in EFFECTS
-        if name in file.effects
-    }
+    listed = _listed(file, path)
     try:
         design = get_design(file.design)
         model, tolerance, why = _chosen(design, file)
@@ -138,6 +131,7 @@ def read_scene(name_or_file: str) -> Scene:
         raise ConfigError(f"{path}: {error}") from None
     if {film.name for film in design.films} != SIMULATED_FILMS:
         raise ConfigError(f"{path}: design {file.design!r} cannot be simulated yet; take 'single'")
+    effects, called = _called_for(listed, file, design, model)
     return Scene(
         name=file.name,
         purpose=file.purpose,
@@ -149,8 +143,56 @@ def read_scene(name_or_file: str) -> Scene:
         nodes=file.nodes,
         rig=file.rig,
         effects=effects,
+        called=called,
         file=file,
     )
+
+
+def _listed(file: SceneFile, path: Path) -> dict[str, Effect]:
+    """The effects that a file names, checked, in the order of the registry."""
+    if unknown := [name for name in file.effects if name not in EFFECTS]:
+        raise ConfigError(
+            "\n".join(
+                f"{path}: effects.{name}: unknown effect{nearest(name, EFFECTS)}; valid: {', '.join(EFFECTS)}"
+                for name in unknown
+            )
+        )
+    listed = {}
+    for name in EFFECTS:
+        if name in file.effects:
+            given = file.effects[name]
+            if _when(given) not in (ON, AUTO):
+                key = f"effects.{name}.{WHEN}" if isinstance(given, dict) else f"effects.{name}"
+                raise ConfigError(f"{path}: {key}: {_when(given)!r} is neither {ON!r} nor {AUTO!r}, nor a table")
+            parameters = {k: v for k, v in given.items() if k != WHEN} if isinstance(given, dict) else {}
+            listed[name] = check(parameters, effect_class(name), f"{path}: effects.{name}")
+    for name, effect in listed.items():
+        if others := [other for other in effect.excludes if other in listed]:
+            raise ConfigError(f"{path}: effects.{name} and effects.{others[0]} exclude each other; leave one out")
+    return listed
+
+
+def _when(given: Any) -> Any:
+    """Whether an effect is simulated: "on" or "auto"."""
+    return given.get(WHEN, ON) if isinstance(given, dict) else given
+
+
+def _called_for(
+    listed: Mapping[str, Effect], file: SceneFile, design: Design, model: str
+) -> tuple[dict[str, Effect], dict[str, str]]:
+    """The effects that are simulated, and why: of the automatic ones those that can change more than the tolerance."""
+    tolerance = EFFECTS_TOLERANCE if file.tolerance is None else file.tolerance
+    called = {}
+    for name, effect in listed.items():
+        if _when(file.effects[name]) == ON:
+            called[name] = "called for"
+            continue
+        from simulators.plan import needed
+
+        bound = needed(effect, design, model, listed, tolerance)
+        if bound is not None:
+            called[name] = f"can change force by {bound.force:.2g} and ratio by {bound.ratio:.2g}, above {tolerance:g}"
+    return {name: listed[name] for name in called}, called
 
 
 def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
@@ -164,9 +206,10 @@ def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
         return choice.model, asked if refines else None, choice.why
     if file.model not in MODELS:
         raise UnknownName("model", file.model, (*MODELS, AUTO))
-    if file.tolerance is not None and MODELS[file.model].default_tolerance is None:
+    automatic = any(_when(given) == AUTO for given in file.effects.values())
+    if file.tolerance is not None and MODELS[file.model].default_tolerance is None and not automatic:
         raise RangeError(
             f"tolerance: model {file.model!r} has no error estimate to meet {file.tolerance:g}; leave it out,"
             f" or take model {AUTO!r}"
         )
-    return file.model, file.tolerance, ""
+    return file.model, file.tolerance if MODELS[file.model].default_tolerance is not None else None, ""
