@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from contextlib import ExitStack
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
 from simulators.can import CanSegment
@@ -19,8 +19,13 @@ from simulators.shaker_amplifier import ShakerAmplifier
 from simulators.signal_generator import SignalGenerator
 from simulators.strain_indicator import StrainIndicator
 
+if TYPE_CHECKING:
+    from simulators.effects.can_timing import CanTiming
+    from simulators.effects.serial_timing import SerialTiming
+
 _numbers = itertools.count(1)
 INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
+BITRATE = 1_000_000
 TIMEOUT: Any = "10 s"  # of the wall: a device of a busy machine is slow, not absent
 
 
@@ -49,16 +54,24 @@ class SimulatedBench:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             servers = stack.enter_context(ServerThread())
-            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner})
+            serial = cast("SerialTiming | None", self.scene.effects.get("serial_timing"))
+            bus = cast("CanTiming | None", self.scene.effects.get("can_timing"))
+            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial)
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,
                 signal_generator=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.generator), timeout=TIMEOUT),
                 shaker_amplifier=Amplifier(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier), timeout=TIMEOUT),
-                line=SerialLine(port=line, baudrate=BAUDRATE, timeout=TIMEOUT),
+                line=SerialLine(port=line, baudrate=round(serial.baudrate) if serial else BAUDRATE, timeout=TIMEOUT),
                 strain_indicator=Indicator(unit=INDICATOR_UNIT),
                 positioner=RtuAddress(unit=POSITIONER_UNIT),
-                can=CanBus(interface="virtual", channel=self._channel, nodes=tuple(self._node_ids), timeout=TIMEOUT),
+                can=CanBus(
+                    interface="virtual",
+                    channel=self._channel,
+                    bitrate=round(bus.bitrate) if bus else BITRATE,
+                    nodes=tuple(self._node_ids),
+                    timeout=TIMEOUT,
+                ),
             )
             stack.enter_context(self._can)
             self._stack = stack.pop_all()

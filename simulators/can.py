@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import can
 import canopen
@@ -17,6 +17,9 @@ from instrument.object_dictionary import object_dictionary
 from simulators.clock import NEVER, VirtualClock
 from simulators.rig import Rig
 from simulators.sensor_node import CONTRACT, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
+
+if TYPE_CHECKING:
+    from simulators.effects.can_timing import CanTiming
 
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
@@ -81,6 +84,8 @@ class CanSegment:
         self._local = {node.id: canopen.LocalNode(node.id, object_dictionary(CONTRACT)) for node in self.nodes}
         self._sync_from_ns = NEVER
         self._sync_period_ns = 0
+        self._timing = cast("CanTiming | None", rig.scene.effects.get("can_timing"))
+        self._busy_until_ns = 0
         clock.add(self)
 
     def __enter__(self) -> Self:
@@ -121,9 +126,16 @@ class CanSegment:
     def _sdo_handler(self, local: Any) -> Any:
         def handle(cob_id: int, data: bytearray, timestamp: float) -> None:
             if local.nmt.state != "STOPPED":
+                self._let_pass()
                 local.sdo.on_request(cob_id, data, timestamp)
 
         return handle
+
+    def _let_pass(self) -> None:
+        """The time of an SDO transfer. Who asked waits for the answer meanwhile, and nobody else moves the clock."""
+        if self._timing is not None:
+            busy = max(self._busy_until_ns - self._clock.now_ns(), 0)
+            self._clock.wait(1e-9 * (busy + self._timing.transfer_ns()))
 
     def _on_sync(self, _cob_id: int, _data: bytearray, _timestamp: float) -> None:
         """SYNC from the bus master."""
@@ -160,15 +172,20 @@ class CanSegment:
             films = self._rig.film_voltages(time_ns)
             period = self._sync_period_ns or int(1e6)
             streams = [node.sample(time_ns, node.film_channels() @ films, period) for node in active]
+        frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
+        if self._timing is not None and send_sync:
+            sizes = [(message.arbitration_id, message.dlc) for message, _ in frames]
+            in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
+            frames = [frames[place] for place in in_time]
+            self._busy_until_ns = int(time_ns[-1]) + busy_ns
         sync = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
         send = self._bus.send
-        frames = [_frames(node, samples) for node, samples in zip(active, streams, strict=True)]
         for i in range(len(time_ns)):
             if send_sync:
                 send(sync)
             for message, payloads in frames:
-                for message.arbitration_id, message.data, message.dlc in payloads[i]:
-                    send(message)
+                message.data = payloads[i]
+                send(message)
         for node, samples in zip(active, streams, strict=True):
             self._report_saturation(node, samples)
 
@@ -178,22 +195,19 @@ class CanSegment:
             self._local[node.id].emcy.send(SATURATED, VOLTAGE_ERROR)
 
 
-def _frames(node: SensorNode, samples: Samples) -> tuple[can.Message, list[Any]]:
-    """One message to fill in, and for each sample the id, data and length of its two frames.
+def _frames(node: SensorNode, samples: Samples) -> list[tuple[can.Message, list[Any]]]:
+    """A node's two messages to fill in, each with its data for every sample.
 
     The data are bytes: the virtual bus copies a message for each receiver, and bytes copy for nothing.
     """
     data = samples.counts.tobytes()
     size = samples.counts.itemsize * samples.counts.shape[1]
-    first, second = SAMPLES.base + node.id, STAMP.base + node.id
-    payloads = [
-        (
-            (first, data[i * size : (i + 1) * size], size),
-            (second, STAMP_LAYOUT.pack(samples.counter + i, flags), STAMP_LAYOUT.size),
-        )
-        for i, flags in enumerate(samples.saturation.tolist())
+    counts = [data[at : at + size] for at in range(0, len(data), size)]
+    stamps = [STAMP_LAYOUT.pack(samples.counter + i, flags) for i, flags in enumerate(samples.saturation.tolist())]
+    return [
+        (can.Message(arbitration_id=SAMPLES.base + node.id, is_extended_id=False, dlc=size), counts),
+        (can.Message(arbitration_id=STAMP.base + node.id, is_extended_id=False, dlc=STAMP_LAYOUT.size), stamps),
     ]
-    return can.Message(is_extended_id=False), payloads
 
 
 def _field(index: int, subindex: int) -> Field | None:

@@ -8,7 +8,7 @@ import os
 import threading
 import tty
 from collections.abc import Coroutine, Sequence
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ModbusPDU
@@ -20,8 +20,12 @@ from instrument.contract import Field
 from simulators.clock import VirtualClock
 from simulators.device import Refused, SimulatedDevice
 
+if TYPE_CHECKING:
+    from simulators.effects.serial_timing import SerialTiming
+
 LOOPBACK = "127.0.0.1"
 BAUDRATE = 115200
+OUTER = 4  # bytes of a frame around its data: unit, function, check sum
 HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them
 T = TypeVar("T")
 
@@ -75,8 +79,9 @@ class ServerThread:
 
         return self._run(start())
 
-    def serve_rtu(self, devices: dict[int, SimulatedDevice]) -> str:
+    def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None) -> str:
         """Serve several units on one serial line; returns the path of the line's other end."""
+        line = _Line(devices, timing)
 
         async def start() -> str:
             server_side, client_side = self._line()
@@ -84,8 +89,8 @@ class ServerThread:
                 [_sim_device(unit, device) for unit, device in devices.items()],
                 port=server_side,
                 baudrate=BAUDRATE,
-                trace_pdu=_identify(devices),
-                trace_packet=_only_units(set(devices)),
+                trace_pdu=line.trace_pdu,
+                trace_packet=line.trace_packet,
             )
             await server.serve_forever(background=True)
             self._servers.append(server)
@@ -188,10 +193,31 @@ def _identify(devices: dict[int, SimulatedDevice]) -> Any:
     return trace
 
 
-def _only_units(units: set[int]) -> Any:
-    """On a line an absent unit is silent; pymodbus would answer for it."""
+class _Line:
+    """What happens on a serial line beside the devices: absent units are silent, and frames take their time.
 
-    def trace(sending: bool, data: bytes) -> bytes:
-        return b"" if sending and data and data[0] not in units else data
+    A wait here blocks the server and no coroutine: the client waits for its reply, and nobody else moves the clock.
+    """
 
-    return trace
+    def __init__(self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None) -> None:
+        self._units = set(devices)
+        self._clock = next(iter(devices.values())).clock
+        self._timing = timing
+        self._identify = _identify(devices)
+
+    def trace_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        if not sending:
+            self._pass(len(pdu.encode()) + OUTER)
+        identified: ModbusPDU = self._identify(sending, pdu)
+        return identified
+
+    def trace_packet(self, sending: bool, data: bytes) -> bytes:
+        if sending:
+            if data and data[0] not in self._units:
+                return b""  # pymodbus would answer for a unit that is not there
+            self._pass(len(data))
+        return data
+
+    def _pass(self, size: int) -> None:
+        if self._timing is not None:
+            self._clock.wait(self._timing.frame(size))

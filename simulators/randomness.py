@@ -9,6 +9,7 @@ one number each, because rejection methods use up a variable count.
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +20,22 @@ _WORDS = 4  # numbers that one step of the Philox counter gives
 
 
 class Stream:
-    """Independent standard normals, numbered from 0."""
+    """Independent standard normals, numbered from 0. Streams of one seed and name are equal."""
 
     def __init__(self, seed: int, *name: object) -> None:
-        digest = hashlib.sha256(repr((seed, *name)).encode()).digest()
+        self._name: tuple[Any, ...] = (seed, *name)
+        digest = hashlib.sha256(repr(self._name).encode()).digest()
         self._key = int.from_bytes(digest[:16], "little")
+
+    def child(self, *name: object) -> Stream:
+        """The stream of a part, independent of this one and of its other children."""
+        return Stream(*self._name, *name)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Stream) and self._name == other._name
+
+    def __hash__(self) -> int:
+        return self._key
 
     def normal(self, first: int, count: int) -> npt.NDArray[np.float64]:
         """Numbers `first` to `first + count - 1`, shape (count,)."""

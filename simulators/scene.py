@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import Field
 
 from instrument.config import Config, check, read
+from instrument.contracts.sensor_node import place
 from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError, UnknownName, nearest
@@ -24,7 +25,6 @@ from simulators.effects.effect import Effect
 LARGEST_SEED = 2**63 - 1
 WHEN, ON = "when", "on"  # a table's own key, and what it says if it has none
 EFFECTS_TOLERANCE = 1e-4  # of automatic effects, where the file has none
-SIMULATED_FILMS = {"rigid", "total"}  # the rig has one tooth
 
 
 class RigParameters(Config):
@@ -49,7 +49,7 @@ class SceneFile(Config):
     model: str = "experiment"
     tolerance: float | None = Field(default=None, gt=0, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
-    nodes: int = Field(default=1, ge=1, le=20, strict=True)
+    nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict)  # a table, "on" or "auto"
 
@@ -129,8 +129,12 @@ def read_scene(name_or_file: str) -> Scene:
         model, tolerance, why = _chosen(design, file)
     except (UnknownName, RangeError) as error:
         raise ConfigError(f"{path}: {error}") from None
-    if {film.name for film in design.films} != SIMULATED_FILMS:
-        raise ConfigError(f"{path}: design {file.design!r} cannot be simulated yet; take 'single'")
+    needed = max(place(film.channel)[0] for film in design.films)
+    if file.nodes is not None and file.nodes < needed:
+        raise ConfigError(
+            f"{path}: nodes: {file.nodes} cannot take the {len(design.films)} films of design {design.name!r};"
+            f" give {needed} or more, or leave it out"
+        )
     effects, called = _called_for(listed, file, design, model)
     return Scene(
         name=file.name,
@@ -140,7 +144,7 @@ def read_scene(name_or_file: str) -> Scene:
         tolerance=tolerance,
         why=why,
         seed=file.seed,
-        nodes=file.nodes,
+        nodes=needed if file.nodes is None else file.nodes,
         rig=file.rig,
         effects=effects,
         called=called,

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from instrument.contract import Field
 from instrument.contracts import sensor_node
-from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS
+from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, place
+from instrument.design import Film
 from simulators.clock import VirtualClock
 from simulators.effects.effect import InputEffect
 from simulators.randomness import Stream
@@ -36,7 +37,11 @@ class Samples:
 
 
 class SensorNode:
-    """The state of one node. Methods are called under the clock's lock."""
+    """The state of one node. Methods are called under the clock's lock.
+
+    A design whose films fill more than one node is wired to nodes 1, 2, ... in turn; films that fit on one stand on
+    every node alike.
+    """
 
     def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig, changed: Callable[[], None]) -> None:
         self.id = node_id
@@ -45,7 +50,7 @@ class SensorNode:
         self._changed = changed
         self._serial = serial
         self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
-        self._added = {name: e for name, e in rig.scene.effects.items() if isinstance(e, InputEffect)}
+        self._added = {name: e for name, e in sorted(rig.scene.effects.items()) if isinstance(e, InputEffect)}
         self.reset()
 
     def reset(self) -> None:
@@ -75,19 +80,21 @@ class SensorNode:
     def write(self, field: Field, value: float) -> None:
         """Take a new setting, already checked."""
         if field.name.startswith("reset_"):
-            self._rig.reset_film(int(field.name.removeprefix("reset_")))
+            for film in self._rig.scene.design.films:
+                if self._channel(film) == int(field.name.removeprefix("reset_")):
+                    self._rig.reset_film(film.channel)
         else:
             self.settings[field.name] = value
         self._changed()
 
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
         """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
-        n = len(time_ns)
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
+        rates = functools.cache(lambda: self.film_channels() @ self._rig.film_rates(time_ns))
         for name, effect in self._added.items():
             streams = [Stream(self._rig.scene.seed, name, self.id, channel, period_ns) for channel in range(CHANNELS)]
             volts = volts + [
-                effect.volts(stream, time_ns, period_ns, functools.partial(self._rates, channel, time_ns))
+                effect.volts(stream, time_ns, period_ns, functools.partial(lambda c: rates()[c], channel))
                 for channel, stream in enumerate(streams)
             ]
         fraction = volts / ranges[:, np.newaxis]
@@ -96,23 +103,27 @@ class SensorNode:
             fraction, saturated = self._adc.convert(fraction)
         code = np.rint(fraction * FULL_SCALE_COUNTS)
         saturated |= ~((code >= -FULL_SCALE_COUNTS) & (code <= FULL_SCALE_COUNTS - 1))
+        code[np.isnan(code)] = 0.0  # flagged just now; no integer stands for it
         counts = np.clip(code, -FULL_SCALE_COUNTS, FULL_SCALE_COUNTS - 1).astype("<i2").T.copy()
         bits = np.packbits(saturated, axis=0, bitorder="little")[0]
         first_number = int(self.settings["sample_counter"]) + 1
-        self.settings["sample_counter"] = float(first_number + n - 1)
+        self.settings["sample_counter"] = float(first_number + len(time_ns) - 1)
         self.settings["saturation"] = float(bits[-1])
         self._last = counts[-1]
         return Samples(counts, bits, first_number)
 
-    def _rates(self, channel: int, time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-        """Rates of one channel's signal, V/s."""
-        rates: npt.NDArray[np.float64] = (self.film_channels() @ self._rig.film_rates(time_ns))[channel]
-        return rates
-
     def film_channels(self) -> npt.NDArray[np.float64]:
-        """Matrix (4, films) that puts each film on its channel."""
+        """Matrix (4, films) that puts each film of this node on its channel."""
         films = self._rig.scene.design.films
         matrix = np.zeros((CHANNELS, len(films)))
         for i, film in enumerate(films):
-            matrix[film.channel - 1, i] = 1.0
+            channel = self._channel(film)
+            if channel is not None:
+                matrix[channel - 1, i] = 1.0
         return matrix
+
+    def _channel(self, film: Film) -> int | None:
+        """The channel of this node, from 1, that a film is wired to."""
+        node, channel = place(film.channel)
+        alike = all(place(other.channel)[0] == 1 for other in self._rig.scene.design.films)
+        return channel if alike or node == self.id else None

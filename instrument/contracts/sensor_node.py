@@ -70,9 +70,25 @@ CONTRACT = Contract(
 def bus_load(nodes: int, rate: float, bitrate: float) -> float:
     """Share of a classic CAN bus that SYNC and the samples of `nodes` nodes take at `rate` Hz, at worst.
 
-    A frame of n data bytes has 47 + 8 n bits and at most (33 + 8 n) // 4 stuff bits (ISO 11898-1). Above 1 the
-    real bus cannot carry it, whatever a simulated one does.
+    A frame of n data bytes has 47 + 8 n bits, stuff bits apart. Above 1 the bus cannot carry it; a simulated one
+    knows of that by its effect `can_timing`.
     """
     sizes = [0, *nodes * [sum(CONTRACT[name].size for name in pdo.fields) for pdo in CONTRACT.pdos]]
-    bits = sum(47 + 8 * n + (33 + 8 * n) // 4 for n in sizes)
+    bits = sum(47 + 8 * n + stuff_bits(n) for n in sizes)
     return bits * rate / bitrate
+
+
+def stuff_bits(size: int, stuffing: str = "worst") -> float:
+    """Bits stuffed into a frame of `size` data bytes: the most there can be, or the "mean" of random data.
+
+    34 + 8 n bits are watched (ISO 11898-1); after five equal ones a sixth is put in. Random bits have been equal five
+    times over after 30 of them in the mean.
+    """
+    watched = 34 + 8 * size
+    return watched / 30 if stuffing == "mean" else float((watched - 1) // 4)
+
+
+def place(channel: int) -> tuple[int, int]:
+    """Number of the node, from 1, and of its channel, from 1, that a film's channel is wired to."""
+    node, own = divmod(channel - 1, CHANNELS)
+    return node + 1, own + 1

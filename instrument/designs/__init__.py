@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from instrument.design import Design
-from instrument.designs.array import ARRAY
+from instrument.designs.array import ARRAY, array_of
 from instrument.designs.common_base import COMMON_BASE
 from instrument.designs.different_base import DIFFERENT_BASE
 from instrument.designs.single import SINGLE
@@ -11,7 +11,7 @@ from instrument.designs.single_round import SINGLE_ROUND
 from instrument.errors import UnknownName
 
 DESIGNS: dict[str, Design] = {
-    design.name: design for design in (SINGLE, SINGLE_ROUND, COMMON_BASE, DIFFERENT_BASE, ARRAY)
+    design.name: design for design in (SINGLE, SINGLE_ROUND, COMMON_BASE, DIFFERENT_BASE, ARRAY, array_of(16))
 }
 
 

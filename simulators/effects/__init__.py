@@ -16,6 +16,11 @@ EFFECTS: dict[str, str] = {
     "shaker_dynamics": "simulators.effects.shaker_dynamics:ShakerDynamics",
     "viscoelastic": "simulators.effects.viscoelastic:Viscoelastic",
     "hysteresis": "simulators.effects.hysteresis:Hysteresis",
+    "mains_hum": "simulators.effects.mains_hum:MainsHum",
+    "pink_noise": "simulators.effects.pink_noise:PinkNoise",
+    "jitter": "simulators.effects.jitter:Jitter",
+    "can_timing": "simulators.effects.can_timing:CanTiming",
+    "serial_timing": "simulators.effects.serial_timing:SerialTiming",
 }
 
 

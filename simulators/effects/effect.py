@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from simulators.randomness import Stream
 
 Floats = npt.NDArray[np.float64]
-Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv"]
+Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,8 @@ class Effect(Config):
 
     Its parameters are fields whose defaults carry a mark: [T] thesis, [S] published source, [M] measured,
     [A] assumption. `kind`: `lti`, a gain or a linear system; `static_nl`, a memoryless map; `hysteresis`;
-    `additive`, a voltage that adds to the films'; `ltv`, a linear system that changes with time.
+    `additive`, a voltage that adds to the films'; `ltv`, a linear system that changes with time; `timing`, when
+    something happens on a bus.
     """
 
     kind: ClassVar[Kind]

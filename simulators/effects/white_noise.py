@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from instrument.quantity import VoltsPerRootHertz
-from simulators.effects.effect import Floats, InputEffect, Kind
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.lti import Times
+from simulators.pickup import SIGMAS, bound, spread
 from simulators.randomness import Stream
 
 
@@ -24,8 +24,11 @@ class WhiteNoise(InputEffect):
     # one-sided [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0)
 
-    def volts(
-        self, stream: Stream, time_ns: npt.NDArray[np.int64], period_ns: int, rates: Callable[[], Floats]
-    ) -> Floats:
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
         return self.density * math.sqrt(0.5e9 / period_ns) * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
+
+    def bound(self, case: Case) -> Bound:
+        """Six standard deviations."""
+        error = SIGMAS * spread(case) * self.density * math.sqrt(case.rate / 2)
+        return bound(case, lambda film: error)

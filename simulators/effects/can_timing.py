@@ -1,0 +1,60 @@
+"""Frames take their time on the CAN bus, and a SYNC period holds so many and no more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from instrument.contracts.sensor_node import CHANNELS, bus_load, stuff_bits
+from instrument.quantity import BitsPerSecond
+from simulators.effects.effect import Bound, Case, Effect, Kind
+
+SDO_BYTES = 8
+
+
+class CanTiming(Effect):
+    """A classic bus with 11-bit identifiers.
+
+    At each SYNC the nodes' frames go out in the order of their identifiers; those that the next SYNC overtakes are
+    lost, because a node keeps the newest alone [A]. An SDO transfer waits until they are through, or for that SYNC,
+    and takes its request and its answer. Heartbeats, emergencies and NMT commands take no time: they are few.
+    """
+
+    kind: ClassVar[Kind] = "timing"
+    cancels_in_ratio: ClassVar[bool] = True
+
+    bitrate: BitsPerSecond = Field(default=1e6, ge=1e4, le=1e6)  # [A]
+    # "worst": as many stuff bits as there can be; "mean": as many as random data have [S]
+    stuffing: Literal["worst", "mean"] = "worst"
+
+    def frame_ns(self, size: int) -> int:
+        """What a frame of `size` data bytes takes with the gap behind it."""
+        return round(1e9 * (47 + 8 * size + stuff_bits(size, self.stuffing)) / self.bitrate)
+
+    def burst(self, frames: Sequence[tuple[int, int]], period_ns: int) -> tuple[list[int], int]:
+        """Which of the frames, of an identifier and a size each, follow a SYNC in time, and in what order.
+
+        Returns:
+            their places in `frames`; and when the bus is free again, counted from the SYNC [ns].
+        """
+        end = self.frame_ns(0)
+        sent: list[int] = []
+        for place in sorted(range(len(frames)), key=lambda place: frames[place][0]):
+            if end + self.frame_ns(frames[place][1]) > period_ns:
+                return sent, period_ns
+            end += self.frame_ns(frames[place][1])
+            sent.append(place)
+        return sent, end
+
+    def transfer_ns(self) -> int:
+        """What request and answer of an SDO take."""
+        return 2 * self.frame_ns(SDO_BYTES)
+
+    def bound(self, case: Case) -> Bound:
+        """When something is done does not change what comes of it; but lost samples can change anything."""
+        nodes = math.ceil(len(case.design.films) / CHANNELS)
+        change = 0.0 if bus_load(nodes, case.rate, self.bitrate) <= 1 else math.inf
+        return Bound(change, change)

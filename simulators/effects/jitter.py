@@ -1,0 +1,45 @@
+"""Samples are taken a little early or late."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+from pydantic import Field
+
+from instrument.design import Film
+from instrument.quantity import Seconds
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.lti import Times
+from simulators.pickup import SIGMAS, bound, signal, spread
+from simulators.randomness import Stream
+
+
+class Jitter(InputEffect):
+    """Adds the signal's rate times a normal delay: independent for each sample of each channel.
+
+    What the first order leaves out is (2 pi f delay)^2 / 2 of the amplitude: 2e-7 at 10 Hz.
+    """
+
+    kind: ClassVar[Kind] = "additive"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    # standard deviation of the delay [A]
+    delay: Seconds = Field(default=10e-6, ge=0, le=1e-3)
+
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
+        """What the delays change, shape (n,)."""
+        delays = self.delay * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
+        return delays * rates()
+
+    def bound(self, case: Case) -> Bound:
+        """Six standard deviations of a fit to noise of the signal's greatest rate."""
+        # An amplifier that drains the preload adds at most 1 / (e t) of it to the rate, t after the change.
+        draining = (case.preload + case.amplitude) / case.amplitude / (math.e * case.settled)
+        rate = 2 * math.pi * case.frequency + draining
+
+        def error(film: Film) -> float:
+            return SIGMAS * spread(case) * self.delay * rate * signal(case, film)
+
+        return bound(case, error)

@@ -1,0 +1,39 @@
+"""The mains couple into the films' leads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from instrument.quantity import Hertz, Volts
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.lti import CYCLE, HERTZ, Periodic, Times
+from simulators.pickup import bound, largest_tone
+from simulators.randomness import Stream
+
+
+class MainsHum(InputEffect):
+    """A sine, the same on all channels of all nodes; its phase is an integer count and never drifts."""
+
+    kind: ClassVar[Kind] = "additive"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    # 1 mV [A]
+    amplitude: Volts = Field(default=1e-3, ge=0, le=10)
+    # 50 Hz in Europe, 60 Hz in America [S]
+    frequency: Hertz = Field(default=50.0, gt=0, le=1000)
+    # cycles, at the opening of the bench [A]
+    phase: float = Field(default=0.0, ge=0, lt=1, strict=True)
+
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
+        """The hum at any times, shape (n,)."""
+        phase, frequency = round(self.phase * CYCLE), round(self.frequency * HERTZ)
+        return Periodic(0.0, frequency, 0, phase, np.array([1]), np.array([-1j * self.amplitude])).at(time_ns)
+
+    def bound(self, case: Case) -> Bound:
+        """What the fit makes of the hum at its worst phase: nothing over whole cycles of both."""
+        error = self.amplitude * largest_tone(case, self.frequency)
+        return bound(case, lambda film: error)

@@ -1,0 +1,96 @@
+"""1/f noise of the amplifiers: one Ornstein-Uhlenbeck process a decade."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from instrument.quantity import Hertz, VoltsPerRootHertz
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.lti import Times
+from simulators.pickup import SIGMAS, bound, correlated_spread
+from simulators.randomness import Stream
+
+LOWEST, DECADES = 1e-3, 7  # Hz; corners of the processes: 1 mHz to 1 kHz
+PER_TAU = 32  # grid points in a time constant
+BLOCK = 1024  # grid points that are found together
+FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
+KEPT_BLOCKS = 1024  # 8 MB
+
+
+class PinkNoise(InputEffect):
+    """Power density proportional to 1/f from 1 mHz on, within 6 %; independent on each channel of each node.
+
+    An anti-alias filter at half the sample rate is assumed: it leaves out the processes above.
+    A process is known on a grid of its own, a 32nd of its time constant or the sample period where that is longer,
+    and is a straight line between the points. Its value at a grid point is a moving average of the numbers of a
+    stream, so any time is reached without stepping there.
+    """
+
+    kind: ClassVar[Kind] = "additive"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    # one-sided, where it equals the white noise [A]
+    density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
+    corner: Hertz = Field(default=10.0, gt=0, le=1e6)
+
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
+        """Noise voltages at integer multiples of the sample period, shape (n,)."""
+        number = time_ns // period_ns
+        total = np.zeros(len(number))
+        for corner in _corners(1e9 / period_ns):
+            samples = 1e9 / (2 * math.pi * corner) / period_ns  # in a time constant
+            step = max(1, round(samples / PER_TAU))
+            point, past = np.divmod(number, step)
+            first = int(point[0])
+            grid = _process(stream.child(corner), step / samples, first, int(point[-1]) + 2)
+            here = point - first
+            total += grid[here] + (grid[here + 1] - grid[here]) * (past / step)
+        return self._deviation() * total
+
+    def bound(self, case: Case) -> Bound:
+        """Six standard deviations."""
+
+        def correlation(lag: Floats) -> Floats:
+            total: Floats = np.sum([np.exp(-2 * math.pi * corner * lag) for corner in _corners(case.rate)], axis=0)
+            return total
+
+        error = SIGMAS * self._deviation() * correlated_spread(case, correlation)
+        return bound(case, lambda film: error)
+
+    def _deviation(self) -> float:
+        """Of each process [V]. Processes of variance s^2, one a decade, add up to a density of s^2 / (ln 10 f)."""
+        return self.density * math.sqrt(math.log(10) * self.corner)
+
+
+def _corners(rate: float) -> list[float]:
+    """Of the processes [Hz], at a rate of samples a second."""
+    corners = [LOWEST * 10.0**decade for decade in range(DECADES)]
+    return [corner for corner in corners if corner <= rate / 2]
+
+
+def _process(stream: Stream, decay: float, first: int, end: int) -> Floats:
+    """Values at grid points `first` to `end` - 1 of a process of unit variance that decays by exp(-decay) each step.
+
+    Each block starts afresh from what the numbers before it leave, so a value does not depend on what else was asked.
+    """
+    blocks = range(first // BLOCK, (end - 1) // BLOCK + 1)
+    values = np.concatenate([_block(stream, decay, number) for number in blocks])
+    return values[first - blocks[0] * BLOCK : end - blocks[0] * BLOCK]
+
+
+@functools.lru_cache(maxsize=KEPT_BLOCKS)
+def _block(stream: Stream, decay: float, number: int) -> Floats:
+    from scipy.signal import lfilter
+
+    before = math.ceil(-math.log(FORGOTTEN) / decay)
+    fresh = math.sqrt(-math.expm1(-2 * decay))
+    # Number 0 of the stream belongs to the earliest grid point that the block from 0 on looks back at.
+    normals = stream.normal(number * BLOCK, before + BLOCK)
+    values: Floats = lfilter([fresh], [1.0, -math.exp(-decay)], normals)[before:]
+    return values

@@ -1,0 +1,32 @@
+"""Characters take their time on the serial line, and frames are kept apart by silence."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pydantic import Field
+
+from instrument.quantity import BitsPerSecond
+from simulators.effects.effect import Bound, Case, Effect, Kind
+
+CHARACTER = 11  # bits: start, eight, parity or a second stop, stop
+SILENCE = 3.5  # characters
+SHORTEST_SILENCE = 1.75e-3  # s, above 19200 bit/s
+
+
+class SerialTiming(Effect):
+    """Modbus RTU: "MODBUS over serial line" 1.02, 2.5.1.1 [S]. The devices themselves answer at once [A]."""
+
+    kind: ClassVar[Kind] = "timing"
+    cancels_in_ratio: ClassVar[bool] = True
+
+    baudrate: BitsPerSecond = Field(default=115_200.0, ge=1200, le=4e6)  # [A]
+
+    def frame(self, size: int) -> float:
+        """What a frame of `size` bytes takes with the silence behind it [s]."""
+        character = CHARACTER / self.baudrate
+        return size * character + max(SILENCE * character, SHORTEST_SILENCE)
+
+    def bound(self, case: Case) -> Bound:
+        """When something is done does not change what comes of it."""
+        return Bound(0.0, 0.0)
