@@ -13,7 +13,7 @@ from drivers.bench import Bench
 from drivers.sensor_node import Recording
 from instrument.calibration import LoadCellCalibration
 from instrument.contracts import signal_generator
-from instrument.design import Design
+from instrument.design import FILM_KINDS, Design
 from instrument.errors import EstimateError, RangeError, UnreachableError
 from instrument.estimate import amplitude_ratio, fit_sine
 from instrument.quantity import parse, show
@@ -122,13 +122,19 @@ def preload_for(loads: Sequence[float]) -> float:
     return PRELOAD_MARGIN * max(loads) / 2
 
 
-def check(settings: SweepSettings, force_limit: float) -> None:
+def check(settings: SweepSettings, design: Design, force_limit: float) -> None:
     """Refuse what cannot be done, before any device is spoken to.
 
     Raises:
-        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate.
+        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate, a sensor of
+            several teeth.
         UnknownName: an unknown sample.
     """
+    if {film.name for film in design.films} != set(FILM_KINDS):
+        raise RangeError(
+            f"design {design.name!r} has {len(design.teeth)} teeth with films {', '.join(film.name for film in design.films)}; a load sweep measures"
+            " one tooth; take a design with the films 'rigid' and 'total', such as 'single'"
+        )
     for sample in settings.samples:
         get_sample(sample)
     largest = max(settings.loads)
@@ -172,7 +178,7 @@ def run(
         UnreachableError: a load too small for the indicator; the outputs have stayed off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
-    check(settings, bench.force_limit)
+    check(settings, design, bench.force_limit)
     smallest = SMALLEST_LOAD * calibration.resolution()
     if min(settings.loads) < smallest:
         raise UnreachableError(

@@ -43,6 +43,7 @@ def loads(
     For every point: load, indicator reading, both film voltages, both forces and the force ratio with its
     standard uncertainty; then the mean ratio and the softness order beside the thesis' own.
     """
+    from instrument.designs import get_design
     from instrument.quantity import parse
     from instrument.sample import parse_samples
     from procedures import load_sweep, report
@@ -62,7 +63,9 @@ def loads(
             model=model,
             out=out,
             settings=asdict(settings),
-            check=lambda description: load_sweep.check(settings, description.force_limit),
+            check=lambda description: load_sweep.check(
+                settings, get_design(description.design), description.force_limit
+            ),
         ) as session,
     ):
         result = load_sweep.run(session.bench, session.design, session.calibration, settings, session.record, progress)
