@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.errors import UsageError
-from instrument.models.ratio import Question
 from instrument.quantity import show
 from procedures.model_picture import Picture
 from procedures.run import storing
@@ -25,15 +24,15 @@ LABELLED = ("object", "ring", "tooth")  # bodies that are thick enough
 THESIS_STYLES = ("k.", "r^")
 
 
-def place(question: Question, out: Path | None, store: Path) -> Path:
-    """Where the picture goes: `out`, or a new file in `plots/` of the store, named after time, design and model.
+def place(subject: str, out: Path | None, store: Path) -> Path:
+    """Where the picture goes: `out`, or a new file in `plots/` of the store, named after time and subject.
 
     Raises:
         UsageError: the name does not end in .png, its folder does not exist, or the file exists.
         RecordError: the store cannot be written to.
     """
     if out is None:
-        out = store / "plots" / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{question.design}-{question.model}.png"
+        out = store / "plots" / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}.png"
         with storing(out):
             out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix != ".png":

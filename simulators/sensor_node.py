@@ -81,7 +81,7 @@ class SensorNode:
         """Take a new setting, already checked."""
         if field.name.startswith("reset_"):
             for film in self._rig.scene.design.films:
-                if self._channel(film) == int(field.name.removeprefix("reset_")):
+                if self.wired(film) == int(field.name.removeprefix("reset_")):
                     self._rig.reset_film(film.channel)
         else:
             self.settings[field.name] = value
@@ -117,12 +117,12 @@ class SensorNode:
         films = self._rig.scene.design.films
         matrix = np.zeros((CHANNELS, len(films)))
         for i, film in enumerate(films):
-            channel = self._channel(film)
+            channel = self.wired(film)
             if channel is not None:
                 matrix[channel - 1, i] = 1.0
         return matrix
 
-    def _channel(self, film: Film) -> int | None:
+    def wired(self, film: Film) -> int | None:
         """The channel of this node, from 1, that a film is wired to."""
         node, channel = place(film.channel)
         alike = all(place(other.channel)[0] == 1 for other in self._rig.scene.design.films)

@@ -13,6 +13,7 @@ from procedures.cli.calibrate import calibrate
 from procedures.cli.contracts import contracts
 from procedures.cli.model import model
 from procedures.cli.runs import runs
+from procedures.cli.scene import scene
 from procedures.cli.sweep import sweep
 
 
@@ -28,7 +29,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, runs, contracts, model, accuracy):
+for group in (sweep, calibrate, runs, contracts, model, scene, accuracy):
     palpate.add_command(group)
 
 

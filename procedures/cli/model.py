@@ -170,7 +170,7 @@ def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: boo
     from procedures import model_picture, model_plot
 
     output = Output(as_json, quiet)
-    file = model_plot.place(question, out, store())
+    file = model_plot.place(f"{question.design}-{question.model}", out, store())
     picture = model_picture.solve(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
     model_plot.draw(picture, file)
     if output.as_json:

@@ -1,0 +1,102 @@
+"""What stands at each stage of a scene's chain over some periods of the drive, without devices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
+from simulators.chain import Armature, Limits
+from simulators.clock import VirtualClock
+from simulators.effects.effect import AmplifierEffect, ShakerEffect
+from simulators.lti import Floats, Times
+from simulators.plan import Question, driven
+from simulators.rig import Rig
+from simulators.scene import Scene
+from simulators.sensor_node import SensorNode
+
+SETTLING = 5.0  # s after the drive was set, as in a load sweep
+POINTS = 400  # of a period
+SAMPLES_PER_CYCLE = 25
+HEADROOM = 1.5  # of a range above the greatest voltage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waveforms:
+    """Functions of time from the first moment on; films in the order of the design.
+
+    Attributes:
+        time: (n,) s.
+        coil: voltage at the coil (n,) V.
+        force: on the load cell (n,) N.
+        before: films before their amplifiers (films, n) V.
+        films: films behind their amplifiers (films, n) V.
+        sample_time: (m,) s.
+        samples: what the nodes send (films, m) V.
+        saturated: (films, m).
+    """
+
+    time: Floats
+    coil: Floats
+    force: Floats
+    before: Floats
+    films: Floats
+    sample_time: Floats
+    samples: Floats
+    saturated: npt.NDArray[np.bool_]
+
+
+def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
+    """The waveforms of a settled measurement.
+
+    Raises:
+        RangeError: the scene's model does not answer for the sample.
+    """
+    rig = driven(scene, question)
+    bare = {name: effect for name, effect in scene.effects.items() if not isinstance(effect, AmplifierEffect)}
+    period_ns = round(1e9 / (SAMPLES_PER_CYCLE * question.frequency))
+    first = round(SETTLING * 1e9) // period_ns
+    samples_ns = (first + np.arange(periods * SAMPLES_PER_CYCLE + 1)) * period_ns
+    time_ns = np.linspace(samples_ns[0], samples_ns[-1], periods * POINTS + 1).astype(np.int64)
+    samples, saturated = _sampled(scene, rig, samples_ns, period_ns)
+    return Waveforms(
+        time=1e-9 * (time_ns - time_ns[0]),
+        coil=_clipped(scene, rig.coil_voltage().at(time_ns)),
+        force=rig.cell_force(time_ns),
+        before=driven(replace(scene, effects=bare), question).film_voltages(time_ns),
+        films=rig.film_voltages(time_ns),
+        sample_time=1e-9 * (samples_ns - time_ns[0]),
+        samples=samples,
+        saturated=saturated,
+    )
+
+
+def _clipped(scene: Scene, volts: Floats) -> Floats:
+    """What the amplifier's rail leaves of a voltage."""
+    armature, limits = Armature(1.0, 1.0, 1.0), Limits()
+    for effect in scene.effects.values():
+        if isinstance(effect, ShakerEffect):
+            armature, limits = effect.shaker(armature, limits)
+    return volts if limits.rail is None else np.clip(volts, -limits.rail, limits.rail)
+
+
+def _sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Samples of each film in the smallest range that holds it [V], and whether they are saturated."""
+    volts = rig.film_voltages(time_ns)
+    samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)
+    clock = VirtualClock()
+    for number in range(1, scene.nodes + 1):
+        node = SensorNode(clock, number, number, rig, lambda: None)
+        wired = ((i, node.wired(film)) for i, film in enumerate(scene.design.films))
+        films = {i: channel for i, channel in wired if channel is not None}
+        for i, channel in films.items():
+            fits = HEADROOM * np.abs(volts[i]).max() <= min(RANGE_VOLTS)
+            node.settings[f"range_{channel}"] = float(RANGE_VOLTS.index(min(RANGE_VOLTS) if fits else max(RANGE_VOLTS)))
+        taken = node.sample(time_ns, node.film_channels() @ volts, period_ns)
+        for i, channel in films.items():
+            full = RANGE_VOLTS[int(node.settings[f"range_{channel}"])]
+            samples[i] = taken.counts[:, channel - 1] * (full / FULL_SCALE_COUNTS)
+            saturated[i] = taken.saturation >> (channel - 1) & 1
+    return samples, saturated
