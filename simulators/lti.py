@@ -161,6 +161,14 @@ class StateSpace:
             return None
         return rates.astype(complex), shapes.astype(complex), np.linalg.inv(shapes).astype(complex)
 
+    def held(self, x: Floats) -> Floats:
+        """The part of a state that stays for ever: of plays at rest, which do not move (s,)."""
+        if self.modes is None or self.modes[0].all():
+            return np.zeros(self.order)
+        rates, shapes, inverse = self.modes
+        part: Floats = (shapes[:, rates == 0] @ (inverse[rates == 0] @ x)).real
+        return part
+
     def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
         from scipy.linalg import expm
@@ -198,6 +206,8 @@ class Steady:
             phasors = rows[0] @ wave + np.outer(rows[1][:, number], u.amplitude)
             parts[key] = (u, phasors + parts[key][1]) if key in parts else (u, phasors)
         gap = x0 - self._periodic(start_ns)
+        held = self.system.held(gap)
+        mean, gap = mean + rows[0] @ held, gap - held
         return Trace(self.system, rows[0], mean, tuple(parts.values()), start_ns, gap)
 
     def state(self, start_ns: int, x0: Floats, time_ns: Times) -> Floats:

@@ -35,13 +35,6 @@ def read(tmp_path: Path, text: str) -> Scene:
     return read_scene(str(path))
 
 
-def test_a_design_of_two_teeth_is_not_simulated_yet(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(HEAD.replace("single", "common_base"))
-    with pytest.raises(ConfigError, match="'common_base' cannot be simulated yet; take 'single'"):
-        read_scene(str(path))
-
-
 # --- what is right -------------------------------------------------------------------------------------
 
 
@@ -92,7 +85,7 @@ def test_the_order_of_the_file_does_not_change_anything(tmp_path: Path) -> None:
     forces = set()
     for order in itertools.islice(itertools.permutations(EVERYTHING.items()), 0, None, 17):
         scene = read(tmp_path, "".join(f"[effects.{name}]\n{parameters}\n" for name, parameters in order))
-        assert list(scene.effects) == list(EFFECTS)
+        assert list(scene.effects) == [name for name in EFFECTS if name in EVERYTHING]
         rig = Rig(scene, VirtualClock())
         rig.mount(SAMPLES["2"])
         rig.set_position(15e-3)
