@@ -68,7 +68,8 @@ def largest_tone(case: Case, frequency: float) -> float:
     """Greatest error of an amplitude over the amplitude of a sine of another frequency [Hz]."""
     weights = _weights(case.frequency, case.dwell, case.rate)
     turns = np.exp(2j * np.pi * frequency * np.arange(weights.shape[1]) / case.rate)
-    return float(np.linalg.norm(weights @ turns))
+    phasors = weights @ turns
+    return float(np.linalg.norm(np.stack([phasors.real, phasors.imag]), 2))  # at its worst phase
 
 
 def _over(error: float, amplitude: float) -> float:

@@ -78,7 +78,8 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
 
 
 @scene.command(
-    epilog="Examples:\n\n  palpate scene plot overdriven\n\n  palpate scene plot my_scene.toml --load '4 N' --out chain.png"
+    epilog="Examples:\n\n  palpate scene plot overdriven\n\n  palpate scene plot my_scene.toml --load '4 N'"
+    " --out chain.png"
 )
 @click.argument("scene")
 @click.option("--sample", default="2", show_default=True, help="Sample that is pressed.")

@@ -1,0 +1,163 @@
+"""Bus timing: what a frame takes, what a SYNC period cannot hold, and whose clock pays for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.sensor_node import acquire
+from instrument.contracts.sensor_node import bus_load, place, stuff_bits
+from instrument.designs import get_design
+from instrument.errors import LinkError
+from simulators.bench import SimulatedBench
+from simulators.effects.can_timing import CanTiming
+from simulators.effects.effect import Bound, Case, Effect
+from simulators.effects.serial_timing import SerialTiming
+from simulators.plan import Question, case_of
+from simulators.scene import Scene
+
+US = 1000  # ns
+
+
+@contextmanager
+def opened(scene: Scene, *effects: tuple[str, Effect], nodes: int = 1) -> Iterator[Bench]:
+    """The thesis' bench with these effects only."""
+    with (
+        SimulatedBench(replace(scene, effects=dict(effects), nodes=nodes)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        yield bench
+
+
+# --- CAN frames ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("size", "microseconds"), [(0, 55), (5, 105), (8, 135)])
+def test_a_frame_takes_its_47_bits_its_data_and_the_most_that_can_be_stuffed(size: int, microseconds: int) -> None:
+    assert CanTiming().frame_ns(size) == microseconds * US
+    assert CanTiming(bitrate="125 kbit/s").frame_ns(size) == 8 * microseconds * US
+
+
+def test_the_mean_of_stuffed_bits_is_that_of_random_data() -> None:
+    bits = np.random.default_rng(1).integers(0, 2, 34 + 64 + 98 * 3000)
+    stuffed, run, last = 0, 0, 2
+    for bit in bits.tolist():
+        run, last = (run + 1, last) if bit == last else (1, bit)
+        if run == 5:
+            stuffed, run, last = stuffed + 1, 1, 1 - bit
+    assert stuff_bits(8, "mean") / 98 == pytest.approx(stuffed / len(bits), rel=0.03)
+    assert stuff_bits(8) == 24
+    assert CanTiming(stuffing="mean").frame_ns(8) == round((111 + 98 / 30) * US)
+
+
+def test_frames_go_out_by_their_identifiers_and_the_last_are_lost() -> None:
+    frames = [(0x181, 8), (0x281, 5), (0x182, 8), (0x282, 5)]
+    timing = CanTiming()
+    assert timing.burst(frames, 1000 * US) == ([0, 2, 1, 3], 535 * US)
+    assert timing.burst(frames, 535 * US) == ([0, 2, 1, 3], 535 * US)
+    assert timing.burst(frames, 535 * US - 1) == ([0, 2, 1], 535 * US - 1)
+    assert timing.burst(frames, 200 * US) == ([0], 200 * US)
+    assert timing.burst([], 1000 * US) == ([], 55 * US)
+
+
+# --- CAN bus -------------------------------------------------------------------------------------------
+
+
+def test_a_request_to_a_node_takes_two_frames_of_the_benchs_clock_and_none_without_the_effect(scene: Scene) -> None:
+    for effects, took in (((), 0), ((("can_timing", CanTiming(bitrate="500 kbit/s")),), 2 * 270 * US)):
+        with opened(scene, *effects) as bench:
+            start = bench.clock.now_ns()
+            bench.nodes[0].get("sample_counter")
+            assert bench.clock.now_ns() - start == took
+            bench.nodes[0].set_range(1, "500 mV")
+            assert bench.clock.now_ns() - start == 2 * took
+
+
+def test_a_request_waits_until_the_samples_are_through(scene: Scene) -> None:
+    with opened(scene, ("can_timing", CanTiming()), nodes=2) as bench:
+        node = bench.nodes[0]
+        for each in bench.nodes:
+            each.arm()
+        node.set("sync_cob_id", 0x4000_0080)
+        started = bench.clock.now_ns()
+        bench.clock.wait(1e-3)  # to the SYNC: 55 + 2 (135 + 105) us of frames begin
+        assert node.get("sample_counter") == 1
+        assert bench.clock.now_ns() - started == (1000 + 535 + 270) * US
+        node.set("sync_cob_id", 0x80)
+
+
+def test_five_nodes_at_1_khz_overload_1_mbit_and_the_driver_sees_who_lost_frames(scene: Scene) -> None:
+    timing = ("can_timing", CanTiming())
+    assert bus_load(5, 1000.0, 1e6) > 1 > bus_load(5, 780.0, 1e6)
+    with opened(scene, timing, nodes=5) as bench:
+        for node in bench.nodes[1:]:
+            node.arm()
+        with pytest.raises(LinkError, match=r"sensor node 3 .* missing from number 1 on; the bus lost frames"):
+            acquire(bench.nodes, 0.02)
+        bench.nodes[0].set_sample_rate(780.0)
+        assert {recording.voltage.shape for recording in acquire(bench.nodes, 0.02)} == {(4, 16)}
+    with opened(scene, nodes=5) as bench:
+        assert len(acquire(bench.nodes, 0.02)) == 5
+
+
+def test_the_same_requests_take_the_same_time_again(scene: Scene) -> None:
+    def elapsed() -> tuple[int, bytes]:
+        with opened(scene, ("can_timing", CanTiming()), ("serial_timing", SerialTiming()), nodes=3) as bench:
+            bench.positioner.home()
+            recordings = acquire(bench.nodes, 0.05)
+            bench.indicator.read()
+            return bench.clock.now_ns(), b"".join(r.voltage.tobytes() for r in recordings)
+
+    first = elapsed()
+    assert first[0] > 0
+    assert elapsed() == first
+
+
+# --- serial line ---------------------------------------------------------------------------------------
+
+
+def test_a_frame_on_the_line_takes_11_bits_a_character_and_is_followed_by_silence() -> None:
+    slow, fast = SerialTiming(baudrate="9600 bit/s"), SerialTiming(baudrate="115.2 kbit/s")
+    assert slow.frame(8) == pytest.approx((8 + 3.5) * 11 / 9600, rel=1e-12)
+    assert fast.frame(8) == pytest.approx(8 * 11 / 115_200 + 1.75e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize("baudrate", ["9600 bit/s", "115200 bit/s"])
+def test_a_transaction_takes_request_and_reply_of_the_benchs_clock(scene: Scene, baudrate: str) -> None:
+    timing = SerialTiming(baudrate=baudrate)
+    with opened(scene, ("serial_timing", timing)) as bench:
+        assert bench.description.line.baudrate == int(timing.baudrate)
+        start = bench.clock.now_ns()
+        bench.positioner.get("position")  # two registers: 8 bytes out, 9 back
+        read = bench.clock.now_ns()
+        assert read - start == pytest.approx(1e9 * (timing.frame(8) + timing.frame(9)), abs=2)
+        bench.positioner.set(speed=1e-3)
+        registers = bench.positioner.contract["speed"].size // 2
+        write = timing.frame(9 + 2 * registers) + timing.frame(8)
+        assert bench.clock.now_ns() - read == pytest.approx(1e9 * write, abs=2)
+        tcp = bench.clock.now_ns()
+        bench.generator.get("frequency")
+        assert bench.clock.now_ns() == tcp
+    with opened(scene) as bench:
+        bench.positioner.get("position")
+        assert bench.clock.now_ns() == 0
+
+
+# --- bounds --------------------------------------------------------------------------------------------
+
+
+def test_timing_changes_no_result_unless_samples_are_lost() -> None:
+    def case(design: str) -> Case:
+        return case_of(get_design(design), "column", {}, Question())
+
+    assert SerialTiming().bound(case("single")) == Bound(0.0, 0.0)
+    assert CanTiming().bound(case("array_16")) == Bound(0.0, 0.0)
+    crowded = replace(case("array_16"), rate=1000.0)
+    assert place(17) == (5, 1)
+    assert CanTiming().bound(crowded) == Bound(math.inf, math.inf)

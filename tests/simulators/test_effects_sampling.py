@@ -1,0 +1,281 @@
+"""What happens between the films' amplifiers and the samples: hum, noise, jitter, the converter's steps."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from instrument.estimate import fit_sine
+from simulators.clock import VirtualClock
+from simulators.effects.adc import Adc
+from simulators.effects.charge_amplifier import ChargeAmplifier
+from simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect
+from simulators.effects.jitter import Jitter
+from simulators.effects.mains_hum import MainsHum
+from simulators.effects.pink_noise import PinkNoise
+from simulators.effects.white_noise import WhiteNoise
+from simulators.lti import Times
+from simulators.plan import Question, case_of, driven
+from simulators.randomness import Stream
+from simulators.rig import Rig
+from simulators.scene import Scene
+from simulators.sensor_node import SensorNode
+from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
+
+MONTH = 30 * 86_400 * SECOND
+STRONG: dict[str, InputEffect] = {
+    "mains_hum": MainsHum(amplitude="20 mV", frequency="49.87 Hz", phase=0.3),
+    "pink_noise": PinkNoise(density="20 µV/√Hz"),
+    "white_noise": WhiteNoise(density="20 µV/√Hz"),
+    "jitter": Jitter(delay="1 ms"),
+}
+
+
+def rates(time_ns: Times) -> Floats:
+    """Of some signal [V/s]."""
+    return np.asarray(np.cos(1e-9 * (time_ns % SECOND)))
+
+
+def volts(effect: InputEffect, time_ns: Times, period_ns: int = MS, name: object = "a") -> Floats:
+    return effect.volts(Stream(1, name), time_ns, period_ns, lambda: rates(time_ns))
+
+
+# --- at any time, in any blocks ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start_ns", [0, MONTH])
+@pytest.mark.parametrize("name", STRONG)
+def test_blocks_of_any_size_join_to_the_same_bytes_from_the_start_and_after_30_days(name: str, start_ns: int) -> None:
+    times = start_ns + MS * np.arange(2500)
+    whole = volts(STRONG[name], times).tobytes()
+    assert len(set(whole)) > 20
+    for size in (1, 7, 333, 1000):
+        blocks = (times[i : i + size] for i in range(0, len(times) if size > 1 else 300, size))
+        assert whole.startswith(b"".join(volts(STRONG[name], block).tobytes() for block in blocks)), size
+
+
+def test_the_1_f_noise_of_a_month_later_takes_a_second_of_numbers_not_a_month(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    normal = Stream.normal
+    monkeypatch.setattr(Stream, "normal", lambda self, first, n: drawn.append(n) or normal(self, first, n))
+    volts(PinkNoise(), MONTH + MS * np.arange(1000), name="never asked before")
+    assert 1000 < sum(drawn) < 60_000
+
+
+# --- hum -----------------------------------------------------------------------------------------------
+
+
+def test_hum_keeps_its_phase_exactly_for_30_days() -> None:
+    hum = MainsHum(amplitude="1 V", frequency="49.987654321 Hz", phase=0.125)
+    times = MONTH + np.array([0, 1, 7 * MS, 123_456_789])
+    exact = [Fraction(49_987_654_321, 10**9) * int(t) / 10**9 + Fraction(1, 8) for t in times]
+    assert volts(hum, times) == pytest.approx([math.sin(2 * math.pi * float(turns % 1)) for turns in exact], abs=1e-14)
+
+
+def test_hum_is_the_same_on_all_channels_and_orthogonal_to_10_hz_over_whole_cycles() -> None:
+    hum = MainsHum(amplitude="1 mV")
+    times = 4 * MS * np.arange(250)
+    assert volts(hum, times, name="a").tobytes() == volts(hum, times, name="b").tobytes()
+    assert np.abs(volts(hum, times)).max() == pytest.approx(1e-3, rel=0.05)
+    fit = fit_sine(1e-9 * times, volts(hum, times)[np.newaxis], 10.0)
+    assert fit.amplitude[0] < 1e-3 * 5e-3  # the trend alone lets it through
+
+
+# --- 1/f noise -----------------------------------------------------------------------------------------
+
+
+def spectrum(noise: PinkNoise, period_ns: int, size: int, records: int) -> tuple[Floats, Floats]:
+    """One-sided power density [V2/Hz] over frequency [Hz], the mean of independent records."""
+    window = np.hanning(size)
+    power = np.zeros(size // 2 + 1)
+    for number in range(records):
+        record = volts(noise, period_ns * np.arange(size), period_ns, number)
+        power += np.abs(np.fft.rfft(window * (record - record.mean()))) ** 2
+    scale = 2 * period_ns * 1e-9 / (records * (window**2).sum())
+    return np.fft.rfftfreq(size, 1e-9 * period_ns), scale * power
+
+
+def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_decades() -> None:
+    bands, seen = [], []
+    for period_ns, edges in ((MS, np.geomspace(1, 100, 9)), (100 * MS, np.geomspace(0.01, 1, 9))):
+        frequency, power = spectrum(PinkNoise(density="3 µV/√Hz", corner="10 Hz"), period_ns, 2**14, 12)
+        for low, high in itertools.pairwise(edges):
+            inside = (frequency >= low) & (frequency < high)
+            bands.append(math.sqrt(low * high))
+            seen.append(float((power * frequency)[inside].mean() / (9e-12 * 10)))
+    assert np.abs(np.array(seen) - 1).max() < 0.25
+    slope = np.polyfit(np.log(bands), np.log(np.array(seen) / np.array(bands)), 1)[0]
+    assert slope == pytest.approx(-1, abs=0.02)
+
+
+def test_each_decade_of_1_f_noise_has_the_same_variance_and_the_numbers_are_normal() -> None:
+    noise = PinkNoise(density="1 V/√Hz", corner="1 Hz")
+    for period_ns, decades in ((100 * SECOND, 1), (10 * SECOND, 2)):
+        values = volts(noise, period_ns * np.arange(40_000), period_ns)
+        assert values.var() == pytest.approx(decades * math.log(10), rel=0.05)
+        assert (values**4).mean() / values.var() ** 2 == pytest.approx(3, abs=0.25)
+
+
+def test_1_f_noise_is_independent_between_streams_and_follows_the_seed() -> None:
+    times = SECOND * np.arange(4000)
+    one, other = (volts(PinkNoise(), times, SECOND, name) for name in ("a", "b"))
+    steps = np.corrcoef(np.diff(one), np.diff(other))[0, 1]
+    assert abs(steps) < 4.5 / math.sqrt(4000)
+    assert volts(PinkNoise(), times, SECOND, "a").tobytes() == one.tobytes() != other.tobytes()
+
+
+# --- jitter --------------------------------------------------------------------------------------------
+
+
+def node_on(effects: dict[str, Effect], seed: int = 1) -> tuple[Rig, SensorNode]:
+    """A node under a sample that is pressed and shaken."""
+    clock = VirtualClock()
+    rig = Rig(replace(scene(), effects=effects, seed=seed), clock)
+    pressed(rig, "2", BALANCE + 7e-3, 4.0)
+    return rig, SensorNode(clock, 1, 1, rig, lambda: None)
+
+
+def test_a_jittered_sample_is_that_of_a_moment_earlier_or_later() -> None:
+    rig, _ = node_on({"charge_amplifier": ChargeAmplifier()})
+    times = 4 * MS * np.arange(1, 500)
+    film = rig.film_rates(times)[1]
+    stream = Stream(1, "a")
+    delays = np.rint(1e9 * 10e-6 * stream.normal(1, len(times))).astype(np.int64)
+    moved = rig.film_voltages(times + delays)[1] - rig.film_voltages(times)[1]
+    added = Jitter(delay="10 µs").volts(stream, times, 4 * MS, lambda: film)
+    bend = 20 * np.pi * np.abs(film).max()  # V/s2
+    rounded = 1e-9 * np.abs(film).max()  # of the delays
+    assert added == pytest.approx(moved, abs=bend * (1e-9 * np.abs(delays).max()) ** 2 / 2 + rounded)
+    assert np.abs(added).max() > 500 * np.abs(added - moved).max()
+
+
+def test_jitter_of_a_node_follows_the_rate_of_each_channel() -> None:
+    for name, fast in (("still", False), ("shaken", True)):
+        rig, node = node_on({"jitter": Jitter(delay="1 ms")})
+        if not fast:
+            rig.set_voltage(rig.coil_voltage().scaled(0.0))
+        times = 4 * MS * np.arange(1, 500)
+        clean = node.film_channels() @ rig.film_voltages(times)
+        taken = node.sample(times, clean, 4 * MS)
+        moved = taken.counts - np.rint(clean.T / 5 * 32768)
+        assert (np.abs(moved[:, 1]).max() > 10) == fast, name
+        assert not moved[:, 2:].any()
+
+
+# --- the converter -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effects", [{}, {"adc": Adc()}, {"adc": Adc(bits=8)}])
+def test_a_sample_that_is_no_number_or_endless_is_flagged_and_spreads_to_no_other(effects: dict[str, Effect]) -> None:
+    _, node = node_on(effects)
+    times = MS * np.arange(1, 6)
+    films = np.zeros((4, 5))
+    films[0, 1], films[1, 2], films[2, 3], films[3, 4] = np.nan, np.inf, -np.inf, 1.0
+    taken = node.sample(times, films, MS)
+    assert taken.saturation.tolist() == [0, 1, 2, 4, 0]
+    assert taken.counts[1].tolist() == [0, 0, 0, 0]
+    assert taken.counts[2, 1] > 32_000 and taken.counts[3, 2] == -32768
+    assert np.count_nonzero(taken.counts) == 3
+
+
+def test_a_converter_of_fewer_bits_clips_at_its_own_last_step() -> None:
+    values, saturated = Adc(bits=8).convert(np.array([0.995, 127 / 128, -1.0, -1.01, 1.0]))
+    assert values.tolist() == [127 / 128, 127 / 128, -1.0, -1.0, 127 / 128]
+    assert saturated.tolist() == [False, False, False, True, True]
+
+
+# --- bounds --------------------------------------------------------------------------------------------
+
+
+def results(time: Floats, films: Floats, chosen: Scene, frequency: float) -> tuple[float, float]:
+    """Force of the total film and force ratio, as the brief of a bound has them."""
+    amplitude = fit_sine(time, films, frequency).amplitude
+    rigid, total = (a / film.sensitivity for a, film in zip(amplitude, chosen.design.films, strict=True))
+    return total, rigid / total
+
+
+@functools.cache
+def settled(question: Question) -> tuple[Rig, Case, Times, int]:
+    """A rig that is driven, its measurement, and the times and period of its samples."""
+    amplifier: dict[str, Effect] = {"charge_amplifier": ChargeAmplifier(time_constant="0.05 s")}
+    chosen = replace(scene(), effects=amplifier)
+    case = case_of(chosen.design, chosen.model, amplifier, question)
+    period_ns = round(1e9 / case.rate)
+    first = round(case.settled * 1e9) // period_ns
+    times = (first + np.arange(round(question.dwell * case.rate))) * period_ns
+    return driven(chosen, question), case, times, period_ns
+
+
+def change(effect: Effect, question: Question, seed: int) -> Bound:
+    """What the effect changes in one measurement, relatively."""
+    rig, _, times, period_ns = settled(question)
+    films = rig.film_voltages(times)
+    if isinstance(effect, InputEffect):
+        before = films
+        after = films + [
+            effect.volts(Stream(seed, row), times, period_ns, lambda row=row: rig.film_rates(times)[row])
+            for row in range(len(films))
+        ]
+    else:
+        assert isinstance(effect, Adc)
+        before, after = (5 * converter.convert(films / 5)[0] for converter in (Adc(), effect))
+    was, became = (results(1e-9 * times, v, rig.scene, question.frequency) for v in (before, after))
+    return Bound(*(abs(b - a) / a for a, b in zip(was, became, strict=True)))
+
+
+QUESTIONS = [
+    Question(sample, load, frequency, dwell)
+    for sample, load in (("2", 1.5), ("1", 4.0))
+    for frequency in (10.0, 0.7, 17.3)
+    for dwell in (0.5, 1.0, 2.33)
+    if frequency * dwell > 1
+]
+TRIED: dict[str, Effect] = {
+    **STRONG,
+    "mains_hum": MainsHum(amplitude="0.1 mV", frequency="19 Hz"),
+    "adc": Adc(bits=14),
+    "pink_noise": PinkNoise(),
+}
+
+
+@pytest.mark.parametrize("name", TRIED)
+def test_no_measurement_changes_by_more_than_the_bound_and_some_by_a_tenth_of_it(name: str) -> None:
+    nearest = 0.0
+    for question in QUESTIONS:
+        bound = TRIED[name].bound(settled(question)[1])  # type: ignore[attr-defined]
+        for seed in range(6):
+            changed = change(TRIED[name], question, seed)
+            assert changed.force <= bound.force, (question, seed)
+            assert changed.ratio <= bound.ratio, (question, seed)
+            nearest = max(nearest, changed.force / bound.force)
+    assert nearest > 0.1
+
+
+def test_what_cannot_change_anything_is_bounded_by_nothing() -> None:
+    case = settled(Question())[1]
+    silent = (WhiteNoise(density="0 V/√Hz"), PinkNoise(density="0 V/√Hz"), MainsHum(amplitude="0 V"))
+    nothing = (*silent, Jitter(delay="0 s"), Adc())
+    for effect in nothing:
+        assert effect.bound(case) == Bound(0.0, 0.0)
+
+
+def test_a_film_that_gives_nothing_leaves_no_bound_of_the_ratio() -> None:
+    case = replace(settled(Question())[1], ratio=0.0)
+    assert WhiteNoise().bound(case).ratio == math.inf
+    assert WhiteNoise().bound(case).force < 0.01
+
+
+def test_a_bound_is_that_of_the_worst_phase() -> None:
+    """A tone of the drive's own frequency adds all of itself."""
+    chosen = replace(scene(), effects={})
+    case = case_of(chosen.design, chosen.model, {}, Question())
+    total: npt.NDArray[np.float64] = np.array([chosen.design.film("total").sensitivity * case.amplitude])
+    hum = MainsHum(amplitude="1 mV", frequency="10 Hz")
+    assert hum.bound(case).force == pytest.approx(1e-3 / total[0], rel=0.01)
