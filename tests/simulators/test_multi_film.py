@@ -1,0 +1,109 @@
+"""Designs of many films on the bench: each film on its node and channel, and as many nodes as that takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.sensor_node import acquire
+from instrument.contracts.sensor_node import place
+from instrument.designs import DESIGNS
+from instrument.errors import ConfigError
+from instrument.sample import SAMPLES
+from simulators.bench import SimulatedBench
+from simulators.plan import Question, driven
+from simulators.scene import Scene, read_scene
+from tests.simulators.rigs import SECOND
+
+STEP = 0.5 / 32768  # V, of the sensitive range
+
+
+def scene_of(tmp_path: Path, design: str, more: str = "") -> Scene:
+    path = tmp_path / f"{design}.toml"
+    path.write_text(f'name = "try"\npurpose = "a test"\ndesign = "{design}"\nmodel = "column"\n{more}')
+    return read_scene(str(path))
+
+
+def test_films_fill_node_after_node() -> None:
+    assert [place(channel) for channel in (1, 4, 5, 8, 9, 17)] == [(1, 1), (1, 4), (2, 1), (2, 4), (3, 1), (5, 1)]
+
+
+@pytest.mark.parametrize(
+    ("design", "nodes"),
+    [("single", 1), ("single_round", 1), ("common_base", 1), ("different_base", 1), ("array", 4), ("array_16", 5)],
+)
+def test_a_scene_has_as_many_nodes_as_its_films_need(design: str, nodes: int, tmp_path: Path) -> None:
+    assert scene_of(tmp_path, design).nodes == nodes
+    assert scene_of(tmp_path, design, "nodes = 7").nodes == 7
+    assert {"single", "array_16"} <= set(DESIGNS)
+
+
+def test_fewer_nodes_than_the_films_need_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="nodes: 4 cannot take the 17 films of design 'array_16'; give 5 or more"):
+        scene_of(tmp_path, "array_16", "nodes = 4")
+
+
+@pytest.mark.parametrize("design", ["common_base", "different_base", "array", "array_16"])
+def test_every_film_is_recorded_on_its_node_and_channel_and_nothing_elsewhere(design: str, tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, design)
+    # each film gives its own voltage, so that none can stand for another
+    films = tuple(replace(film, sensitivity=1e-3 * (3 + film.channel)) for film in scene.design.films)
+    scene = replace(scene, design=replace(scene.design, films=films))
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        for node in bench.nodes:
+            for channel in range(1, 5):
+                node.set_range(channel, "500 mV")
+        bench.operator.mount(SAMPLES["1"])
+        bench.positioner.move(20e-3, speed=5e-3)
+        recordings = acquire(bench.nodes, 0.002)
+        expected = sim.rig.film_voltages(np.array([sim.clock.now_ns()]))[:, 0]
+    seen = np.zeros((len(recordings), 4))
+    for number, film in enumerate(films):
+        node_number, channel = place(film.channel)
+        voltage = recordings[node_number - 1].voltage[channel - 1]
+        assert voltage == pytest.approx(np.full(2, expected[number]), abs=STEP)
+        assert np.abs(voltage).min() > 3 * STEP
+        seen[node_number - 1, channel - 1] = 1
+    for recording, used in zip(recordings, seen, strict=True):
+        assert not recording.voltage[used == 0].any()
+    assert len({round(float(v), 12) for v in expected}) == len(films)
+
+
+def test_films_that_fit_on_one_node_stand_on_every_node(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "different_base", "nodes = 3")
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.operator.mount(SAMPLES["1"])
+        bench.positioner.move(20e-3, speed=5e-3)
+        first, *others = acquire(bench.nodes, 0.002)
+    assert np.abs(first.voltage).min() > 0
+    assert all(other.voltage.tobytes() == first.voltage.tobytes() for other in others)
+
+
+def test_a_reset_on_the_last_node_shorts_the_film_of_the_base_alone(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "array_16", '[effects.charge_amplifier]\ntime_constant = "1000 s"\n')
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.operator.mount(SAMPLES["1"])
+        bench.positioner.move(20e-3, speed=5e-3)
+        now = np.array([sim.clock.now_ns()])
+        before = sim.rig.film_voltages(now)[:, 0]
+        bench.nodes[4].set("reset_1", 1)
+        after = sim.rig.film_voltages(now)[:, 0]
+    assert np.abs(before).min() > 1e-5
+    assert after[16] == pytest.approx(0, abs=1e-12)
+    assert after[:16] == pytest.approx(before[:16], rel=1e-9)
+
+
+def test_teeth_that_share_a_load_share_it_alike(tmp_path: Path) -> None:
+    for design in ("common_base", "array_16"):
+        scene = scene_of(tmp_path, design)
+        rig = driven(scene, Question())
+        times = SECOND + np.arange(0, SECOND, SECOND // 100)
+        volts = rig.film_voltages(times)
+        forces = volts / np.array([[film.sensitivity] for film in scene.design.films])
+        assert forces[-1] == pytest.approx(rig.cell_force(times), rel=1e-9)
+        assert forces[:-1] == pytest.approx(np.tile(forces[0], (len(forces) - 1, 1)), rel=1e-9)
+        assert (forces[:-1].sum(axis=0) / forces[-1]).max() < 0.6
