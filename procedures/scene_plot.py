@@ -70,8 +70,6 @@ def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
         axes.grid(alpha=0.3)
         axes.margins(x=0)
         axes.ticklabel_format(axis="y", useOffset=False)
-    for axes in grid[-1]:
-        axes.set_xlabel("time (ms)")
     with storing(file):
         figure.savefig(file, dpi=120, metadata={"Software": None})
 
@@ -81,26 +79,25 @@ def _draw_films(axes: Axes, films: Sequence[tuple[int, Film]], milliseconds: Flo
         axes.plot(milliseconds, 1e3 * volts[number], lw=1.2, color=_colour(place, len(films)), label=film.name)
     axes.set_title(title, fontsize=10)
     axes.set_ylabel("voltage (mV)")
-    _legend(axes, len(films))
 
 
 def _draw_samples(axes: Axes, films: Sequence[tuple[int, Film]], seen: Waveforms, title: str) -> None:
     time = 1e3 * seen.sample_time
+    saturated = "saturated"
     for place, (number, film) in enumerate(films):
         volts, cut = 1e3 * seen.samples[number], seen.saturated[number]
         axes.plot(time, volts, ".-", ms=4, lw=0.5, color=_colour(place, len(films)), label=film.name)
         if cut.any():
-            axes.plot(time[cut], volts[cut], "rx", ms=7, label=f"{film.name}, saturated")
+            axes.plot(time[cut], volts[cut], "rx", ms=7, label=saturated)
+            saturated = "_"  # one of them in the legend
     axes.set_title(title, fontsize=10)
     axes.set_ylabel("voltage (mV)")
-    _legend(axes, len(films))
+    axes.set_xlabel("time (ms)")
+    # below the column, whose panels share its colours
+    axes.legend(fontsize=8, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.25), frameon=False)
 
 
 def _colour(place: int, count: int) -> Any:
     from matplotlib import colormaps
 
     return f"C{place}" if count <= 10 else colormaps["viridis"](place / (count - 1))
-
-
-def _legend(axes: Axes, count: int) -> None:
-    axes.legend(fontsize=7, ncols=1 + (count - 1) // 4, loc="upper right")
