@@ -1,7 +1,7 @@
 """What voltages that add to the films' do to the results: force and force ratio of a least-squares sine.
 
 The fit is linear: an amplitude changes by no more than the length of weights @ voltages, over its cosine and sine.
-Bounds are of the voltages before the converter, whose own steps are the bound of `adc`.
+Where a scene calls for a converter, both results, with an effect and without it, are of rounded samples.
 """
 
 from __future__ import annotations
@@ -9,39 +9,73 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from instrument.design import FILM_KINDS, Film
-from simulators.effects.effect import AmplifierEffect, Bound, Case, Floats
+from simulators.effects.effect import AmplifierEffect, Bound, Case, FilmsEffect, Floats
+from simulators.randomness import Stream
+
+if TYPE_CHECKING:
+    from simulators.effects.adc import Adc
+    from simulators.effects.gain_scatter import GainScatter
 
 SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits
 
 
-def bound(case: Case, error: Callable[[Film], float]) -> Bound:
-    """What amplitudes that are wrong by `error` of a film [V] do to the results."""
-    relative = {film.name: _over(error(film), signal(case, film)) for film in case.design.films}
+@runtime_checkable
+class Additive(Protocol):
+    """An effect that adds to the films' voltages."""
+
+    def error(self, case: Case, film: Film) -> float:
+        """Greatest change of the amplitude of a film that it makes [V]."""
+
+
+def bound(effect: Additive, case: Case) -> Bound:
+    """What an effect that adds to the films' voltages does to the results."""
+    beside = [other for other in case.effects.values() if isinstance(other, Additive)]
+
+    def relative(film: Film) -> float:
+        error = effect.error(case, film)
+        least = signal(case, film) - sum(other.error(case, film) for other in beside)
+        if error == 0:
+            return 0.0
+        return (error + 2 * rounding(case, film)) / least if least > 0 else math.inf
+
+    return of_films(case, relative)
+
+
+def of_films(case: Case, relative: Callable[[Film], float]) -> Bound:
+    """The bound of the results for that of each film's amplitude, relative."""
+    changes = {film.name: relative(film) for film in case.design.films}
     rigid, total = ([film for film in case.design.films if film.kind == kind] for kind in FILM_KINDS)
-    pairs = [(tooth, base) for tooth in rigid for base in total if set(tooth.teeth) <= set(base.teeth)]
+    pairs = [(changes[a.name], changes[b.name]) for a in rigid for b in total if set(a.teeth) <= set(b.teeth)]
     return Bound(
-        max(relative[base.name] for base in total),
-        max(
-            (relative[tooth.name] + relative[base.name]) / (1 - relative[base.name])
-            if relative[base.name] < 1
-            else math.inf
-            for tooth, base in pairs
-        ),
+        max(changes[film.name] for film in total),
+        max((tooth + base) / (1 - base) if base < 1 else math.inf for tooth, base in pairs),
     )
 
 
 def signal(case: Case, film: Film) -> float:
-    """Amplitude of a film's voltage [V], at least."""
-    part = len(film.teeth) / len(case.design.teeth) * (case.ratio if film.kind == FILM_KINDS[0] else 1.0)
-    amplifier = next((e for e in case.effects.values() if isinstance(e, AmplifierEffect)), None)
-    passed = 1.0
-    if amplifier is not None:
-        passed = abs(amplifier.system(film, case.design, 0.0).transfer(case.frequency)[0, 0])
-    return film.sensitivity * part * case.amplitude * passed
+    """Amplitude of a film's voltage [V], at least: what the effects that are simulated leave of it."""
+    films, effects = case.design.films, case.effects
+    shares = [len(f.teeth) / len(case.design.teeth) * (case.ratio if f.kind == FILM_KINDS[0] else 1.0) for f in films]
+    volts = case.amplitude * np.array([f.sensitivity for f in films]) * shares
+    for name, effect in effects.items():
+        if isinstance(effect, FilmsEffect) and name != "gain_scatter":
+            volts = effect.matrix(case.design, Stream(0), 0) @ volts
+        if isinstance(effect, AmplifierEffect):
+            volts = volts * [abs(effect.system(f, case.design, 0.0).transfer(case.frequency)[0, 0]) for f in films]
+    scatter = cast("GainScatter | None", effects.get("gain_scatter"))
+    lost = SIGMAS * scatter.strength * film.scatter if scatter else 0.0
+    return float(abs(volts[films.index(film)])) * max(1 - lost, 0.0)
+
+
+def rounding(case: Case, film: Film) -> float:
+    """What rounding its samples to the steps of the scene's converter changes in the amplitude of a film [V]."""
+    converter = cast("Adc | None", case.effects.get("adc"))
+    return 0.0 if converter is None else converter.error(case, film)
 
 
 def spread(case: Case) -> float:
@@ -70,10 +104,6 @@ def largest_tone(case: Case, frequency: float) -> float:
     turns = np.exp(2j * np.pi * frequency * np.arange(weights.shape[1]) / case.rate)
     phasors = weights @ turns
     return float(np.linalg.norm(np.stack([phasors.real, phasors.imag]), 2))  # at its worst phase
-
-
-def _over(error: float, amplitude: float) -> float:
-    return error / amplitude if amplitude > 0 else math.inf
 
 
 def _count(dwell: float, rate: float) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -9,10 +10,12 @@ import numpy.typing as npt
 from pydantic import Field
 
 from instrument.contracts.sensor_node import RANGE_VOLTS
+from instrument.design import Film
 from simulators.effects.effect import Bound, Case, Effect, Floats, Kind
-from simulators.pickup import bound, largest_within
+from simulators.pickup import bound, largest_within, signal
 
 FINEST = 16
+MARGIN = 0.5  # of the range, up to which a film's nominal peak is taken for far from the rail
 
 
 class Adc(Effect):
@@ -37,8 +40,13 @@ class Adc(Effect):
         saturated = ~((code >= -half) & (code <= half - 1))
         return np.clip(code, -half, half - 1) / half, saturated
 
+    def error(self, case: Case, film: Film) -> float:
+        """Half a step of the wide range in every sample [V]; without limit where the film may reach the rail."""
+        peak = signal(case, film) * (1 + case.preload / case.amplitude)
+        if peak > MARGIN * max(RANGE_VOLTS):
+            return math.inf
+        return max(RANGE_VOLTS) / 2**self.bits * largest_within(case)
+
     def bound(self, case: Case) -> Bound:
-        """A step of the wide range in every sample; nothing where the steps are those of the bus."""
-        step = 2.0 * max(RANGE_VOLTS) / 2**self.bits if self.bits < FINEST else 0.0
-        error = step * largest_within(case)
-        return bound(case, lambda film: error)
+        """Against samples that are not rounded at all."""
+        return bound(self, case)

@@ -33,13 +33,12 @@ class Jitter(InputEffect):
         delays = self.delay * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
         return delays * rates()
 
-    def bound(self, case: Case) -> Bound:
-        """Six standard deviations of a fit to noise of the signal's greatest rate."""
+    def error(self, case: Case, film: Film) -> float:
+        """Six standard deviations of a fit to noise of the signal's greatest rate [V]."""
         # An amplifier that drains the preload adds at most 1 / (e t) of it to the rate, t after the change.
         draining = (case.preload + case.amplitude) / case.amplitude / (math.e * case.settled)
         rate = 2 * math.pi * case.frequency + draining
+        return SIGMAS * spread(case) * self.delay * rate * signal(case, film)
 
-        def error(film: Film) -> float:
-            return SIGMAS * spread(case) * self.delay * rate * signal(case, film)
-
-        return bound(case, error)
+    def bound(self, case: Case) -> Bound:
+        return bound(self, case)

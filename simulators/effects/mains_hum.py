@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from instrument.design import Film
 from instrument.quantity import Hertz, Volts
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import CYCLE, HERTZ, Periodic, Times
@@ -33,7 +34,9 @@ class MainsHum(InputEffect):
         phase, frequency = round(self.phase * CYCLE), round(self.frequency * HERTZ)
         return Periodic(0.0, frequency, 0, phase, np.array([1]), np.array([-1j * self.amplitude])).at(time_ns)
 
+    def error(self, case: Case, film: Film) -> float:
+        """What the fit makes of the hum at its worst phase [V]: the trend's share alone over whole cycles of both."""
+        return self.amplitude * largest_tone(case, self.frequency)
+
     def bound(self, case: Case) -> Bound:
-        """What the fit makes of the hum at its worst phase: nothing over whole cycles of both."""
-        error = self.amplitude * largest_tone(case, self.frequency)
-        return bound(case, lambda film: error)
+        return bound(self, case)

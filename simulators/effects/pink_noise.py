@@ -10,13 +10,14 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from instrument.design import Film
 from instrument.quantity import Hertz, VoltsPerRootHertz
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import Times
 from simulators.pickup import SIGMAS, bound, correlated_spread
 from simulators.randomness import Stream
 
-LOWEST, DECADES = 1e-3, 7  # Hz; corners of the processes: 1 mHz to 1 kHz
+LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 32  # grid points in a time constant
 BLOCK = 1024  # grid points that are found together
 FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
@@ -24,9 +25,9 @@ KEPT_BLOCKS = 1024  # 8 MB
 
 
 class PinkNoise(InputEffect):
-    """Power density proportional to 1/f from 1 mHz on, within 6 %; independent on each channel of each node.
+    """Power density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate; independent on each channel.
 
-    An anti-alias filter at half the sample rate is assumed: it leaves out the processes above.
+    An anti-alias filter at half the sample rate is assumed: of a process above it leaves the flat part below.
     A process is known on a grid of its own, a 32nd of its time constant or the sample period where that is longer,
     and is a straight line between the points. Its value at a grid point is a moving average of the numbers of a
     stream, so any time is reached without stepping there.
@@ -43,35 +44,37 @@ class PinkNoise(InputEffect):
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
         number = time_ns // period_ns
         total = np.zeros(len(number))
-        for corner in _corners(1e9 / period_ns):
+        for corner, passed in _corners(1e9 / period_ns):
             samples = 1e9 / (2 * math.pi * corner) / period_ns  # in a time constant
             step = max(1, round(samples / PER_TAU))
             point, past = np.divmod(number, step)
             first = int(point[0])
             grid = _process(stream.child(corner), step / samples, first, int(point[-1]) + 2)
             here = point - first
-            total += grid[here] + (grid[here + 1] - grid[here]) * (past / step)
+            total += passed * (grid[here] + (grid[here + 1] - grid[here]) * (past / step))
         return self._deviation() * total
 
-    def bound(self, case: Case) -> Bound:
-        """Six standard deviations."""
+    def error(self, case: Case, film: Film) -> float:
+        """Six standard deviations of the fit [V]."""
 
         def correlation(lag: Floats) -> Floats:
-            total: Floats = np.sum([np.exp(-2 * math.pi * corner * lag) for corner in _corners(case.rate)], axis=0)
-            return total
+            each = [passed**2 * np.exp(-2 * math.pi * corner * lag) for corner, passed in _corners(case.rate)]
+            return np.asarray(np.sum(each, axis=0))
 
-        error = SIGMAS * self._deviation() * correlated_spread(case, correlation)
-        return bound(case, lambda film: error)
+        return SIGMAS * self._deviation() * correlated_spread(case, correlation)
+
+    def bound(self, case: Case) -> Bound:
+        return bound(self, case)
 
     def _deviation(self) -> float:
         """Of each process [V]. Processes of variance s^2, one a decade, add up to a density of s^2 / (ln 10 f)."""
         return self.density * math.sqrt(math.log(10) * self.corner)
 
 
-def _corners(rate: float) -> list[float]:
-    """Of the processes [Hz], at a rate of samples a second."""
+def _corners(rate: float) -> list[tuple[float, float]]:
+    """Of the processes [Hz], at a rate of samples a second; and what of each, in amplitude, is below half the rate."""
     corners = [LOWEST * 10.0**decade for decade in range(DECADES)]
-    return [corner for corner in corners if corner <= rate / 2]
+    return [(corner, min(1.0, math.sqrt(rate / (math.pi * corner)))) for corner in corners if corner <= rate]
 
 
 def _process(stream: Stream, decay: float, first: int, end: int) -> Floats:

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from instrument.design import Film
 from instrument.quantity import VoltsPerRootHertz
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import Times
@@ -28,7 +29,9 @@ class WhiteNoise(InputEffect):
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
         return self.density * math.sqrt(0.5e9 / period_ns) * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
 
+    def error(self, case: Case, film: Film) -> float:
+        """Six standard deviations of the fit [V]."""
+        return SIGMAS * spread(case) * self.density * math.sqrt(case.rate / 2)
+
     def bound(self, case: Case) -> Bound:
-        """Six standard deviations."""
-        error = SIGMAS * spread(case) * self.density * math.sqrt(case.rate / 2)
-        return bound(case, lambda film: error)
+        return bound(self, case)

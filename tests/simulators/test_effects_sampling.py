@@ -14,6 +14,7 @@ import pytest
 
 from instrument.estimate import fit_sine
 from simulators.clock import VirtualClock
+from simulators.effects import pink_noise
 from simulators.effects.adc import Adc
 from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect
@@ -62,11 +63,17 @@ def test_blocks_of_any_size_join_to_the_same_bytes_from_the_start_and_after_30_d
 
 
 def test_the_1_f_noise_of_a_month_later_takes_a_second_of_numbers_not_a_month(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = []
+    drawn: list[tuple[Stream, int]] = []
     normal = Stream.normal
-    monkeypatch.setattr(Stream, "normal", lambda self, first, n: drawn.append(n) or normal(self, first, n))
+
+    def counted(stream: Stream, first: int, count: int) -> Floats:
+        drawn.append((stream, count))
+        return normal(stream, first, count)
+
+    monkeypatch.setattr(Stream, "normal", counted)
     volts(PinkNoise(), MONTH + MS * np.arange(1000), name="never asked before")
-    assert 1000 < sum(drawn) < 60_000
+    assert 1000 < sum(count for _, count in drawn) < 60_000
+    assert len({stream for stream, _ in drawn}) == 7  # one a decade from 1 mHz to 1 kHz
 
 
 # --- hum -----------------------------------------------------------------------------------------------
@@ -103,21 +110,42 @@ def spectrum(noise: PinkNoise, period_ns: int, size: int, records: int) -> tuple
 
 
 def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_decades() -> None:
-    bands, seen = [], []
+    records, bands, seen, freedom = 12, [], [], []
     for period_ns, edges in ((MS, np.geomspace(1, 100, 9)), (100 * MS, np.geomspace(0.01, 1, 9))):
-        frequency, power = spectrum(PinkNoise(density="3 µV/√Hz", corner="10 Hz"), period_ns, 2**14, 12)
+        frequency, power = spectrum(PinkNoise(density="3 µV/√Hz", corner="10 Hz"), period_ns, 2**14, records)
         for low, high in itertools.pairwise(edges):
             inside = (frequency >= low) & (frequency < high)
             bands.append(math.sqrt(low * high))
             seen.append(float((power * frequency)[inside].mean() / (9e-12 * 10)))
-    assert np.abs(np.array(seen) - 1).max() < 0.25
-    slope = np.polyfit(np.log(bands), np.log(np.array(seen) / np.array(bands)), 1)[0]
+            freedom.append(records * inside.sum() / 1.5)  # the window joins neighbouring lines
+    assert (np.abs(np.array(seen) - 1) < 0.06 + 3 / np.sqrt(freedom)).all()
+    assert np.average(seen, weights=freedom) == pytest.approx(1, abs=0.03)
+    slope = np.polyfit(np.log(bands), np.log(np.array(seen) / np.array(bands)), 1, w=np.sqrt(freedom))[0]
     assert slope == pytest.approx(-1, abs=0.02)
+
+
+def test_a_process_is_the_moving_average_of_all_numbers_before_across_blocks_too() -> None:
+    stream, decay = Stream(3, "a"), 0.05
+    before = math.ceil(-math.log(pink_noise.FORGOTTEN) / decay)
+    first, end = 2 * pink_noise.BLOCK - 30, 3 * pink_noise.BLOCK + 30
+    normals = stream.normal(first, end - first + before)
+    kept = math.sqrt(-math.expm1(-2 * decay)) * np.exp(-decay * np.arange(before + 1))
+    assert pink_noise._process(stream, decay, first, end) == pytest.approx(
+        np.convolve(normals, kept, mode="valid"), abs=1e-13
+    )
+
+
+def test_a_slow_process_is_a_straight_line_between_its_grid_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pink_noise, "_corners", lambda rate: [(1e-3, 1.0)])
+    step = round(1e3 / (2 * math.pi * 1e-3) / pink_noise.PER_TAU)  # samples
+    values = volts(PinkNoise(), MS * np.arange(3 * step))
+    bends = np.flatnonzero(np.abs(np.diff(values, 2)) > 1e-6 * np.abs(np.diff(values)).max())
+    assert (bends + 1).tolist() == [step, 2 * step]
 
 
 def test_each_decade_of_1_f_noise_has_the_same_variance_and_the_numbers_are_normal() -> None:
     noise = PinkNoise(density="1 V/√Hz", corner="1 Hz")
-    for period_ns, decades in ((100 * SECOND, 1), (10 * SECOND, 2)):
+    for period_ns, decades in ((100 * SECOND, 1 + 1 / math.pi), (10 * SECOND, 2 + 1 / math.pi)):
         values = volts(noise, period_ns * np.arange(40_000), period_ns)
         assert values.var() == pytest.approx(decades * math.log(10), rel=0.05)
         assert (values**4).mean() / values.var() ** 2 == pytest.approx(3, abs=0.25)
@@ -225,7 +253,7 @@ def change(effect: Effect, question: Question, seed: int) -> Bound:
         ]
     else:
         assert isinstance(effect, Adc)
-        before, after = (5 * converter.convert(films / 5)[0] for converter in (Adc(), effect))
+        before, after = films, 5 * effect.convert(films / 5)[0]
     was, became = (results(1e-9 * times, v, rig.scene, question.frequency) for v in (before, after))
     return Bound(*(abs(b - a) / a for a, b in zip(was, became, strict=True)))
 
@@ -261,8 +289,7 @@ def test_no_measurement_changes_by_more_than_the_bound_and_some_by_a_tenth_of_it
 def test_what_cannot_change_anything_is_bounded_by_nothing() -> None:
     case = settled(Question())[1]
     silent = (WhiteNoise(density="0 V/√Hz"), PinkNoise(density="0 V/√Hz"), MainsHum(amplitude="0 V"))
-    nothing = (*silent, Jitter(delay="0 s"), Adc())
-    for effect in nothing:
+    for effect in (*silent, Jitter(delay="0 s")):
         assert effect.bound(case) == Bound(0.0, 0.0)
 
 
