@@ -19,7 +19,8 @@ from instrument.errors import QuantityError
 
 # Only the unit goes to pint: of a whole text it would also evaluate powers, such as 9**9**9.
 _QUANTITY = re.compile(
-    r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>(?:[A-Za-zµμΩ°%]+(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
+    r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*"
+    r"(?P<unit>(?:[A-Za-zµμΩ°%]+(?: [A-Za-zµμΩ]+)?(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
     re.ASCII,
 )
 
@@ -115,4 +116,13 @@ VoltsPerNewton = Annotated[float, Unit("V/N")]
 NewtonsPerMetre = Annotated[float, Unit("N/m")]
 VoltsPerRootHertz = Annotated[float, Unit("V/√Hz")]
 Hertz = Annotated[float, Unit("Hz")]
+Henries = Annotated[float, Unit("H")]
+Farads = Annotated[float, Unit("F")]
+Coulombs = Annotated[float, Unit("C")]
+CoulombsPerNewton = Annotated[float, Unit("C/N")]
+Kilograms = Annotated[float, Unit("kg")]
+NewtonSecondsPerMetre = Annotated[float, Unit("N s/m")]
+NewtonsPerKelvin = Annotated[float, Unit("N/K")]
+KelvinPerSecond = Annotated[float, Unit("K/s")]
+Degrees = Annotated[float, Unit("deg")]
 BitsPerSecond = Annotated[float, Unit("bit/s")]

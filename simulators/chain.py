@@ -309,8 +309,24 @@ class Chain:
                 row = (sign * quantity[0], sign * quantity[1])
                 change: dict[str, Any] = {name: 0 if side else sign}
                 other = replace(touch, **change)
-                guards.append(self._sided(row, limit, bool(side), other))
+                if name == "current" and not side and self._armature.mass:
+                    # As with plays: where limiting ends, the current is at the limit itself.
+                    guard = self._sided(row, limit * (1 + 1e-9), False, other)
+                    guards.append(replace(guard, entry=self._held(sign * limit)))
+                else:
+                    guards.append(self._sided(row, limit, bool(side), other))
         return guards
+
+    def _held(self, current: float) -> Callable[[Floats, Floats], Floats]:
+        """A limited current stays at the limit itself: above it, it would be limited again when let go."""
+        at = self._stack.order
+
+        def entry(x: Floats, u: Floats) -> Floats:
+            seated = x.copy()
+            seated[at] = current
+            return seated
+
+        return entry
 
     def _unlimited_current(self, touch: Touch, system: StateSpace, current: Rows) -> Rows:
         """The current; where it is held at its limit, the one that the voltage would drive through the coil."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -28,12 +28,13 @@ from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Bound, Case, Effect
 from simulators.lti import HERTZ, Periodic
 from simulators.rig import Rig
-from simulators.scene import Scene
+from simulators.scene import RigParameters, Scene, SceneFile
 
 PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement
 LOOKED_AT = 2.0  # s of a scene that are searched for transitions
 RATE = 250.0  # samples a second
+THESIS_RIG = RigParameters()
 THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
 # CPU time [M]: of a change or a transition, and of a sample of a film.
@@ -115,7 +116,7 @@ def plan(scene: Scene, question: Question) -> Plan:
     """
     found = driven(scene, question).transitions(round(LOOKED_AT * 1e9))
     path, why = _path(question, found)
-    case = case_of(scene.design, scene.model, scene.effects, question)
+    case = case_of(scene.design, scene.model, scene.effects, question, scene.rig)
     count = len(found) / LOOKED_AT
     samples = question.dwell * RATE * len(scene.design.films)
     return Plan(
@@ -146,8 +147,12 @@ def driven(scene: Scene, question: Question) -> Rig:
     return rig
 
 
-def case_of(design: Design, model: str, effects: Mapping[str, Effect], question: Question) -> Case:
+def case_of(
+    design: Design, model: str, effects: Mapping[str, Effect], question: Question, rig: RigParameters = THESIS_RIG
+) -> Case:
     """The question as the bounds of the effects want it."""
+    file = SceneFile(name="case", purpose="bounds", design=design.name, model=model, rig=rig)
+    bare = Scene("case", "bounds", design, model, None, "", 1, 1, rig, {}, {}, file)
     load = Load(question.load, get_sample(question.sample))
     return Case(
         design=design,
@@ -159,13 +164,16 @@ def case_of(design: Design, model: str, effects: Mapping[str, Effect], question:
         rate=RATE,
         settled=SETTLING,
         effects=effects,
+        driven=lambda chosen: driven(replace(bare, effects=chosen), question),
     )
 
 
-def needed(effect: Effect, design: Design, model: str, effects: Mapping[str, Effect], tolerance: float) -> Bound | None:
+def needed(
+    effect: Effect, design: Design, model: str, effects: Mapping[str, Effect], tolerance: float, rig: RigParameters
+) -> Bound | None:
     """The largest bound of an effect for the thesis' samples and loads if it exceeds the tolerance, else None."""
     bounds = [
-        effect.bound(case_of(design, model, effects, Question(sample, load)))
+        effect.bound(case_of(design, model, effects, Question(sample, load), rig))
         for sample in SAMPLES
         for load in THESIS_LOADS
     ]

@@ -20,6 +20,7 @@ from instrument.models.response import Response, response
 from instrument.sample import Sample
 from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.clock import NEVER, VirtualClock
+from simulators.effects import EFFECTS
 from simulators.effects.effect import (
     AmplifierEffect,
     DriveEffect,
@@ -42,7 +43,8 @@ class Rig:
     """The scene's state. All times are integer nanoseconds of the clock; call under the clock's lock."""
 
     def __init__(self, scene: Scene, clock: VirtualClock) -> None:
-        self.scene = scene
+        in_order = {name: scene.effects[name] for name in EFFECTS if name in scene.effects}
+        self.scene = scene = replace(scene, effects=in_order)
         self._clock = clock
         self._films = scene.design.films
         self._streams = {name: Stream(scene.seed, name) for name in scene.effects}
@@ -52,6 +54,7 @@ class Rig:
         self.position = 0.0
         self._weight = 0.0
         self._set_at_ns = 0
+        self._changed_ns = 0
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
         chain = self._chain()
         mode = chain.mode(Touch(contact=False, drag=(0,) * chain.plays))
@@ -137,6 +140,14 @@ class Rig:
         gains: npt.NDArray[np.complex128] = system.transfer(frequency)[rows, 0]
         return gains
 
+    def beginning(self) -> tuple[StateSpace, Floats, npt.NDArray[np.complex128]]:
+        """As the present settings began: system and state (s,), and the phasor with which the drive forces it (s,)."""
+        path = self._paths[-1]
+        system = path.mode_at(path.start_ns).system
+        voltage, rate = self._voltage, self._voltage.derivative()
+        forcing = system.b[:, 0] * voltage.amplitude[0] + system.b[:, 2] * rate.amplitude[0]
+        return system, path.states(np.array([path.start_ns]))[:, 0], forcing
+
     def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
         """What touches before and after each transition since the present settings, up to a time."""
         modes = self._paths[-1].modes_until(time_ns)
@@ -146,12 +157,16 @@ class Rig:
         return self._voltage
 
     def settled_for_ns(self) -> int:
-        """How long nothing has changed."""
-        return self._clock.now_ns() - self._paths[-1].start_ns
+        """How long nobody has changed anything."""
+        return self._clock.now_ns() - self._changed_ns
 
     # --- how it follows --------------------------------------------------------------------------------
 
     def _begin(self, state: Floats | None = None) -> None:
+        self._changed_ns = self._clock.now_ns()
+        self._restart(state)
+
+    def _restart(self, state: Floats | None = None) -> None:
         now = self._clock.now_ns()
         last = self._paths[-1]
         if state is None:
@@ -236,23 +251,27 @@ class Rig:
     def _leak(self) -> LeakEffect | None:
         return next((e for e in self.scene.effects.values() if isinstance(e, LeakEffect)), None)
 
-    def _leakage(self) -> float:
-        """Conductance across a film in the middle of the present epoch [S]."""
+    def _leakage(self, epoch: int | None = None) -> float:
+        """Conductance across a film in the middle of an epoch, None: the present one [S]."""
         leak = self._leak()
         if leak is None:
             return 0.0
-        return leak.conductance((self._clock.now_ns() // leak.epoch_ns + 0.5) * leak.epoch_ns * 1e-9)
+        epoch = self._clock.now_ns() // leak.epoch_ns if epoch is None else epoch
+        return leak.conductance((epoch + 0.5) * leak.epoch_ns * 1e-9)
 
     # --- what changes by itself ------------------------------------------------------------------------
 
     def next_event_ns(self) -> int:
         leak = self._leak()
-        return NEVER if leak is None else (self._clock.now_ns() // leak.epoch_ns + 1) * leak.epoch_ns
+        if leak is None:
+            return NEVER
+        following = self._clock.now_ns() // leak.epoch_ns + 1
+        return NEVER if self._leakage(following) == self._leakage() else following * leak.epoch_ns
 
     def advance(self, start_ns: int, end_ns: int) -> None:
         leak = self._leak()
-        if leak is not None and end_ns // leak.epoch_ns > start_ns // leak.epoch_ns:
-            self._begin()
+        if leak is not None and self._leakage(start_ns // leak.epoch_ns) != self._leakage(end_ns // leak.epoch_ns):
+            self._restart()
 
 
 def _inputs(voltage: Periodic, start_ns: int) -> tuple[Periodic, ...]:

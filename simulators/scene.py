@@ -193,7 +193,7 @@ def _called_for(
             continue
         from simulators.plan import needed
 
-        bound = needed(effect, design, model, listed, tolerance)
+        bound = needed(effect, design, model, listed, tolerance, file.rig)
         if bound is not None:
             called[name] = f"can change force by {bound.force:.2g} and ratio by {bound.ratio:.2g}, above {tolerance:g}"
     return {name: listed[name] for name in called}, called

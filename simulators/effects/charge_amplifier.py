@@ -7,19 +7,35 @@ from typing import ClassVar
 from pydantic import Field
 
 from instrument.design import Design, Film
-from instrument.quantity import Seconds
-from simulators.effects.effect import AmplifierEffect, Kind
+from instrument.quantity import Ohms, Seconds, Volts
+from simulators.changes import bound_of_chain
+from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
 from simulators.lti import StateSpace, first_order_high_pass
 
 
 class ChargeAmplifier(AmplifierEffect):
-    """First-order high-pass. Equal time constants cancel in the force ratio."""
+    """First-order high-pass. Equal time constants cancel in the force ratio.
+
+    Its input is a virtual ground, so a leak of the film leaves the time constant alone; but it amplifies the input's
+    own offset, which is trimmed for a film that does not leak.
+    """
 
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = True
+    excludes: ClassVar[tuple[str, ...]] = ("voltage_amplifier",)
 
     # 1 GOhm times 1 nF [A]; the limits are far beyond any that is built
     time_constant: Seconds = Field(default=1.0, ge=1e-9, le=1e9)
+    feedback: Ohms = Field(default=1e9, gt=0, le=1e15)
+    # [A]
+    input_offset: Volts = Field(default=1e-3, ge=-1, le=1)
 
     def system(self, film: Film, design: Design, leakage: float) -> StateSpace:
         return first_order_high_pass(self.time_constant)
+
+    def offset(self, film: Film, design: Design, leakage: float) -> float:
+        return self.input_offset * self.feedback * leakage
+
+    def bound(self, case: Case) -> Bound:
+        """Its gain at the drive's frequency, and what is left of the preload."""
+        return bound_of_chain(case, self)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from simulators.chain import Armature, Limits, Plays, Stack
     from simulators.lti import StateSpace, Times
     from simulators.randomness import Stream
+    from simulators.rig import Rig
 
 Floats = npt.NDArray[np.float64]
 Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
@@ -51,6 +52,7 @@ class Case:
         rate: samples a second.
         settled: how long the drive was on before the dwell [s].
         effects: that the scene simulates, by name.
+        driven: a bench with effects, by name, whose drive has just been set for the load.
     """
 
     design: Design
@@ -62,9 +64,10 @@ class Case:
     rate: float
     settled: float
     effects: Mapping[str, Effect]
+    driven: Callable[[Mapping[str, Effect]], Rig]
 
 
-class Effect(Config):
+class Effect(Config, ABC):
     """One imperfection.
 
     Its parameters are fields whose defaults carry a mark: [T] thesis, [S] published source, [M] measured,
@@ -76,6 +79,10 @@ class Effect(Config):
     kind: ClassVar[Kind]
     cancels_in_ratio: ClassVar[bool]
     excludes: ClassVar[Sequence[str]] = ()
+
+    @abstractmethod
+    def bound(self, case: Case) -> Bound:
+        """Greatest change of the results that leaving the effect out can make."""
 
 
 class DriveEffect(Effect, ABC):
@@ -141,7 +148,9 @@ class AmplifierEffect(Effect, ABC):
 
 
 class LeakEffect(Effect, ABC):
-    """A conductance across the films that changes with time."""
+    """A conductance across the films that changes with time, by equal parts in equal times, `over` so long [s]."""
+
+    over: float
 
     @property
     @abstractmethod

@@ -6,11 +6,12 @@ import math
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from instrument.design import Design
-from simulators.effects.effect import FilmsEffect, Kind
+from simulators.changes import Change, bound_of
+from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from simulators.pickup import SIGMAS
 from simulators.randomness import Stream
 
 
@@ -26,12 +27,17 @@ class GainScatter(FilmsEffect):
 
     strength: float = Field(default=1.0, ge=0, le=10, strict=True)
 
-    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> npt.NDArray[np.float64]:
+    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
         """Gain factors of the films for the load set that began at `set_at_ns`, on the diagonal."""
         rho = design.film_correlation
         independent = stream.normal(set_at_ns // 1000 * len(design.films), len(design.films))
         common = independent[0]
         mixed = [common, *(rho * common + math.sqrt(1 - rho**2) * z for z in independent[1:])]
         scatter = np.array([film.scatter for film in design.films])
-        factors: npt.NDArray[np.float64] = np.diag(1.0 + self.strength * scatter * np.array(mixed))
+        factors: Floats = np.diag(1.0 + self.strength * scatter * np.array(mixed))
         return factors
+
+    def bound(self, case: Case) -> Bound:
+        """Six standard deviations of each film, however the films move together."""
+        reach = [SIGMAS * self.strength * film.scatter for film in case.design.films]
+        return bound_of(case, [Change(1.0, each) for each in reach])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from instrument.quantity import Newtons
 from simulators.chain import Plays
-from simulators.effects.effect import HysteresisEffect, Kind
+from simulators.changes import bound_of_plays
+from simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
 
 
 class Hysteresis(HysteresisEffect):
@@ -18,10 +19,27 @@ class Hysteresis(HysteresisEffect):
     cancels_in_ratio: ClassVar[bool] = False
 
     # weights 0.025 [A]; radii spread over the forces of the load sets [A]
-    weights: tuple[float, ...] = Field(default=(0.025, 0.025, 0.025), min_length=1, max_length=8)
-    radii: tuple[Newtons, ...] = Field(default=(0.05, 0.1, 0.2), min_length=1, max_length=8)
+    weights: tuple[Annotated[float, Field(ge=-1, le=1, strict=True)], ...] = Field(
+        default=(0.025, 0.025, 0.025), min_length=1, max_length=8
+    )
+    radii: tuple[Annotated[Newtons, Field(ge=1e-6, le=1e6)], ...] = Field(
+        default=(0.05, 0.1, 0.2), min_length=1, max_length=8
+    )
     # the films that it acts on; on both alike it would cancel in the ratio [A]
     path: Literal["rigid", "total"] = "rigid"
 
+    @model_validator(mode="after")
+    def _fitting(self) -> Hysteresis:
+        if len(self.weights) != len(self.radii):
+            raise ValueError(f"{len(self.weights)} weights and {len(self.radii)} radii; give as many of each")
+        slope = 1 + sum(weight for weight in self.weights if weight < 0)
+        if not slope > 0:
+            raise ValueError(f"weights leave a slope of {slope:g}, not above 0: more force would give less; raise them")
+        return self
+
     def plays(self) -> Plays:
         return Plays(self.path == "total", self.radii, self.weights)
+
+    def bound(self, case: Case) -> Bound:
+        """Each play moves by no more than the force less its radius."""
+        return bound_of_plays(case, self)

@@ -7,7 +7,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from instrument.quantity import Volts, VoltsPerNewton
-from simulators.effects.effect import Effect, Kind
+from simulators.effects.effect import Bound, Case, Effect, Kind
 from simulators.randomness import Stream
 
 
@@ -33,3 +33,7 @@ class LoadCell(Effect):
         """The reading in mV at display update number `update` of a bridge that should read `ideal_mV`."""
         noise = self.noise * float(stream.normal(update, 1)[0])
         return round(ideal_mV + 1e3 * (self.zero + noise), self.decimals)
+
+    def bound(self, case: Case) -> Bound:
+        """The films do not pass the load cell; it shows in what load is read, and set."""
+        return Bound(0.0, 0.0)

@@ -7,8 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
 from simulators.chain import Armature, Limits
-from simulators.effects.effect import Kind, ShakerEffect
+from simulators.changes import bound_of_chain
+from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
 
 
 class ShakerDynamics(ShakerEffect):
@@ -17,10 +19,14 @@ class ShakerDynamics(ShakerEffect):
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = True
 
-    # 0.1 mH, 30 g, 2 N s/m [A]
-    inductance: float = Field(default=1e-4, gt=0, le=1)  # H
-    mass: float = Field(default=0.03, gt=0, le=100)  # kg
-    damping: float = Field(default=2.0, ge=0, le=1e4)  # N s/m
+    # [A]
+    inductance: Henries = Field(default=1e-4, gt=0, le=1)
+    mass: Kilograms = Field(default=0.03, gt=0, le=100)
+    damping: NewtonSecondsPerMetre = Field(default=2.0, ge=0, le=1e4)
 
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return replace(armature, inductance=self.inductance, mass=self.mass, damping=self.damping), limits
+
+    def bound(self, case: Case) -> Bound:
+        """The load is set anew with the shaker, so what is left is its transient."""
+        return bound_of_chain(case, self)

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from instrument.quantity import Seconds
 from simulators.chain import Stack
-from simulators.effects.effect import Kind, StackEffect
+from simulators.changes import bound_of_chain
+from simulators.effects.effect import Bound, Case, Kind, StackEffect
 from simulators.lti import StateSpace
+
+# Shares of the fast modulus that relax, and how fast [s].
+PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "rubber": ((0.3,), (20e-3,)),  # [A]
+    # brain, Miller and Chinzei, J. Biomechanics 30 (1997) 1115 [S]: for soft tissue at large
+    "soft_tissue": ((0.450, 0.365), (0.5, 50.0)),
+}
 
 
 class Viscoelastic(StackEffect):
@@ -19,12 +27,34 @@ class Viscoelastic(StackEffect):
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = False
 
-    # share of the fast modulus that relaxes, and how fast [A]
-    g: tuple[float, ...] = Field(default=(0.3,), min_length=1, max_length=8)
-    tau: tuple[Seconds, ...] = Field(default=(20e-3,), min_length=1, max_length=8)
+    material: Literal["rubber", "soft_tissue"] = "rubber"
+    # in place of the material's own
+    g: tuple[Annotated[float, Field(ge=0, lt=1, strict=True)], ...] | None = Field(default=None, max_length=8)
+    tau: tuple[Annotated[Seconds, Field(ge=1e-6, le=1e6)], ...] | None = Field(default=None, max_length=8)
+
+    @model_validator(mode="after")
+    def _fitting(self) -> Viscoelastic:
+        if (self.g is None) != (self.tau is None):
+            raise ValueError("g and tau belong together; give both, or neither and a material")
+        g, tau = self.prony
+        if len(g) != len(tau):
+            raise ValueError(f"g has {len(g)} terms and tau {len(tau)}; give as many of each")
+        if not sum(g) < 1:
+            raise ValueError(f"g sums to {sum(g):g}, not below 1: nothing would be left at rest; give smaller ones")
+        return self
+
+    @property
+    def prony(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Shares g and time constants [s]."""
+        if self.g is None or self.tau is None:
+            return PRONY[self.material]
+        return self.g, self.tau
 
     def stack(self, stack: Stack) -> StateSpace:
-        g, tau = np.array(self.g), np.array(self.tau)
+        terms = [(g, tau) for g, tau in zip(*self.prony, strict=True) if g > 0]
+        if not terms:
+            return stack.elastic()
+        g, tau = np.array(terms).T
         fast = g / (1 - g.sum())
         # y = e(s) u by states x' = (u - x) / tau: e = 1 + sum of fast (1 - x / u).
         e = StateSpace(-np.diag(1 / tau), (1 / tau)[:, np.newaxis], -fast[np.newaxis], np.array([[1 + fast.sum()]]))
@@ -45,3 +75,7 @@ class Viscoelastic(StackEffect):
             np.block([[stack.tooth * c, np.zeros_like(c)], [np.zeros_like(c), stack.ring * loop.c]]),
             np.array([[stack.tooth * d], [stack.ring * float(loop.d[0, 0])]]),
         )
+
+    def bound(self, case: Case) -> Bound:
+        """Its modulus at the drive's frequency, and what is left of creep under the preload."""
+        return bound_of_chain(case, self)

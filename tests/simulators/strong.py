@@ -3,33 +3,55 @@
 from __future__ import annotations
 
 from simulators.effects.adc import Adc
+from simulators.effects.amplifier_clip import AmplifierClip
 from simulators.effects.can_timing import CanTiming
 from simulators.effects.charge_amplifier import ChargeAmplifier
+from simulators.effects.crosstalk import Crosstalk
+from simulators.effects.current_limit import CurrentLimit
 from simulators.effects.effect import Effect
+from simulators.effects.end_stops import EndStops
+from simulators.effects.frequency_error import FrequencyError
 from simulators.effects.gain_scatter import GainScatter
+from simulators.effects.glue_clamping import GlueClamping
+from simulators.effects.humidity_leak import HumidityLeak
 from simulators.effects.hysteresis import Hysteresis
 from simulators.effects.jitter import Jitter
 from simulators.effects.load_cell import LoadCell
 from simulators.effects.mains_hum import MainsHum
+from simulators.effects.off_axis import OffAxis
 from simulators.effects.pink_noise import PinkNoise
+from simulators.effects.pyroelectric import Pyroelectric
 from simulators.effects.serial_timing import SerialTiming
 from simulators.effects.shaker_dynamics import ShakerDynamics
+from simulators.effects.triboelectric import Triboelectric
 from simulators.effects.viscoelastic import Viscoelastic
+from simulators.effects.voltage_amplifier import VoltageAmplifier
 from simulators.effects.white_noise import WhiteNoise
 
 STRONG: dict[str, Effect] = {
-    "charge_amplifier": ChargeAmplifier(time_constant="0.4 s"),
-    "adc": Adc(bits=10),
-    "white_noise": WhiteNoise(density="100 µV/√Hz"),
-    "gain_scatter": GainScatter(strength=3.0),
-    "load_cell": LoadCell(zero="2.5 mV", noise="1.5 mV", decimals=3),
-    "shaker_dynamics": ShakerDynamics(mass=0.3),
-    "viscoelastic": Viscoelastic(g=(0.5,)),
+    "frequency_error": FrequencyError(bits=28),
+    "amplifier_clip": AmplifierClip(rail="1 V"),
+    "current_limit": CurrentLimit(limit="0.3 A"),
+    "end_stops": EndStops(travel="1 mm"),
+    "shaker_dynamics": ShakerDynamics(mass="300 g"),
+    "viscoelastic": Viscoelastic(material="soft_tissue"),
     "hysteresis": Hysteresis(weights=(0.3,), radii=("0.02 N",)),
+    "crosstalk": Crosstalk(compliant=0.2),
+    "glue_clamping": GlueClamping(),
+    "off_axis": OffAxis(angle="30 deg"),
+    "gain_scatter": GainScatter(strength=3.0),
+    "pyroelectric": Pyroelectric(drift="0.2 K/s"),
+    "triboelectric": Triboelectric(charge="1 pC"),
+    "humidity_leak": HumidityLeak(over="10 s"),
+    "charge_amplifier": ChargeAmplifier(time_constant="0.4 s"),
+    "voltage_amplifier": VoltageAmplifier(),
     "mains_hum": MainsHum(amplitude="50 mV"),
     "pink_noise": PinkNoise(density="100 µV/√Hz"),
+    "white_noise": WhiteNoise(density="100 µV/√Hz"),
     "jitter": Jitter(delay="1 ms"),
+    "adc": Adc(bits=10),
     "can_timing": CanTiming(),
+    "load_cell": LoadCell(zero="2.5 mV", noise="1.5 mV", decimals=3),
     "serial_timing": SerialTiming(),
 }
 

@@ -1,0 +1,310 @@
+"""What an effect changes in the results, at most: force and force ratio of a least-squares sine at the set load.
+
+Steady states are compared as phasors, so what is linear is exact. Added to that is what can be left of transients,
+for a drive that begins at any phase, `settled` before the dwell; and what noise, steps and plays that the scene
+simulates beside the effect make of its change. Bounds know the converter's steps, not its rail.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from instrument.contracts.sensor_node import RANGE_VOLTS
+from instrument.design import FILM_KINDS
+from instrument.errors import EstimateError
+from instrument.estimate import fit_sine
+from simulators.chain import Touch
+from simulators.effects import EFFECTS
+from simulators.effects.effect import (
+    AmplifierEffect,
+    Bound,
+    Case,
+    Effect,
+    FilmsEffect,
+    Floats,
+    HysteresisEffect,
+    InputEffect,
+    LeakEffect,
+    SourceEffect,
+)
+from simulators.lti import StateSpace
+from simulators.pickup import largest_within, signal
+from simulators.randomness import Stream
+
+if TYPE_CHECKING:
+    from simulators.rig import Rig
+
+Complexes = npt.NDArray[np.complex128]
+BEYOND = Bound(math.inf, math.inf)
+# Above this condition number the weights of modes say nothing about their sum.
+PARALLEL = 1e8
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What a film's phasor is multiplied with, and how far from that the factor may lie."""
+
+    factor: complex
+    reach: float = 0.0
+
+
+# --- from changes of the films to the results ----------------------------------------------------------
+
+
+def bound_of(case: Case, changes: Sequence[Change]) -> Bound:
+    """Bound of the results for a change of each film."""
+    if all(change == Change(1.0) for change in changes):
+        return Bound(0.0, 0.0)
+    spans = [_span(case, number, change) for number, change in enumerate(changes)]
+    rigid, total = (
+        [number for number, film in enumerate(case.design.films) if film.kind == kind] for kind in FILM_KINDS
+    )
+    force = max(max(abs(spans[base][0] - 1), abs(spans[base][1] - 1)) for base in total)
+    ratio = 0.0
+    for base in total:
+        least, most = spans[base]
+        for tooth in rigid:
+            if not set(case.design.films[tooth].teeth) <= set(case.design.films[base].teeth):
+                continue
+            low, high = spans[tooth]
+            if not (least > 0 and math.isfinite(most + high)):
+                return Bound(force, math.inf)
+            ratio = max(ratio, high / least - 1, 1 - low / most)
+    return Bound(force, ratio)
+
+
+def _span(case: Case, number: int, change: Change) -> tuple[float, float]:
+    """Least and greatest factor of a film's fitted amplitude."""
+    step, common = _rounding(case, number), _added(case)[number]
+    if not common < 1:
+        return 0.0, math.inf
+    # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what is added to both dilutes the change.
+    slack = (change.reach + abs(change.factor - 1) * common + step + _played(case, number, change)) / (1 - common)
+    return max(abs(change.factor) - slack, 0.0), abs(change.factor) + slack
+
+
+def _added(case: Case) -> list[float]:
+    """What other effects add to each film's amplitude, relatively, with and without the one that is asked for."""
+    additive = [e for e in case.effects.values() if isinstance(e, InputEffect | SourceEffect)]
+    bare = {n: e for n, e in case.effects.items() if not isinstance(e, InputEffect | SourceEffect) and n != "adc"}
+    bounds = [effect.bound(replace(case, effects=bare)) for effect in additive]
+    force = sum(each.force for each in bounds)
+    ratio = sum(each.ratio for each in bounds)
+    # A ratio errs by (tooth + base) / (1 - base).
+    tooth = ratio * (1 + force) + force if math.isfinite(ratio) else math.inf
+    return [tooth if film.kind == FILM_KINDS[0] else force for film in case.design.films]
+
+
+def _rounding(case: Case, number: int) -> float:
+    bits = getattr(case.effects.get("adc"), "bits", None)
+    amplitude = signal(case, case.design.films[number])
+    if bits is None:
+        return 0.0
+    # With and without, each sample is half a step off.
+    return 2 * max(RANGE_VOLTS) / 2.0**bits * largest_within(case) / amplitude if amplitude > 0 else math.inf
+
+
+def _played(case: Case, number: int, change: Change) -> float:
+    """Plays follow a change of their force by no more than the change itself."""
+    plays = next((e for e in case.effects.values() if isinstance(e, HysteresisEffect)), None)
+    if plays is None or plays.path != case.design.films[number].kind:
+        return 0.0
+    weights = sum(abs(weight) for weight in plays.plays().weights)
+    return largest_within(case) * weights * (abs(change.factor - 1) + change.reach)
+
+
+# --- changes of the films ------------------------------------------------------------------------------
+
+
+def bound_of_gains(case: Case, effect: FilmsEffect) -> Bound:
+    """Of gains that hold at any frequency: the films change by them, transients and all."""
+    films = case.design.films
+    volts = np.array([signal(replace(case, effects={}), film) for film in films])
+    if not volts.all():
+        return BEYOND
+    factors = effect.matrix(case.design, Stream(0), 0) @ volts / volts
+    return bound_of(case, [Change(float(factor)) for factor in factors])
+
+
+def bound_of_chain(case: Case, effect: Effect) -> Bound:
+    """Of anything linear: the load is set anew with it."""
+    before, after = case.driven(case.effects), case.driven(_with(case, effect))
+    if _touched(case, before) or _touched(case, after):
+        return BEYOND
+    was, became = gains(before, case.frequency), gains(after, case.frequency)
+    if not was.all():
+        return BEYOND
+    left = (_left(case, before) + _left(case, after)) / abs(was)
+    changes = [Change(complex(f), float(r)) for f, r in zip(became / was, left, strict=True)]
+    return bound_of(case, changes)
+
+
+def bound_of_limit(case: Case, effect: Effect, name: str) -> Bound:
+    """Of a limit: nothing where it is never met from the beginning of the drive to the end of the dwell."""
+    return BEYOND if _touched(case, case.driven(_with(case, effect)), (name,)) else Bound(0.0, 0.0)
+
+
+def bound_of_source(case: Case, effect: SourceEffect) -> Bound:
+    """Of what a source makes of the constant 1, begun with the drive."""
+    rig = case.driven(case.effects)
+    if _touched(case, rig):
+        return BEYOND
+    was = abs(gains(rig, case.frequency))
+    error = np.zeros(len(was))
+    source, amplifier = effect.source(case.design), _amplifier(case)
+    for leakage in _leakages(case):
+        for number, film in enumerate(case.design.films):
+            row = slice(number, number + 1)
+            chain = StateSpace(source.a, source.b, source.c[row], source.d[row])
+            if amplifier is not None:
+                chain = chain.then(amplifier.system(film, case.design, leakage))
+            weights, rates = _transient(chain, chain.b[:, 3], np.zeros(chain.order))
+            error[number] = max(error[number], float(weights[0] @ _leaks(case, rates)))
+    if not was.all():
+        return BEYOND
+    return bound_of(case, [Change(1.0, float(e / w)) for e, w in zip(error, was, strict=True)])
+
+
+def bound_of_leak(case: Case, effect: LeakEffect) -> Bound:
+    """Of a leak that grows: the largest there is, its offset in the dwell, and the amplifiers' transients twice."""
+    amplifier, design = _amplifier(case), case.design
+    if amplifier is None:
+        return Bound(0.0, 0.0)
+    rig = case.driven(case.effects)
+    was, left = abs(gains(rig, case.frequency)), _left(case, rig)
+    if _touched(case, rig) or not was.all():
+        return BEYOND
+    most = max(_conductances(effect))
+    # A leak that changes by equal parts in equal times: within a dwell by so much of its largest value.
+    parts = abs(math.log(effect.conductance(0.0) / effect.conductance(math.inf))) if most else 0.0
+    moved = 1 - math.exp(-min(parts, parts * (case.dwell + 2e-9 * effect.epoch_ns) / effect.over))
+    changes = []
+    for number, film in enumerate(design.films):
+        wet, dry = (amplifier.system(film, design, g).transfer(case.frequency)[0, 0] for g in (most, 0.0))
+        offset = abs(amplifier.offset(film, design, most)) * moved * largest_within(case) / was[number]
+        changes.append(Change(1.0, float(abs(wet / dry - 1) + offset + 2 * left[number] / was[number])))
+    return bound_of(case, changes)
+
+
+def bound_of_plays(case: Case, effect: HysteresisEffect) -> Bound:
+    """Of play operators: each moves by no more than the force's amplitude less its radius."""
+    rig, plays = case.driven(case.effects), effect.plays()
+    swing = case.amplitude * (case.ratio if effect.path == FILM_KINDS[0] else 1.0)
+    if _touched(case, rig) or not swing > 0:
+        return BEYOND
+    moved = sum(abs(w) * max(0.0, swing - r) for w, r in zip(plays.weights, plays.radii, strict=True)) / swing
+    shifted = sum(abs(w) for w in plays.weights) * (1 + case.preload / case.amplitude)
+    amplifier = _amplifier(case)
+    changes = []
+    for film in case.design.films:
+        if film.kind != effect.path:
+            changes.append(Change(1.0))
+            continue
+        reach = moved * largest_within(case)
+        if amplifier is not None:
+            # A high-pass gives no more than twice the largest value of what it gets, and forgets the mean.
+            system = amplifier.system(film, case.design, max(_leakages(case)))
+            passed = abs(system.transfer(case.frequency)[0, 0])
+            high = abs(float(system.d[0, 0]))
+            rates = np.linalg.eigvals(system.a).astype(complex)
+            reach = high / passed * (2 * reach + shifted * float(_leaks(case, rates).sum()))
+        changes.append(Change(1.0, reach))
+    return bound_of(case, changes)
+
+
+# --- parts ---------------------------------------------------------------------------------------------
+
+
+def gains(rig: Rig, frequency: float) -> Complexes:
+    """Phasors of the films under the drive's voltage at a frequency, (films,) [V]."""
+    phasors: Complexes = rig.transfer(frequency)[:-1] * abs(rig.coil_voltage().amplitude[0])
+    return phasors
+
+
+def fitted(case: Case, frequency: float) -> tuple[float, float]:
+    """Least and greatest amplitude that a fit of the case's frequency finds in a unit sine of another [Hz]."""
+    angle = 2 * np.pi * frequency * _times(case)
+    amplitude, phase = _fit(case, [np.cos(angle), np.sin(angle)])
+    if not np.isfinite(amplitude).all():
+        return 0.0, math.inf
+    most, least = np.linalg.svd(amplitude * np.array([np.cos(phase), np.sin(phase)]), compute_uv=False)
+    return float(least), float(most)
+
+
+def _times(case: Case) -> Floats:
+    return np.arange(max(1, round(case.dwell * case.rate))) / case.rate
+
+
+def _with(case: Case, effect: Effect) -> Mapping[str, Effect]:
+    name = next(name for name, path in EFFECTS.items() if path.endswith(f":{type(effect).__name__}"))
+    return {**case.effects, name: effect}
+
+
+def _amplifier(case: Case) -> AmplifierEffect | None:
+    return next((e for e in case.effects.values() if isinstance(e, AmplifierEffect)), None)
+
+
+def _leakages(case: Case) -> list[float]:
+    leak = next((e for e in case.effects.values() if isinstance(e, LeakEffect)), None)
+    return [0.0] if leak is None else [0.0, *_conductances(leak)]
+
+
+def _conductances(leak: LeakEffect) -> tuple[float, float]:
+    return leak.conductance(0.0), leak.conductance(math.inf)
+
+
+def _touched(case: Case, rig: Rig, names: Sequence[str] = ()) -> bool:
+    """Whether anything but plays changes from the beginning of the drive to the end of the dwell."""
+    watched = names or [item.name for item in fields(Touch) if item.name != "drag"]
+    found = rig.transitions(round(1e9 * (case.settled + case.dwell)))
+    return any(getattr(one, name) != getattr(other, name) for one, other in found for name in watched)
+
+
+def _left(case: Case, rig: Rig) -> Floats:
+    """What a fit can find of the transients in each film [V]."""
+    system, state, forcing = rig.beginning()
+    weights, rates = _transient(system, system.b[:, 1], state, forcing, 2 * np.pi * case.frequency)
+    return np.asarray(weights[: len(case.design.films)] @ _leaks(case, rates))
+
+
+def _transient(
+    system: StateSpace, constant: Floats, state: Floats, forcing: Complexes | None = None, omega: float = 0.0
+) -> tuple[Floats, Complexes]:
+    """Greatest weights (p, s) of the modes in the outputs, for a drive of any phase, and the modes' rates (s,)."""
+    rates, shapes = np.linalg.eig(system.a)
+    rates = rates.astype(complex)
+    if len(rates) and np.linalg.cond(shapes) > PARALLEL:
+        return np.full((len(system.c), len(rates)), np.inf), rates
+    inverse = np.linalg.inv(shapes)
+    moving = rates != 0
+    mean = np.where(moving, -(inverse @ constant) / np.where(moving, rates, 1.0), 0.0)
+    gap = abs(inverse @ state - mean)
+    if forcing is not None:
+        gap = gap + abs(inverse @ forcing / (1j * omega - rates))
+    return abs(system.c @ shapes) * gap, rates
+
+
+def _leaks(case: Case, rates: Complexes) -> Floats:
+    """Greatest amplitude that a fit finds in exp(rate t), of unit size when the drive begins, (s,)."""
+    time = _times(case)
+    leaks = np.zeros(len(rates))
+    for k, rate in enumerate(rates):
+        if rate != 0:
+            wave = np.exp(rate * (case.settled + time))
+            leaks[k] = np.linalg.norm(_fit(case, [wave.real, wave.imag])[0])
+    return leaks
+
+
+def _fit(case: Case, waves: Sequence[Floats]) -> tuple[Floats, Floats]:
+    """Amplitudes and phases; infinite amplitudes where the dwell does not determine a sine."""
+    try:
+        fit = fit_sine(_times(case), waves, case.frequency)
+    except EstimateError:
+        return np.full(len(waves), np.inf), np.zeros(len(waves))
+    return fit.amplitude, fit.phase

@@ -1,0 +1,30 @@
+"""The power amplifier clips at its rail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+from pydantic import Field
+
+from instrument.quantity import Volts
+from simulators.chain import Armature, Limits
+from simulators.changes import bound_of_limit
+from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+
+
+class AmplifierClip(ShakerEffect):
+    """Voltage at the coil between plus and minus the rail."""
+
+    kind: ClassVar[Kind] = "static_nl"
+    cancels_in_ratio: ClassVar[bool] = True
+
+    # [A]
+    rail: Volts = Field(default=20.0, gt=0, le=1000)
+
+    def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
+        return armature, replace(limits, rail=self.rail)
+
+    def bound(self, case: Case) -> Bound:
+        """Nothing where the rail is certainly not reached."""
+        return bound_of_limit(case, self, "rail")

@@ -1,0 +1,41 @@
+"""Humidity creeps into the films' insulation."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from pydantic import Field
+
+from instrument.quantity import Ohms, Seconds
+from simulators.changes import bound_of_leak
+from simulators.effects.effect import Bound, Case, Kind, LeakEffect
+
+EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by default
+
+
+class HumidityLeak(LeakEffect):
+    """The resistance across films falls from `dry` to `wet` from the bench's opening on, by equal parts in equal times.
+
+    A charge amplifier gives an offset, a voltage amplifier loses low frequencies; without an amplifier nothing loads
+    the films.
+    """
+
+    kind: ClassVar[Kind] = "ltv"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    # [A]
+    dry: Ohms = Field(default=1e12, ge=1e3, le=1e18)
+    wet: Ohms = Field(default=1e8, ge=1e3, le=1e18)
+    over: Seconds = Field(default=3600.0, ge=1, le=1e8)
+
+    @property
+    def epoch_ns(self) -> int:
+        return round(1e9 * self.over / EPOCHS)
+
+    def conductance(self, time: float) -> float:
+        return math.exp(math.log(self.wet / self.dry) * -min(time / self.over, 1.0)) / self.dry
+
+    def bound(self, case: Case) -> Bound:
+        """The wettest the films get, whenever it is measured."""
+        return bound_of_leak(case, self)

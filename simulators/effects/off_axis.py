@@ -1,0 +1,36 @@
+"""The load is not along the axis of the sensor."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from instrument.design import Design
+from instrument.quantity import Degrees
+from simulators.changes import bound_of_gains
+from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from simulators.randomness import Stream
+
+
+class OffAxis(FilmsEffect):
+    """Every film feels cos(angle) of the load, and what its lateral part sin(angle) makes by d31."""
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = True
+
+    # [A]
+    angle: Degrees = Field(default=10.0, ge=0, le=45)
+    # d31 over d33, times the part of the lateral force that stretches the film; 0: the glue takes it all [A]
+    lateral: float = Field(default=0.0, ge=-1, le=1, strict=True)
+
+    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
+        angle = math.radians(self.angle)
+        factor = math.cos(angle) + self.lateral * math.sin(angle)
+        return factor * np.eye(len(design.films))
+
+    def bound(self, case: Case) -> Bound:
+        """One factor for all films."""
+        return bound_of_gains(case, self)

@@ -1,0 +1,36 @@
+"""Cables that move give a charge of their own, in step with the drive."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from instrument.design import Design
+from instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
+from simulators.changes import bound_of_chain
+from simulators.effects.effect import Bound, Case, Kind, SourceEffect
+from simulators.lti import StateSpace, gain
+
+
+class Triboelectric(SourceEffect):
+    """Each film's cable moves with the load: its charge follows the force, and no averaging helps."""
+
+    kind: ClassVar[Kind] = "additive"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    # amplitude of the charge, and the load, peak to peak, that it comes with [A]
+    charge: Coulombs = Field(default=0.1e-12, ge=0, le=1e-9)
+    load: Newtons = Field(default=3.0, gt=0, le=1000)
+    # of the films, by which their sensitivities turn a charge into a voltage [T]
+    d33: CoulombsPerNewton = Field(default=20e-12, gt=0, le=1e-9)
+
+    def source(self, design: Design) -> StateSpace:
+        share = self.charge / self.d33 / (self.load / 2)
+        sensitivities = np.array([film.sensitivity for film in design.films])
+        return gain(share * np.outer(sensitivities, [1.0, 1.0, 0.0, 0.0]))
+
+    def bound(self, case: Case) -> Bound:
+        """The charge itself, and its transient."""
+        return bound_of_chain(case, self)

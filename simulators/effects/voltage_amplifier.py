@@ -1,0 +1,42 @@
+"""A voltage amplifier in place of the charge amplifier: the cable loads the film."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from instrument.design import FILM_KINDS, Design, Film
+from instrument.quantity import Farads, Ohms
+from simulators.changes import bound_of_chain
+from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
+from simulators.lti import StateSpace, first_order_high_pass, gain
+
+
+class VoltageAmplifier(AmplifierEffect):
+    """Gain C / (C + cable) of each film's capacitance, and a high-pass of R (C + cable).
+
+    The films differ in capacitance, so it does not cancel in the force ratio. A leak lies across the input.
+    """
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = False
+    excludes: ClassVar[tuple[str, ...]] = ("charge_amplifier",)
+
+    # of the films: disc under the tooth, square under the base [S]
+    disc: Farads = Field(default=26e-12, gt=0, le=1e-6)
+    square: Farads = Field(default=425e-12, gt=0, le=1e-6)
+    # [A]
+    cable: Farads = Field(default=100e-12, ge=0, le=1e-6)
+    resistance: Ohms = Field(default=1e9, gt=0, le=1e15)
+
+    def system(self, film: Film, design: Design, leakage: float) -> StateSpace:
+        capacitance = self.disc if film.kind == FILM_KINDS[0] else self.square
+        conductance = 1 / self.resistance + leakage
+        divider = capacitance / (capacitance + self.cable)
+        return first_order_high_pass((capacitance + self.cable) / conductance).then(gain(np.array([[divider]])))
+
+    def bound(self, case: Case) -> Bound:
+        """Its gains at the drive's frequency, and what is left of the preload."""
+        return bound_of_chain(case, self)
