@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 import numpy as np
 
 from instrument.design import FILM_KINDS, Film
-from simulators.effects.effect import AmplifierEffect, Bound, Case, FilmsEffect, Floats
+from simulators.effects.effect import AmplifierEffect, Bound, Case, FilmsEffect, Floats, LeakEffect
 from simulators.randomness import Stream
 
 if TYPE_CHECKING:
     from simulators.effects.adc import Adc
     from simulators.effects.gain_scatter import GainScatter
 
+LATE = 30 * 86_400.0  # s
 SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits
 
 
@@ -66,10 +67,18 @@ def signal(case: Case, film: Film) -> float:
         if isinstance(effect, FilmsEffect) and name != "gain_scatter":
             volts = effect.matrix(case.design, Stream(0), 0) @ volts
         if isinstance(effect, AmplifierEffect):
-            volts = volts * [abs(effect.system(f, case.design, 0.0).transfer(case.frequency)[0, 0]) for f in films]
+            volts = volts * [_passed(effect, f, case) for f in films]
     scatter = cast("GainScatter | None", effects.get("gain_scatter"))
     lost = SIGMAS * scatter.strength * film.scatter if scatter else 0.0
     return float(abs(volts[films.index(film)])) * max(1 - lost, 0.0)
+
+
+def _passed(amplifier: AmplifierEffect, film: Film, case: Case) -> float:
+    """Gain of an amplifier, however much the scene's leak drains."""
+    leak = next((effect for effect in case.effects.values() if isinstance(effect, LeakEffect)), None)
+    leakages = [0.0] if leak is None else [leak.conductance(0.0), leak.conductance(LATE)]
+    systems = [amplifier.system(film, case.design, leakage) for leakage in leakages]
+    return min(float(abs(system.transfer(case.frequency)[0, 0])) for system in systems)
 
 
 def rounding(case: Case, film: Film) -> float:

@@ -45,7 +45,7 @@ class Adc(Effect):
         peak = signal(case, film) * (1 + case.preload / case.amplitude)
         if peak > MARGIN * max(RANGE_VOLTS):
             return math.inf
-        return max(RANGE_VOLTS) / 2**self.bits * largest_within(case)
+        return max(RANGE_VOLTS) / 2.0**self.bits * largest_within(case)
 
     def bound(self, case: Case) -> Bound:
         """Against samples that are not rounded at all."""

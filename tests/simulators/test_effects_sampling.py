@@ -18,11 +18,13 @@ from simulators.effects import pink_noise
 from simulators.effects.adc import Adc
 from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect
+from simulators.effects.gain_scatter import GainScatter
 from simulators.effects.jitter import Jitter
 from simulators.effects.mains_hum import MainsHum
 from simulators.effects.pink_noise import PinkNoise
 from simulators.effects.white_noise import WhiteNoise
 from simulators.lti import Times
+from simulators.pickup import of_films
 from simulators.plan import Question, case_of, driven
 from simulators.randomness import Stream
 from simulators.rig import Rig
@@ -297,6 +299,25 @@ def test_a_film_that_gives_nothing_leaves_no_bound_of_the_ratio() -> None:
     case = replace(settled(Question())[1], ratio=0.0)
     assert WhiteNoise().bound(case).ratio == math.inf
     assert WhiteNoise().bound(case).force < 0.01
+
+
+def test_the_bound_of_the_ratio_is_that_of_a_tooth_too_loud_over_a_base_too_quiet() -> None:
+    case = settled(Question())[1]
+    assert of_films(case, lambda film: {"rigid": 0.1, "total": 0.5}[film.name]).ratio == pytest.approx(1.1 / 0.5 - 1)
+    assert of_films(case, lambda film: {"rigid": 0.1, "total": 1.0}[film.name]) == Bound(1.0, math.inf)
+
+
+def test_a_bound_grows_with_what_the_other_effects_take_from_the_signal() -> None:
+    case = settled(Question())[1]
+    noise = WhiteNoise()
+    for other in (
+        {"gain_scatter": GainScatter()},
+        {"mains_hum": MainsHum(amplitude="10 mV")},
+        {"charge_amplifier": ChargeAmplifier(time_constant="5 ms")},
+        {"adc": Adc()},
+    ):
+        beside: dict[str, Effect] = {**case.effects, **other}
+        assert noise.bound(replace(case, effects=beside)).ratio > 1.01 * noise.bound(case).ratio, other
 
 
 def test_a_bound_is_that_of_the_worst_phase() -> None:
