@@ -68,6 +68,10 @@ class Periodic:
             factor * self.amplitude,
         )  # fmt: skip
 
+    def held(self) -> Periodic:
+        """A function of 0 Hz as what it is: its value at the start, for ever."""
+        return constant(float(self.at(np.array([self.start_ns]))[0]), self)
+
     def derivative(self) -> Periodic:
         """Its derivative, 1/s."""
         rates = 2j * np.pi * (self.frequency / HERTZ) * self.order
@@ -90,6 +94,9 @@ class Periodic:
 def constant(value: float, like: Periodic) -> Periodic:
     """A constant on the time of another function."""
     return Periodic(value, like.frequency, like.start_ns, like.start_phase, like.order[:0], like.amplitude[:0])
+
+
+Parts = tuple[tuple[Periodic, Complexes], ...]  # time bases with phasors (p, k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +137,10 @@ class StateSpace:
         """Both side by side: inputs and outputs of one, then of the other."""
         return StateSpace(*(_block(mine, its) for mine, its in zip(self._parts(), other._parts(), strict=True)))
 
+    def part(self, states: list[int]) -> StateSpace:
+        """With some of the states only; the others must not act on them."""
+        return StateSpace(self.a[np.ix_(states, states)], self.b[states], self.c[:, states], self.d)
+
     def transfer(self, frequency: float) -> Complexes:
         """Outputs over inputs at a frequency in Hz, shape (p, m)."""
         resolvent = 2j * np.pi * frequency * np.eye(self.order) - self.a
@@ -137,12 +148,7 @@ class StateSpace:
 
     def drive(self, inputs: Sequence[Periodic]) -> Steady:
         """The state that periodic inputs of this system, one after the other, lead to."""
-        # A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
-        # rate: from microseconds to hours side by side, none is taken for zero.
-        rate = np.abs(self.a).max(axis=1, initial=0.0)
-        scale = 1 / np.where(rate > 0, rate, 1.0)
-        right = -scale * (self.b @ np.array([u.mean for u in inputs]))
-        mean = np.linalg.lstsq(scale[:, np.newaxis] * self.a, right, rcond=None)[0]
+        inputs = tuple(u if u.frequency else u.held() for u in inputs)
         waves = []
         for number, u in enumerate(inputs):
             columns = np.zeros((self.order, len(u.order)), complex)
@@ -151,23 +157,45 @@ class StateSpace:
                 right = self.b[:, number] * u.amplitude[k]
                 columns[:, k] = np.linalg.solve(rate * np.eye(self.order) - self.a, right)
             waves.append(columns)
-        return Steady(self, tuple(inputs), mean, tuple(waves))
+        return Steady(self, inputs, self._rest(self.b @ np.array([u.mean for u in inputs])), tuple(waves))
+
+    def _rest(self, push: Floats) -> Floats:
+        """The state (s,) that stands still under a constant push (s,) on its rates.
+
+        A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
+        rate and each column by its own weight: from microseconds to hours side by side, none is taken for zero.
+        """
+        rate = np.abs(self.a).max(axis=1, initial=0.0)
+        rows = 1 / np.where(rate > 0, rate, 1.0)
+        scaled = rows[:, np.newaxis] * self.a
+        weight = np.abs(scaled).max(axis=0, initial=0.0)
+        columns = 1 / np.where(weight > 0, weight, 1.0)
+        scaled, rest = scaled * columns, np.zeros(self.order)
+        for _ in range(2):  # once more for what rounding left
+            rest += np.linalg.lstsq(scaled, -rows * push - scaled @ rest, rcond=None)[0]
+        return columns * rest
 
     @functools.cached_property
     def modes(self) -> tuple[Complexes, Complexes, Complexes] | None:
         """Rates (s,), shapes (s, s) and their inverse; None where they are too nearly parallel to be told apart."""
-        rates, shapes = np.linalg.eig(self.a)
+        if not self.order:
+            return np.zeros(0, complex), np.zeros((0, 0), complex), np.zeros((0, 0), complex)
+        from scipy.linalg import matrix_balance
+
+        # In units in which rows and columns are alike: metres beside amperes are not nearly parallel.
+        balanced, (units, _) = matrix_balance(self.a, permute=False, separate=True)
+        rates, shapes = np.linalg.eig(balanced)
         if np.linalg.cond(shapes) > PARALLEL:
             return None
-        return rates.astype(complex), shapes.astype(complex), np.linalg.inv(shapes).astype(complex)
+        inverse = np.linalg.inv(shapes) / units
+        return rates.astype(complex), (units[:, np.newaxis] * shapes).astype(complex), inverse.astype(complex)
 
-    def held(self, x: Floats) -> Floats:
-        """The part of a state that stays for ever: of plays at rest, which do not move (s,)."""
-        if self.modes is None or self.modes[0].all():
-            return np.zeros(self.order)
+    def free(self, x: Floats, elapsed_ns: Times) -> Floats:
+        """exp(A t) x, shape (s, n)."""
+        if self.modes is None:
+            return self.decay(x, elapsed_ns)
         rates, shapes, inverse = self.modes
-        part: Floats = (shapes[:, rates == 0] @ (inverse[rates == 0] @ x)).real
-        return part
+        return real_product(shapes * (inverse @ x), np.exp(np.outer(rates, 1e-9 * elapsed_ns)))
 
     def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
@@ -175,10 +203,15 @@ class StateSpace:
 
         answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)
         for bit in range(int(elapsed_ns.max(initial=0)).bit_length()):
-            power = expm(self.a * (1e-9 * 2.0**bit))
+            if bit == len(self._powers):
+                self._powers.append(expm(self.a * (1e-9 * 2.0**bit)))
             used = (elapsed_ns >> bit) & 1 == 1
-            answer[:, used] = real_product(power, answer[:, used])
+            answer[:, used] = real_product(self._powers[bit], answer[:, used])
         return answer
+
+    @functools.cached_property
+    def _powers(self) -> list[Floats]:
+        return []
 
     def _parts(self) -> tuple[Floats, Floats, Floats, Floats]:
         return self.a, self.b, self.c, self.d
@@ -196,97 +229,71 @@ class Steady:
     mean: Floats
     waves: tuple[Complexes, ...]
 
-    def trace(self, rows: Rows, start_ns: int, x0: Floats) -> Trace:
-        """rows[0] @ x + rows[1] @ u at times after `start_ns`, where the state is `x0` (s,)."""
+    def harmonics(self, rows: Rows) -> tuple[Floats, Parts]:
+        """rows[0] @ x + rows[1] @ u without the transient: means (p,), and harmonics of each time base."""
         mean = rows[0] @ self.mean + rows[1] @ np.array([u.mean for u in self.inputs])
         # Harmonics of inputs with one frequency and phase add up as phasors.
-        parts: dict[tuple[int, int, bytes], tuple[Periodic, Complexes]] = {}
+        parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]] = {}
         for number, (u, wave) in enumerate(zip(self.inputs, self.waves, strict=True)):
-            key = (u.frequency, u.start_phase, u.order.tobytes())
+            if not len(u.order):
+                continue
+            key = (u.frequency, u.start_ns, u.start_phase, u.order.tobytes())
             phasors = rows[0] @ wave + np.outer(rows[1][:, number], u.amplitude)
             parts[key] = (u, phasors + parts[key][1]) if key in parts else (u, phasors)
-        gap = x0 - self._periodic(start_ns)
-        held = self.system.held(gap)
-        mean, gap = mean + rows[0] @ held, gap - held
-        return Trace(self.system, rows[0], mean, tuple(parts.values()), start_ns, gap)
+        return mean, tuple(parts.values())
+
+    def trace(self, rows: Rows, start_ns: int, x0: Floats) -> Trace:
+        """rows[0] @ x + rows[1] @ u at times after `start_ns`, where the state is `x0` (s,)."""
+        return Trace(self.system, rows[0], *self.harmonics(rows), start_ns, self.gap(start_ns, x0))
 
     def state(self, start_ns: int, x0: Floats, time_ns: Times) -> Floats:
         """State (s, n) at times after `start_ns`, where it is `x0` (s,)."""
-        rows = (np.eye(self.system.order), np.zeros((self.system.order, len(self.inputs))))
-        return self.trace(rows, start_ns, x0).at(time_ns)
+        return self._periodic(time_ns) + self.system.free(self.gap(start_ns, x0), time_ns - start_ns)
 
-    def _periodic(self, time_ns: int) -> Floats:
-        state = self.mean.copy()
-        for u, wave in zip(self.inputs, self.waves, strict=True):
-            state += real_product(wave, u.turns(np.array([time_ns])))[:, 0]
+    def gap(self, start_ns: int, x0: Floats) -> Floats:
+        """What the state `x0` (s,) is off from the periodic one."""
+        return x0 - self._periodic(np.array([start_ns]))[:, 0]
+
+    def _periodic(self, time_ns: Times) -> Floats:
+        mean, parts = self._harmonics
+        state = np.repeat(mean[:, np.newaxis], len(time_ns), axis=1)
+        for base, phasors in parts:
+            state += real_product(phasors, base.turns(time_ns))
         return state
+
+    @functools.cached_property
+    def _harmonics(self) -> tuple[Floats, Parts]:
+        return self.harmonics((np.eye(self.system.order), np.zeros((self.system.order, len(self.inputs)))))
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Functions of time: means, harmonics, and what is left of a transient.
 
-    mean: (p,). parts: time bases with phasors (p, k). gap: (s,) at `start_ns`, of which rows (p, s) are seen.
+    mean: (p,). gap: (s,) at `start_ns`, of which rows (p, s) are seen.
     """
 
     system: StateSpace
     rows: Floats
     mean: Floats
-    parts: tuple[tuple[Periodic, Complexes], ...]
+    parts: Parts
     start_ns: int
     gap: Floats
 
     def at(self, time_ns: Times) -> Floats:
         """Values (p, n) at times from the start on."""
-        value = self.settled(time_ns)
-        if self.fading:
-            modes = self.system.modes
-            if modes is None:
-                value += real_product(self.rows, self.system.decay(self.gap, time_ns - self.start_ns))
-            else:
-                value += real_product(self._weights, np.exp(np.outer(modes[0], 1e-9 * (time_ns - self.start_ns))))
-        return value
-
-    def settled(self, time_ns: Times) -> Floats:
-        """Values (p, n) without the transient."""
         value = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
         for base, phasors in self.parts:
-            if len(base.order):
-                value += real_product(phasors, base.turns(time_ns))
+            value += real_product(phasors, base.turns(time_ns))
+        if self.rows.any() and self.gap.any():
+            elapsed_ns = time_ns - self.start_ns
+            if self.system.modes is None:
+                value += real_product(self.rows, self.system.decay(self.gap, elapsed_ns))
+            else:
+                rates, shapes, inverse = self.system.modes
+                weights = (self.rows @ shapes) * (inverse @ self.gap)
+                value += real_product(weights, np.exp(np.outer(rates, 1e-9 * elapsed_ns)))
         return value
-
-    @functools.cached_property
-    def fading(self) -> bool:
-        """Whether there is a transient."""
-        return bool(self.rows.any() and self.gap.any())
-
-    def transient(self, time_ns: int, rate: int = 0) -> float:
-        """A bound of what is left of the transient in any of the values, or in a derivative, from `time_ns` on."""
-        if not self.fading:
-            return 0.0
-        if self.system.modes is None or (self.system.modes[0].real > 0).any():
-            return np.inf
-        rates = self.system.modes[0]
-        left = np.abs(self._weights * rates**rate) @ np.exp(rates.real * 1e-9 * (time_ns - self.start_ns))
-        return float(left.max())
-
-    def swing(self, rate: int = 0) -> float:
-        """A bound of what the harmonics make of any of the values, or of a derivative."""
-        total = np.zeros(len(self.mean))
-        for base, phasors in self.parts:
-            total += np.abs(phasors) @ (2 * np.pi * (base.frequency / HERTZ) * base.order) ** rate
-        return float(total.max())
-
-    def least(self) -> float:
-        """A lower bound of all values at all times from the start on."""
-        return float(self.mean.min()) - self.swing() - self.transient(self.start_ns)
-
-    @functools.cached_property
-    def _weights(self) -> Complexes:
-        assert self.system.modes is not None
-        _, shapes, inverse = self.system.modes
-        weights: Complexes = (self.rows @ shapes) * (inverse @ self.gap)
-        return weights
 
 
 def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:

@@ -3,23 +3,30 @@
 A mode is a linear system with guards: outputs that stay at or above zero while it lasts. Where a guard fails the
 next mode begins with the state that the last one left. Inside a mode everything is known in closed form, and so
 is the guarantee that a guard never fails; only where it may fail is its first failure looked for.
+
+A drive that repeats to the nanosecond brings the same transitions in each period, once what the guards see repeats:
+from then on nothing is looked for, and any later moment is reached without living through what lies before it.
 """
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from simulators.lti import HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times, Trace
+from instrument.errors import UnreachableError
+from simulators.crossing import NEVER, Watch
+from simulators.cycle import Cycle, Section, recurrence, seen_states
+from simulators.lti import CYCLE, HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times
 
-LOOKS = 64  # at a guard in each period of the drive, and at first in each decade of time
-DECADES = 9  # of nanoseconds in which a transient is looked at before the drive alone is
-NEVER = 2**63 - 1
-LONGEST = 100 * SECOND  # that stands for the period of a drive of 0 Hz
+LONGEST = 100 * SECOND  # a drive that repeats later, or not at all, is followed from transition to transition
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most
+MOST = 4000  # transitions in one period of the drive
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,25 +61,52 @@ class Stretch:
     state: Floats
     failed: Guard | None
 
+    def after(self, inputs: tuple[Periodic, ...]) -> tuple[Mode, Floats]:
+        """The mode and the state that follow; the same mode where only the search ended."""
+        now = np.array([self.end_ns])
+        state = self.steady.state(self.start_ns, self.state, now)[:, 0]
+        if self.failed is None:
+            return self.mode, state
+        if self.failed.entry is not None:
+            state = self.failed.entry(state, np.array([each.at(now)[0] for each in inputs]))
+        return self.failed.following(), state
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What is worked out once for a mode: its periodic state, and the states that its guards see, by themselves."""
+
+    mode: Mode
+    steady: Steady
+    seen: list[int]
+    watch: Watch
+
 
 class Path:
     """The stretches since a change, found as far as someone looks; what is found does not depend on who looks when.
 
     Args:
-        inputs: (m,) periodic functions of time that start at the change.
+        inputs: (m,) periodic functions of time that start at the change, all with the period of the first.
         mode: at the change.
         state: (s,) at the change.
     """
 
     def __init__(self, inputs: tuple[Periodic, ...], mode: Mode, start_ns: int, state: Floats) -> None:
         self._inputs = inputs
-        self._steady: dict[int, Steady] = {}
-        self._modes: list[Mode] = []
+        self._known: dict[int, _Known] = {}
         self.start_ns = start_ns
-        self._stretches = [self._stay(mode, start_ns, state)]
+        frequency = inputs[0].frequency
+        self._period = SECOND * HERTZ // frequency if frequency else LONGEST
+        self._repeat = CYCLE // math.gcd(frequency, CYCLE) if frequency else NEVER
+        self._largest = np.abs(state)
+        self._section: Section | None = None
+        self._cycle: Cycle | None = None
+        self._crowd = (start_ns, 0)
+        self._stretches: list[Stretch] = []
+        self._enter(mode, start_ns, state)
 
     def outputs(self, time_ns: Times, rows: slice) -> Floats:
-        """Some of the outputs (rows, n) at times from the change on, in ascending order."""
+        """Some of the outputs (rows, n) at times from the change on."""
 
         def of(stay: Stretch, times: Times) -> Floats:
             system = stay.steady.system
@@ -81,7 +115,7 @@ class Path:
         return self._collect(time_ns, of)
 
     def rates(self, time_ns: Times, rows: slice) -> Floats:
-        """Rates of some of the outputs (rows, n) [1/s] at times from the change on, in ascending order."""
+        """Rates of some of the outputs (rows, n) [1/s] at times from the change on."""
 
         def of(stay: Stretch, times: Times) -> Floats:
             system = stay.mode.system
@@ -93,130 +127,90 @@ class Path:
         return self._collect(time_ns, of)
 
     def states(self, time_ns: Times) -> Floats:
-        """State (s, n) at times from the change on, in ascending order."""
+        """State (s, n) at times from the change on."""
         return self._collect(time_ns, lambda s, t: s.steady.state(s.start_ns, s.state, t))
 
     def mode_at(self, time_ns: int) -> Mode:
         """The mode at a time from the change on."""
-        self._extend(time_ns)
-        return next(s.mode for s in reversed(self._stretches) if s.start_ns <= time_ns)
+        return self._between(time_ns, time_ns)[-1].mode
 
     def modes_until(self, time_ns: int) -> list[Mode]:
-        """Modes of the kept stretches up to a time, one after the other."""
-        self._extend(time_ns)
-        return [s.mode for s in self._stretches if s.start_ns <= time_ns]
+        """Modes of the last 12 s up to a time, one after the other."""
+        stays = self._between(max(self.start_ns, time_ns - KEPT_NS), time_ns)
+        return [stays[0].mode, *(after.mode for before, after in pairwise(stays) if after.mode is not before.mode)]
 
     def _collect(self, time_ns: Times, of: Callable[[Stretch, Times], Floats]) -> Floats:
-        self._extend(int(time_ns[-1]))
-        starts = np.array([s.start_ns for s in self._stretches])
+        stays = self._between(int(time_ns.min()), int(time_ns.max()))
+        starts = np.array([s.start_ns for s in stays])
         index = np.maximum(np.searchsorted(starts, time_ns, side="right") - 1, 0)
-        pieces = []
-        for number in np.unique(index):
-            pieces.append(of(self._stretches[number], time_ns[index == number]))
-        return np.concatenate(pieces, axis=1)
+        return np.concatenate([of(stays[k], time_ns[index == k]) for k in np.unique(index)], axis=1)
 
-    def _extend(self, until_ns: int) -> None:
-        while self._stretches[-1].end_ns <= until_ns:
-            last = self._stretches[-1]
-            state = last.steady.state(last.start_ns, last.state, np.array([last.end_ns]))[:, 0]
-            assert last.failed is not None
-            if last.failed.entry is not None:
-                inputs = np.array([each.at(np.array([last.end_ns]))[0] for each in self._inputs])
-                state = last.failed.entry(state, inputs)
-            self._stretches.append(self._stay(last.failed.following(), last.end_ns, state))
-        while len(self._stretches) > 1 and self._stretches[1].start_ns < until_ns - KEPT_NS:
-            self._stretches.pop(0)
+    def _between(self, first_ns: int, last_ns: int) -> list[Stretch]:
+        """The stretches that hold the times from the first to the last."""
+        while self._cycle is None and self._stretches[-1].end_ns <= last_ns:
+            self._follow()
+        kept_ns = min(first_ns, last_ns - KEPT_NS)
+        if self._section is not None:
+            kept_ns = min(kept_ns, self._section.time_ns)
+        del self._stretches[: max(bisect_right(self._stretches, kept_ns, key=_start) - 1, 0)]
+        stays = self._stretches
+        if self._cycle is not None and last_ns >= self._cycle.start_ns:
+            recurring = self._cycle.between(first_ns, last_ns)
+            stays = stays + recurring if first_ns < self._cycle.start_ns else recurring
+        low = max(bisect_right(stays, first_ns, key=_start) - 1, 0)
+        return stays[low : max(bisect_right(stays, last_ns, key=_start), low + 1)]
 
-    def _stay(self, mode: Mode, start_ns: int, state: Floats) -> Stretch:
-        if id(mode) not in self._steady:
-            self._steady[id(mode)] = mode.system.drive(self._inputs)
-            self._modes.append(mode)  # keeps the identity alive
-        steady = self._steady[id(mode)]
-        end_ns, failed = self._first_failure(mode, steady, start_ns, state)
-        return Stretch(start_ns, end_ns, mode, steady, state, failed)
+    # --- transitions -----------------------------------------------------------------------------------
 
-    def _first_failure(self, mode: Mode, steady: Steady, start_ns: int, state: Floats) -> tuple[int, Guard | None]:
-        """When the first guard fails, and which."""
-        first: tuple[int, Guard | None] = (NEVER, None)
-        now = np.array([start_ns])
-        for guard in mode.guards:
-            trace = steady.trace(guard.row, start_ns, state)
-            if trace.at(now)[0, 0] < 0:
-                return start_ns, guard
-            if trace.least() >= 0:
-                continue
-            end_ns = _search(trace, steady.inputs[0], first[0])
-            if end_ns < first[0]:
-                first = (end_ns, guard)
-        return first
+    def _follow(self) -> None:
+        """What comes after the last stretch."""
+        last = self._stretches[-1]
+        mode, state = last.after(self._inputs)
+        if mode is not last.mode:
+            since_ns, count = self._crowd
+            self._crowd = (since_ns, count + 1) if last.end_ns - since_ns <= self._period else (last.end_ns, 1)
+            if count > MOST:
+                raise UnreachableError(
+                    f"the simulated chain changes state more than {MOST} times in one period of its drive, at"
+                    f" {last.end_ns / SECOND:.9f} s from {last.mode.touch} to {mode.touch}; take a softer stop, more"
+                    " damping, or limits that are further apart"
+                )
+        self._enter(mode, last.end_ns, state)
 
+    def _enter(self, mode: Mode, start_ns: int, state: Floats) -> None:
+        known = self._know(mode)
+        self._largest = np.maximum(self._largest, np.abs(state))
+        end_ns, failed = known.watch.first_failure(start_ns, state[known.seen])
+        guard = None if failed is None else mode.guards[failed]
+        self._stretches.append(Stretch(start_ns, end_ns, mode, known.steady, state, guard))
+        if self._repeat <= LONGEST:
+            self._look_for_repeat(self._stretches[-1])
 
-def _search(trace: Trace, drive: Periodic, before_ns: int) -> int:
-    """The first nanosecond after the start at which a trace is below zero, or NEVER before `before_ns`."""
+    def _know(self, mode: Mode) -> _Known:
+        if id(mode) not in self._known:
+            system, count = mode.system, len(mode.guards)
+            states = np.array([guard.row[0][0] for guard in mode.guards]).reshape(count, system.order)
+            inputs = np.array([guard.row[1][0] for guard in mode.guards]).reshape(count, len(self._inputs))
+            seen = seen_states([mode])
+            by_itself = system.part(seen).drive(self._inputs)
+            watch = Watch(by_itself, (states[:, seen], inputs))
+            self._known[id(mode)] = _Known(mode, system.drive(self._inputs), seen, watch)
+        return self._known[id(mode)]
 
-    def value(time_ns: Times) -> Floats:
-        seen: Floats = trace.at(time_ns)[0]
-        return seen
-
-    period = round(SECOND * HERTZ / drive.frequency) if drive.frequency else LONGEST
-    looks = LOOKS * int(drive.order.max(initial=1))
-    cycle = trace.start_ns + np.arange(1, looks + 1, dtype=np.int64) * period // looks
-    # A transient that could still hide a failure of the settled guard, or cause one, is looked through.
-    margin = max(float(trace.settled(cycle).min()), 0.0)
-    grid = np.concatenate([[trace.start_ns], cycle])
-    if trace.fading:
-        early = np.geomspace(1, period, DECADES * LOOKS).astype(np.int64)
-        grid = np.unique(np.concatenate([grid, trace.start_ns + early]))
-    while grid[0] < before_ns:
-        found = _first_below(value, grid, trace.swing(2) + trace.transient(int(grid[0]), 2))
-        if found is not None:
-            return found
-        if margin > 0 and trace.transient(int(grid[-1])) <= margin:
-            return NEVER
-        cycle = cycle + period
-        grid = np.concatenate([grid[-1:], cycle])
-    return NEVER
-
-
-def _first_below(value: Callable[[Times], Floats], grid: Times, bend: float) -> int | None:
-    """The first integer time after grid[0] at which `value` is below zero, dips between the looks included.
-
-    bend: bound of its second derivative: a dip is no deeper below the look beside it than half of it times the
-    distance squared.
-    """
-    seen = value(grid)
-    step = 1e-9 * np.diff(grid)
-    depth = bend / 2 * np.maximum(step[:-1], step[1:]) ** 2
-    middle = seen[1:-1]
-    dips = (middle < seen[:-2]) & (middle <= seen[2:]) & (middle >= 0) & (middle < depth)
-    for k in np.flatnonzero((seen[1:] < 0) | np.append(dips, False)) + 1:
-        if seen[k] < 0:
-            return _bisect(value, int(grid[k - 1]), int(grid[k]))
-        lowest = _lowest(value, int(grid[k - 1]), int(grid[k + 1]))
-        if value(np.array([lowest]))[0] < 0:
-            return _bisect(value, int(grid[k - 1]), lowest)
-    return None
+    def _look_for_repeat(self, stay: Stretch) -> None:
+        """Compare the state whenever the drive has repeated; a stretch is looked at once, when it is found."""
+        passed = -(-(stay.start_ns - self.start_ns) // self._repeat)
+        time_ns = self.start_ns + passed * self._repeat
+        if time_ns >= stay.end_ns:
+            return
+        before, now = self._section, Section(time_ns, stay)
+        if before is not None and before.time_ns + self._repeat == time_ns and before.stay is not stay:
+            within = self._stretches[self._stretches.index(before.stay) :]
+            self._cycle = recurrence(before, now, within, self._largest, self._inputs)
+        if self._cycle is None and stay.end_ns < NEVER:
+            time_ns += (stay.end_ns - 1 - time_ns) // self._repeat * self._repeat
+            self._section = Section(time_ns, stay)
 
 
-def _bisect(value: Callable[[Times], Floats], above: int, below: int) -> int:
-    """The first integer time in ]above, below] where `value` is below zero, for one crossing between them."""
-    while below - above > 1:
-        points = np.unique(np.linspace(above, below, 17).astype(np.int64))[1:-1]
-        under = np.flatnonzero(value(points) < 0)
-        if len(under):
-            below = int(points[under[0]])
-            if under[0] > 0:
-                above = int(points[under[0] - 1])
-        else:
-            above = int(points[-1])
-    return below
-
-
-def _lowest(value: Callable[[Times], Floats], low: int, high: int) -> int:
-    """An integer time near the lowest value between two times, for one dip between them."""
-    while high - low > 16:
-        points = np.linspace(low, high, 9).astype(np.int64)
-        k = int(np.argmin(value(points)))
-        low, high = int(points[max(k - 1, 0)]), int(points[min(k + 1, 8)])
-    points = np.arange(low, high + 1)
-    return int(points[np.argmin(value(points))])
+def _start(stay: Stretch) -> int:
+    return stay.start_ns

@@ -1,0 +1,220 @@
+"""The first nanosecond at which an output falls below zero, certified: no dip, however short, is stepped over.
+
+Each step is as long as the value, its slope and a bound of its bend allow: it ends before the first failure, and near
+one it shrinks as Newton's steps do. What such a bound cannot foresee for long is taken by its size instead: the
+harmonics by their least value, fast modes by what is left of them.
+"""
+
+from __future__ import annotations
+
+import cmath
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulators.lti import CYCLE, HERTZ, SECOND, Complexes, Floats, Periodic, Rows, Steady
+
+NEVER = 2**63 - 1
+AHEAD = 16  # periods of the drive that are searched at once
+LOOKS = 64  # in each period of the highest harmonic, by which the least value of several is bounded
+# Of the size of its terms: by so much below zero an output is below it, less is rounding.
+ROUNDING = 1e-13
+BY_SIZE = 1 / 8  # of the value: so much of it may be spent on modes that are taken by their size
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One term of a transient at a moment.
+
+    slope: its rate. bend: bound of its second derivative for `reach` s. size: bound of its magnitude for ever after.
+    """
+
+    value: float
+    slope: float
+    bend: float
+    size: float
+    reach: float = math.inf
+
+
+Transient = Callable[[int], list[Part]]  # parts at a time after the start [ns], the fastest first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """level + harmonics + transient, from `start_ns` on.
+
+    waves: time base, order and phasor of each harmonic. least: bound of their sum. bend: of its second derivative.
+    """
+
+    level: float
+    waves: list[tuple[Periodic, int, complex]]
+    least: float
+    bend: float
+    start_ns: int
+    transient: Transient
+
+    def first_below(self, before_ns: int) -> int:
+        """The first nanosecond with a value below zero; `before_ns` if there is none before, NEVER if none at all."""
+        time_ns = self.start_ns
+        while time_ns < before_ns:
+            value, safe = self._step(time_ns)
+            if value < 0:
+                return time_ns
+            if safe * SECOND >= NEVER:
+                return NEVER
+            time_ns += max(int(safe * SECOND), 1)
+        return before_ns
+
+    def _step(self, time_ns: int) -> tuple[float, float]:
+        """The value at a time, and for how many seconds it will certainly stay at or above zero."""
+        wave = drift = 0.0
+        for base, order, phasor in self.waves:
+            turns = (base.start_phase + base.frequency * (time_ns - base.start_ns)) % CYCLE / CYCLE
+            turned = phasor * cmath.exp(2j * math.pi * (order * turns % 1.0))
+            wave += turned.real
+            drift -= 2 * math.pi * (base.frequency / HERTZ) * order * turned.imag
+        parts = self.transient(time_ns - self.start_ns)
+        value = self.level + wave + sum(part.value for part in parts)
+        if self.level + self.least >= sum(part.size for part in parts):
+            return value, math.inf
+        spare = value
+        while parts and parts[0].value + parts[0].size <= BY_SIZE * spare:
+            spare -= parts[0].value + parts[0].size
+            parts = parts[1:]
+        slope, bend = sum(part.slope for part in parts), sum(part.bend for part in parts)
+        safe = max(
+            _root(spare, slope + drift, bend + self.bend),
+            _root(spare - wave + self.least, slope, bend),
+        )
+        return value, min([safe, *(part.reach for part in parts)])
+
+
+class Watch:
+    """Outputs of a system under periodic inputs that are to stay at or above zero.
+
+    Args:
+        rows: over states (g, s) and inputs (g, m).
+    """
+
+    def __init__(self, steady: Steady, rows: Rows) -> None:
+        self._steady, self._rows = steady, rows[0]
+        self._mean, parts = steady.harmonics(rows)
+        means = np.array([u.mean for u in steady.inputs])
+        self._terms = np.abs(rows[0]) @ np.abs(steady.mean) + np.abs(rows[1]) @ np.abs(means)
+        self._least, self._bend = np.zeros(len(self._mean)), np.zeros(len(self._mean))
+        self._waves: list[list[tuple[Periodic, int, complex]]] = [[] for _ in self._mean]
+        for base, phasors in parts:
+            self._least += _least(base, phasors)
+            self._bend += np.abs(phasors) @ (2 * np.pi * (base.frequency / HERTZ) * base.order) ** 2
+            self._terms += np.abs(phasors).sum(axis=1)
+            for waves, own in zip(self._waves, phasors, strict=True):
+                waves += [(base, int(k), complex(phasor)) for k, phasor in zip(base.order, own, strict=True)]
+        period = max((1 / (u.frequency / HERTZ) for u in steady.inputs if u.frequency), default=1.0)
+        self._ahead_ns = round(AHEAD * period * SECOND)
+
+    def first_failure(self, start_ns: int, state: Floats) -> tuple[int, int | None]:
+        """When the first output falls below zero after `start_ns`, where the state is `state` (s,), and which.
+
+        None: none does before that time, from which the search has to go on, or NEVER.
+        """
+        gap = self._steady.gap(start_ns, state)
+        system = self._steady.system
+        if system.modes is None:
+            terms, sizes = np.abs(self._rows) @ np.abs(gap), np.full(len(self._rows), np.inf)
+        else:
+            weights = self._shapes * (system.modes[2] @ gap)[self._fastest]
+            terms = sizes = np.abs(weights).sum(axis=1)
+        slack = ROUNDING * (self._terms + terms)
+        end_ns, failed = NEVER, None
+        limit_ns = start_ns + self._ahead_ns
+        for k in np.flatnonzero(~(self._mean + slack + self._least >= sizes)):
+            transient: Transient
+            if system.modes is None:
+                transient = functools.partial(self._by_powers, self._rows[k], gap)
+            else:
+                transient = functools.partial(self._by_modes, [complex(w) for w in weights[k]])
+            signal = Signal(
+                float(self._mean[k] + slack[k]), self._waves[k], float(self._least[k]), float(self._bend[k]),
+                start_ns, transient,
+            )  # fmt: skip
+            found_ns = signal.first_below(min(end_ns, limit_ns))
+            if found_ns < end_ns:
+                end_ns, failed = found_ns, int(k) if found_ns < limit_ns else None
+        return end_ns, failed
+
+    # --- transients ------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _fastest(self) -> list[int]:
+        assert self._steady.system.modes is not None
+        return [int(k) for k in np.argsort(-np.abs(self._steady.system.modes[0]), kind="stable")]
+
+    @functools.cached_property
+    def _shapes(self) -> Complexes:
+        """What each output sees of each mode (g, s)."""
+        assert self._steady.system.modes is not None
+        shapes: Complexes = (self._rows @ self._steady.system.modes[1])[:, self._fastest]
+        return shapes
+
+    @functools.cached_property
+    def _rates(self) -> list[complex]:
+        assert self._steady.system.modes is not None
+        return [complex(rate) for rate in self._steady.system.modes[0][self._fastest]]
+
+    def _by_modes(self, weights: list[complex], elapsed_ns: int) -> list[Part]:
+        parts = []
+        for weight, rate in zip(weights, self._rates, strict=True):
+            if weight:
+                term = weight * cmath.exp(rate * (elapsed_ns / SECOND))
+                size = abs(term)
+                parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, size))
+        return parts
+
+    def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
+        """Where modes are too nearly parallel: all of the transient as one part, by bounds that need no modes."""
+        a = self._steady.system.a
+        state = self._steady.system.decay(gap, np.array([elapsed_ns]))[:, 0]
+        reach, growth, energy = self._bounds
+        bend = np.abs(row @ a @ a) @ growth @ np.abs(state)
+        size = math.inf
+        if energy is not None:
+            size = math.sqrt(float(row @ np.linalg.solve(energy, row)) * float(state @ energy @ state))
+        return [Part(float(row @ state), float(row @ a @ state), float(bend), size, reach)]
+
+    @functools.cached_property
+    def _bounds(self) -> tuple[float, Floats, Floats | None]:
+        """For how long [s] |exp(A t)| <= growth, the bound itself, and P for which x'Px never grows, if there is one."""
+        from scipy.linalg import expm, solve_continuous_lyapunov
+
+        a = self._steady.system.a
+        reach = 1 / float(np.abs(a).sum(axis=1).max())
+        energy: Floats | None = None
+        if np.linalg.eigvals(a).real.max() < 0:
+            energy = np.asarray(solve_continuous_lyapunov(a.T, -np.eye(len(a))), float)
+        return reach, expm(np.abs(a) * reach), energy
+
+
+def _root(value: float, slope: float, bend: float) -> float:
+    """The first time at which value + slope t - bend t^2 / 2 is zero, from a value at or above zero; inf: never."""
+    if value < 0:
+        return 0.0
+    if bend == 0:
+        return math.inf if slope >= 0 else value / -slope
+    turn = math.sqrt(slope * slope + 2 * value * bend)
+    return (slope + turn) / bend if slope > 0 else 2 * value / (turn - slope) if turn > slope else 0.0
+
+
+def _least(base: Periodic, phasors: Complexes) -> Floats:
+    """Lower bounds of sums of harmonics (p,), from phasors (p, k)."""
+    sizes = np.abs(phasors)
+    if len(base.order) == 1 or not base.frequency:
+        return -sizes.sum(axis=1)
+    count = LOOKS * int(base.order.max())
+    looks = np.exp(2j * np.pi * np.outer(base.order, np.arange(count)) / count)
+    seen = (phasors @ looks).real.min(axis=1)
+    # Between two looks it is lower by no more than its bend times an eighth of their distance squared.
+    between = sizes @ base.order**2 * (2 * np.pi / count) ** 2 / 8
+    return np.asarray(np.maximum(seen - between, -sizes.sum(axis=1)), float)
