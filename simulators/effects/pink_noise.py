@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -18,17 +19,34 @@ from simulators.pickup import SIGMAS, bound, correlated_spread
 from simulators.randomness import Stream
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
-PER_TAU = 32  # grid points in a time constant
-BLOCK = 1024  # grid points that are found together
+PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
+BLOCK = 4096  # grid points that are found together
 FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
-KEPT_BLOCKS = 1024  # 8 MB
+KEPT_BLOCKS = 1024  # 32 MB
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """One Ornstein-Uhlenbeck process.
+
+    Attributes:
+        corner: [Hz].
+        passed: what of it, in amplitude, is below half the sample rate.
+        step: of its grid, in samples: a power of two, so that the grids of slower processes lie on it.
+        decay: it falls by exp(-decay) in a step.
+    """
+
+    corner: float
+    passed: float
+    step: int
+    decay: float
 
 
 class PinkNoise(InputEffect):
     """Power density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate; independent on each channel.
 
     An anti-alias filter at half the sample rate is assumed: of a process above it leaves the flat part below.
-    A process is known on a grid of its own, a 32nd of its time constant or the sample period where that is longer,
+    A process is known on a grid of its own, some 16th of its time constant or the sample period where that is longer,
     and is a straight line between the points. Its value at a grid point is a moving average of the numbers of a
     stream, so any time is reached without stepping there.
     """
@@ -42,23 +60,14 @@ class PinkNoise(InputEffect):
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
-        number = time_ns // period_ns
-        total = np.zeros(len(number))
-        for corner, passed in _corners(1e9 / period_ns):
-            samples = 1e9 / (2 * math.pi * corner) / period_ns  # in a time constant
-            step = max(1, round(samples / PER_TAU))
-            point, past = np.divmod(number, step)
-            first = int(point[0])
-            grid = _process(stream.child(corner), step / samples, first, int(point[-1]) + 2)
-            here = point - first
-            total += passed * (grid[here] + (grid[here + 1] - grid[here]) * (past / step))
-        return self._deviation() * total
+        first = int(time_ns[0]) // period_ns
+        return self._deviation() * _sum(stream, _processes(1e9 / period_ns), first, first + len(time_ns))
 
     def error(self, case: Case, film: Film) -> float:
         """Six standard deviations of the fit [V]."""
 
         def correlation(lag: Floats) -> Floats:
-            each = [passed**2 * np.exp(-2 * math.pi * corner * lag) for corner, passed in _corners(case.rate)]
+            each = [p.passed**2 * np.exp(-2 * math.pi * p.corner * lag) for p in _processes(case.rate)]
             return np.asarray(np.sum(each, axis=0))
 
         return SIGMAS * self._deviation() * correlated_spread(case, correlation)
@@ -71,10 +80,29 @@ class PinkNoise(InputEffect):
         return self.density * math.sqrt(math.log(10) * self.corner)
 
 
-def _corners(rate: float) -> list[tuple[float, float]]:
-    """Of the processes [Hz], at a rate of samples a second; and what of each, in amplitude, is below half the rate."""
-    corners = [LOWEST * 10.0**decade for decade in range(DECADES)]
-    return [(corner, min(1.0, math.sqrt(rate / (math.pi * corner)))) for corner in corners if corner <= rate]
+@functools.cache
+def _processes(rate: float) -> tuple[Process, ...]:
+    """The processes at a rate of samples a second, fastest first."""
+    processes = []
+    for decade in reversed(range(DECADES)):
+        corner = LOWEST * 10.0**decade
+        samples = rate / (2 * math.pi * corner)  # in a time constant
+        step = 2 ** max(0, round(math.log2(samples / PER_TAU)))
+        processes.append(Process(corner, min(1.0, math.sqrt(2 * samples)), step, step / samples))
+    return tuple(process for process in processes if process.corner <= rate)
+
+
+def _sum(stream: Stream, processes: tuple[Process, ...], first: int, end: int) -> Floats:
+    """Of the processes at grid points `first` to `end` - 1 of the fastest."""
+    fastest, *slower = processes
+    total = fastest.passed * _process(stream.child(fastest.corner), fastest.decay, first, end)
+    if slower:
+        ratio = slower[0].step // fastest.step
+        coarse = _sum(stream, tuple(slower), first // ratio, (end - 1) // ratio + 2)
+        between = np.arange(ratio) / ratio
+        lines = coarse[:-1, np.newaxis] + np.diff(coarse)[:, np.newaxis] * between
+        total += lines.ravel()[first % ratio :][: end - first]
+    return total
 
 
 def _process(stream: Stream, decay: float, first: int, end: int) -> Floats:

@@ -37,11 +37,11 @@ def test_the_list_names_every_shipped_scene_with_its_purpose(palpate: Palpate) -
 
 
 def test_a_shown_scene_names_every_parameter_with_its_unit_and_those_left_to_their_defaults(palpate: Palpate) -> None:
-    Path("my.toml").write_text(IDEAL_SCENE + '\n[effects.charge_amplifier]\n[effects.mains_hum]\nfrequency = "60 Hz"\n')
+    Path("my.toml").write_text(IDEAL_SCENE + '\n[effects.jitter]\n[effects.mains_hum]\nfrequency = "60 Hz"\n')
     shown = palpate("scene", "show", "my.toml", "--json").object
     assert set(shown) == {*HEAD, "rig", "parameters"}
     assert shown["parameters"] == {
-        "charge_amplifier": {"time_constant": "1.0 s"},
+        "jitter": {"delay": "1e-05 s"},
         "adc": {"bits": 16},
         "mains_hum": {"amplitude": "0.001 V", "frequency": "60.0 Hz", "phase": 0.0},
     }

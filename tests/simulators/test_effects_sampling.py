@@ -138,8 +138,12 @@ def test_a_process_is_the_moving_average_of_all_numbers_before_across_blocks_too
 
 
 def test_a_slow_process_is_a_straight_line_between_its_grid_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pink_noise, "_corners", lambda rate: [(1e-3, 1.0)])
-    step = round(1e3 / (2 * math.pi * 1e-3) / pink_noise.PER_TAU)  # samples
+    slowest = pink_noise._processes(1000.0)[-1]
+    assert slowest.corner == 1e-3
+    monkeypatch.setattr(
+        pink_noise, "_processes", lambda rate: (replace(slowest, step=1, decay=9.0, passed=0.0), slowest)
+    )
+    step = slowest.step
     values = volts(PinkNoise(), MS * np.arange(3 * step))
     bends = np.flatnonzero(np.abs(np.diff(values, 2)) > 1e-6 * np.abs(np.diff(values)).max())
     assert (bends + 1).tolist() == [step, 2 * step]
