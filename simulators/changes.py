@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from instrument.contracts.sensor_node import RANGE_VOLTS
-from instrument.design import FILM_KINDS
+from instrument.design import FILM_KINDS, Film
 from instrument.errors import EstimateError
 from instrument.estimate import fit_sine
 from simulators.chain import Touch
@@ -29,12 +28,10 @@ from simulators.effects.effect import (
     FilmsEffect,
     Floats,
     HysteresisEffect,
-    InputEffect,
     LeakEffect,
-    SourceEffect,
 )
 from simulators.lti import StateSpace
-from simulators.pickup import largest_within, signal
+from simulators.pickup import Additive, largest_within, rounding, signal
 from simulators.randomness import Stream
 
 if TYPE_CHECKING:
@@ -81,33 +78,15 @@ def bound_of(case: Case, changes: Sequence[Change]) -> Bound:
 
 def _span(case: Case, number: int, change: Change) -> tuple[float, float]:
     """Least and greatest factor of a film's fitted amplitude."""
-    step, common = _rounding(case, number), _added(case)[number]
-    if not common < 1:
+    film = case.design.films[number]
+    added = sum(effect.error(case, film) for effect in case.effects.values() if isinstance(effect, Additive))
+    least = signal(case, film)
+    if not added < least:
         return 0.0, math.inf
+    step, common = 2 * rounding(case, film) / least, added / least
     # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what is added to both dilutes the change.
     slack = (change.reach + abs(change.factor - 1) * common + step + _played(case, number, change)) / (1 - common)
     return max(abs(change.factor) - slack, 0.0), abs(change.factor) + slack
-
-
-def _added(case: Case) -> list[float]:
-    """What other effects add to each film's amplitude, relatively, with and without the one that is asked for."""
-    additive = [e for e in case.effects.values() if isinstance(e, InputEffect | SourceEffect)]
-    bare = {n: e for n, e in case.effects.items() if not isinstance(e, InputEffect | SourceEffect) and n != "adc"}
-    bounds = [effect.bound(replace(case, effects=bare)) for effect in additive]
-    force = sum(each.force for each in bounds)
-    ratio = sum(each.ratio for each in bounds)
-    # A ratio errs by (tooth + base) / (1 - base).
-    tooth = ratio * (1 + force) + force if math.isfinite(ratio) else math.inf
-    return [tooth if film.kind == FILM_KINDS[0] else force for film in case.design.films]
-
-
-def _rounding(case: Case, number: int) -> float:
-    bits = getattr(case.effects.get("adc"), "bits", None)
-    amplitude = signal(case, case.design.films[number])
-    if bits is None:
-        return 0.0
-    # With and without, each sample is half a step off.
-    return 2 * max(RANGE_VOLTS) / 2.0**bits * largest_within(case) / amplitude if amplitude > 0 else math.inf
 
 
 def _played(case: Case, number: int, change: Change) -> float:
@@ -150,25 +129,32 @@ def bound_of_limit(case: Case, effect: Effect, name: str) -> Bound:
     return BEYOND if _touched(case, case.driven(_with(case, effect)), (name,)) else Bound(0.0, 0.0)
 
 
-def bound_of_source(case: Case, effect: SourceEffect) -> Bound:
-    """Of what a source makes of the constant 1, begun with the drive."""
-    rig = case.driven(case.effects)
-    if _touched(case, rig):
-        return BEYOND
-    was = abs(gains(rig, case.frequency))
-    error = np.zeros(len(was))
-    source, amplifier = effect.source(case.design), _amplifier(case)
+def warming(case: Case, source: StateSpace, film: Film) -> float:
+    """What a fit can find of a source that the constant 1 feeds from the drive's beginning on [V]."""
+    amplifier, number = _amplifier(case), case.design.films.index(film)
+    row = slice(number, number + 1)
+    chains = [StateSpace(source.a, source.b, source.c[row], source.d[row])]
+    if amplifier is not None:
+        chains = [chains[0].then(amplifier.system(film, case.design, leakage)) for leakage in _leakages(case)]
+    errors = []
+    for chain in chains:
+        weights, rates = _transient(chain, chain.b[:, 3], np.zeros(chain.order))
+        errors.append(float(weights[0] @ _leaks(case, rates)))
+    return max(errors)
+
+
+def following(case: Case, film: Film, force: float) -> float:
+    """Amplitude of a voltage of a film that follows the load, `force` V for each newton [V]."""
+    amplifier = _amplifier(case)
+    if amplifier is None:
+        return force * case.amplitude
+    largest = 0.0
     for leakage in _leakages(case):
-        for number, film in enumerate(case.design.films):
-            row = slice(number, number + 1)
-            chain = StateSpace(source.a, source.b, source.c[row], source.d[row])
-            if amplifier is not None:
-                chain = chain.then(amplifier.system(film, case.design, leakage))
-            weights, rates = _transient(chain, chain.b[:, 3], np.zeros(chain.order))
-            error[number] = max(error[number], float(weights[0] @ _leaks(case, rates)))
-    if not was.all():
-        return BEYOND
-    return bound_of(case, [Change(1.0, float(e / w)) for e, w in zip(error, was, strict=True)])
+        system = amplifier.system(film, case.design, leakage)
+        left = abs(float(system.d[0, 0])) * float(_leaks(case, np.linalg.eigvals(system.a).astype(complex)).sum())
+        passed = float(abs(system.transfer(case.frequency)[0, 0]))
+        largest = max(largest, passed * case.amplitude + left * (case.preload + case.amplitude))
+    return force * largest
 
 
 def bound_of_leak(case: Case, effect: LeakEffect) -> Bound:

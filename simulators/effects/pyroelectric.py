@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import FILM_KINDS, Design
+from instrument.design import FILM_KINDS, Design, Film
 from instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
-from simulators.changes import bound_of_source
+from simulators.changes import warming
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from simulators.lti import StateSpace, gain
+from simulators.pickup import bound
 
 
 class Pyroelectric(SourceEffect):
@@ -41,6 +42,10 @@ class Pyroelectric(SourceEffect):
             np.zeros((len(volts), 4)),
         )
 
-    def bound(self, case: Case) -> Bound:
+    def error(self, case: Case, film: Film) -> float:
         """What a fit takes from the warming, begun when the drive was switched on; later it is less."""
-        return bound_of_source(case, self)
+        return warming(case, self.source(case.design), film)
+
+    def bound(self, case: Case) -> Bound:
+        """As of anything that adds to the films' voltages."""
+        return bound(self, case)

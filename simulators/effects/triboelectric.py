@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import Design
+from instrument.design import Design, Film
 from instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
-from simulators.changes import bound_of_chain
+from simulators.changes import following
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from simulators.lti import StateSpace, gain
+from simulators.pickup import bound
 
 
 class Triboelectric(SourceEffect):
@@ -27,10 +28,16 @@ class Triboelectric(SourceEffect):
     d33: CoulombsPerNewton = Field(default=20e-12, gt=0, le=1e-9)
 
     def source(self, design: Design) -> StateSpace:
-        share = self.charge / self.d33 / (self.load / 2)
-        sensitivities = np.array([film.sensitivity for film in design.films])
-        return gain(share * np.outer(sensitivities, [1.0, 1.0, 0.0, 0.0]))
+        return gain(np.outer([self._volts(film) for film in design.films], [1.0, 1.0, 0.0, 0.0]))
+
+    def _volts(self, film: Film) -> float:
+        """Of a film for each newton on the sensor [V/N]."""
+        return film.sensitivity * self.charge / self.d33 / (self.load / 2)
+
+    def error(self, case: Case, film: Film) -> float:
+        """The charge itself, and its transient."""
+        return following(case, film, self._volts(film))
 
     def bound(self, case: Case) -> Bound:
-        """The charge itself, and its transient."""
-        return bound_of_chain(case, self)
+        """As of anything that adds to the films' voltages."""
+        return bound(self, case)
