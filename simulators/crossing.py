@@ -186,7 +186,7 @@ class Watch:
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, Floats, Floats | None]:
-        """For how long [s] |exp(A t)| <= growth, the bound itself, and P for which x'Px never grows, if there is one."""
+        """For how long [s] |exp(A t)| <= growth, that bound, and P for which x'Px never grows, if there is one."""
         from scipy.linalg import expm, solve_continuous_lyapunov
 
         a = self._steady.system.a
@@ -211,10 +211,10 @@ def _least(base: Periodic, phasors: Complexes) -> Floats:
     """Lower bounds of sums of harmonics (p,), from phasors (p, k)."""
     sizes = np.abs(phasors)
     if len(base.order) == 1 or not base.frequency:
-        return -sizes.sum(axis=1)
+        return np.asarray(-sizes.sum(axis=1), float)
     count = LOOKS * int(base.order.max())
     looks = np.exp(2j * np.pi * np.outer(base.order, np.arange(count)) / count)
     seen = (phasors @ looks).real.min(axis=1)
     # Between two looks it is lower by no more than its bend times an eighth of their distance squared.
-    between = sizes @ base.order**2 * (2 * np.pi / count) ** 2 / 8
-    return np.asarray(np.maximum(seen - between, -sizes.sum(axis=1)), float)
+    between: Floats = sizes @ base.order**2 * (2 * np.pi / count) ** 2 / 8
+    return np.array(np.maximum(seen - between, -sizes.sum(axis=1)), dtype=np.float64)

@@ -6,12 +6,16 @@ from pathlib import Path
 
 import click
 
+from procedures.cli.integrators import integrators
 from procedures.cli.options import FILE_NAME, Output, output_options
 
 
 @click.group()
 def accuracy() -> None:
     """What accuracy costs in time."""
+
+
+accuracy.add_command(integrators)
 
 
 @accuracy.command(

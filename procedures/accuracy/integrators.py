@@ -1,0 +1,63 @@
+"""Table and work-precision diagram of ways to follow a stiff chain through time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from procedures.report import MARKERS
+from procedures.run import storing
+
+Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
+
+
+def print_integrators(rows: Rows, title: str, plot: Path | None) -> None:
+    """A line a method and setting; failures as failures."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for column, justify in (("method", "left"), ("step or tolerance", "right"), ("error", "right"), ("CPU s", "right")):
+        table.add_column(column, justify=justify)  # type: ignore[arg-type]
+    table.add_column("")
+    for row in rows:
+        setting = "" if row["setting"] is None else f"{row['setting']:.3g}"
+        error = "-" if row["error"] is None else f"{row['error']:.0e}"
+        table.add_row(row["method"], setting, error, f"{row['seconds']:.2g}", row["failure"])
+    console = Console(highlight=False, width=max(Console().width, 110))
+    console.print(table)
+    if plot is not None:
+        console.print(f"plot           {plot}", soft_wrap=True)
+
+
+def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:
+    """Draws `integrators.png` in a folder: error against CPU time, failures at the upper edge.
+
+    Raises:
+        RecordError: the folder or file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.4, 5.2), layout="constrained")
+    ax = figure.add_subplot()
+    for number, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
+        own = [row for row in rows if row["method"] == method]
+        good = [(row["seconds"], row["error"]) for row in own if row["error"] is not None]
+        style = f"C{number % 10}{MARKERS[number % len(MARKERS)]}-"
+        ax.plot([x for x, _ in good], [y for _, y in good], style, ms=7, lw=1, label=method)
+        for row in own:
+            if row["error"] is None:
+                ax.plot(row["seconds"], 1.0, f"C{number % 10}x", ms=11, mew=2.5, clip_on=False, zorder=3)
+                ax.annotate(row["failure"], (row["seconds"], 1.0), (0, 9), textcoords="offset points", ha="center",
+                            fontsize=8)  # fmt: skip
+    ax.set(xscale="log", yscale="log", xlabel="CPU time of the record (s)", ylabel="greatest error of the output")
+    ax.set_ylim(top=1.0)
+    ax.set_title(title, fontsize=10, pad=24)
+    ax.grid(alpha=0.3)
+    ax.legend(fontsize=8, title="crosses: no answer", title_fontsize=8)
+    path = folder / "integrators.png"
+    with storing(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=120, metadata={"Software": None})
+    return path
