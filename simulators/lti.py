@@ -7,6 +7,7 @@ decays with the system's own modes; both are known at any time without stepping.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -55,6 +56,22 @@ class Periodic:
         """exp(i 2 pi order phase), shape (k, n)."""
         turns: Complexes = np.exp(2j * np.pi * np.outer(self.order, self.phase(time_ns) / CYCLE))
         return turns
+
+    def summed(self, phasors: Complexes, time_ns: Times) -> Floats:
+        """Sums of its harmonics with other phasors (p, k), shape (p, n)."""
+        count = self._different(time_ns)
+        sums = real_product(phasors, self.turns(time_ns[:count]))
+        return sums if count == len(time_ns) else np.tile(sums, -(-len(time_ns) // count))[:, : len(time_ns)]
+
+    def _different(self, time_ns: Times) -> int:
+        """After how many times the phases are those of the first times again."""
+        count = len(time_ns)
+        if count < 2:
+            return count
+        step = int(time_ns[1] - time_ns[0])
+        if (np.diff(time_ns) != step).any():
+            return count
+        return min(count, CYCLE // math.gcd(self.frequency * step, CYCLE))
 
     def restarted(self, time_ns: int) -> Periodic:
         """The same function of time, counted from `time_ns`."""
@@ -195,7 +212,7 @@ class StateSpace:
         if self.modes is None:
             return self.decay(x, elapsed_ns)
         rates, shapes, inverse = self.modes
-        return real_product(shapes * (inverse @ x), np.exp(np.outer(rates, 1e-9 * elapsed_ns)))
+        return _decaying(shapes * (inverse @ x), rates, elapsed_ns)
 
     def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
@@ -258,7 +275,7 @@ class Steady:
         mean, parts = self._harmonics
         state = np.repeat(mean[:, np.newaxis], len(time_ns), axis=1)
         for base, phasors in parts:
-            state += real_product(phasors, base.turns(time_ns))
+            state += base.summed(phasors, time_ns)
         return state
 
     @functools.cached_property
@@ -284,7 +301,7 @@ class Trace:
         """Values (p, n) at times from the start on."""
         value = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
         for base, phasors in self.parts:
-            value += real_product(phasors, base.turns(time_ns))
+            value += base.summed(phasors, time_ns)
         if self.rows.any() and self.gap.any():
             elapsed_ns = time_ns - self.start_ns
             if self.system.modes is None:
@@ -292,7 +309,7 @@ class Trace:
             else:
                 rates, shapes, inverse = self.system.modes
                 weights = (self.rows @ shapes) * (inverse @ self.gap)
-                value += real_product(weights, np.exp(np.outer(rates, 1e-9 * elapsed_ns)))
+                value += _decaying(weights, rates, elapsed_ns)
         return value
 
 
@@ -306,6 +323,22 @@ def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.ine
     for k, row in enumerate(rows):
         weight = weights[..., k, np.newaxis]
         total += weight.real * row.real - weight.imag * row.imag
+    return total
+
+
+def _decaying(weights: Complexes, rates: Complexes, elapsed_ns: Times) -> Floats:
+    """Real part of weights @ exp(rates t), for weights (p, s) of modes of a real matrix; shape (p, n)."""
+    total = np.zeros((len(weights), len(elapsed_ns)))
+    elapsed = 1e-9 * elapsed_ns
+    for weight, rate in zip(weights.T[..., np.newaxis], rates, strict=True):
+        if not weight.any() or rate.imag < 0:  # the other of the pair counts for both
+            continue
+        left = np.exp(rate.real * elapsed)
+        if rate.imag == 0:
+            total += weight.real * left
+        else:
+            angle = rate.imag * elapsed
+            total += 2 * left * (weight.real * np.cos(angle) - weight.imag * np.sin(angle))
     return total
 
 

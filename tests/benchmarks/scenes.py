@@ -1,0 +1,181 @@
+"""What effects cost: nothing where they are not called for, nanoseconds a sample where they are."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from instrument.sample import get_sample
+from simulators.clock import VirtualClock
+from simulators.effects import EFFECTS
+from simulators.lti import HERTZ, SECOND, Floats, Periodic, first_order_high_pass
+from simulators.rig import Rig
+from simulators.scene import Scene, read_scene, shipped
+from simulators.sensor_node import SensorNode
+from tests.benchmarks.row import Row
+
+SAMPLE_NS = 1_000_000
+SECONDS = 20
+ROUNDS = 7
+GOAL_STEPPED, GOAL_POLE, GOAL_STEADY = 100.0, 5.0, 50e-6
+GOAL_IDEAL = 3.0
+
+
+def measure() -> Iterator[Row]:
+    yield from _unused()
+    yield from _stepped()
+    yield from _steady()
+    yield from _sweeps()
+
+
+# --- an unused effect ----------------------------------------------------------------------------------
+
+
+def _unused() -> Iterator[Row]:
+    """The scene with one effect, in a process that knows all effects and in one that knows that effect alone."""
+    registered = {count: _in_a_process(count) for count in ("all", "one")}
+    ratio = registered["all"][0] / registered["one"][0]
+    yield Row(
+        f"1 effect of {len(EFFECTS)} against a build with that one: calls",
+        f"{registered['all'][0]:.0f} / {registered['one'][0]:.0f} = {ratio:.4f}",
+        "1.00 ± 0.02",
+        abs(ratio - 1) <= 0.02,
+    )
+    times = [registered[count][1] for count in ("all", "one")]
+    yield Row("the same, CPU time", f"{1e3 * times[0]:.1f} / {1e3 * times[1]:.1f} ms = {times[0] / times[1]:.2f}", "1")
+
+
+def _in_a_process(registered: str) -> tuple[float, float]:
+    code = f"from tests.benchmarks.scenes import one_effect; one_effect({registered!r})"
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True)
+    calls, seconds = json.loads(done.stdout)
+    return calls, seconds
+
+
+def one_effect(registered: str) -> None:
+    """Prints calls and CPU seconds of a scene with the charge amplifier alone; everything imported before."""
+    if registered == "one":
+        for name in [name for name in EFFECTS if name != "charge_amplifier"]:
+            del EFFECTS[name]
+    thesis = read_scene("thesis_single") if registered == "all" else None
+    if thesis is None:
+        thesis = read_scene(_plain_scene())
+    scene = dataclasses.replace(thesis, effects={"charge_amplifier": thesis.effects["charge_amplifier"]})
+    _lived(scene, 1)
+    calls = 0
+
+    def count(_frame: FrameType, event: str, _what: object) -> None:
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    sys.setprofile(count)
+    try:
+        _lived(scene, 1)
+    finally:
+        sys.setprofile(None)
+    print(json.dumps([calls, _least(lambda: _lived(scene, 1))]))  # noqa: T201
+
+
+def _plain_scene() -> str:
+    text = 'name = "one"\npurpose = "One effect."\ndesign = "single"\n[effects.charge_amplifier]\n'
+    file = Path(tempfile.mkdtemp()) / "one.toml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+# --- samples -------------------------------------------------------------------------------------------
+
+
+def _stepped() -> Iterator[Row]:
+    count = SECONDS * SECOND // SAMPLE_NS
+    time_ns = np.arange(count) * SAMPLE_NS
+    plain = _least(lambda: np.sin(2 * np.pi * 10e-9 * time_ns)) / count
+
+    def row(what: str, seconds: float, goal: float) -> Row:
+        each = seconds / count
+        measured = f"{1e9 * each:.1f} ns = {each / plain:.1f} plain sines"
+        return Row(what, measured, f"<= {goal:.0f} ns", 1e9 * each <= goal)
+
+    pole, drive = first_order_high_pass(1.0), _sine(1.0)
+    steady = pole.drive((drive,))
+
+    def one_pole() -> Floats:
+        return steady.trace((pole.c, pole.d), 0, np.zeros(1)).at(time_ns)
+
+    yield Row("plain vectorised sine, a sample", f"{1e9 * plain:.1f} ns")
+    yield row("one pole, a sample", _least(one_pole), GOAL_POLE)
+    for name in ("everything", "overdriven"):
+        if name in shipped():
+            scene = read_scene(name)
+            channels = len(scene.design.films)
+            seconds = _least(lambda scene=scene: _lived(scene, SECONDS)) / channels  # type: ignore[misc]
+            yield row(f"scene {name!r}, a sample and channel", seconds, GOAL_STEPPED)
+
+
+def _lived(scene: Scene, seconds: int) -> None:
+    """Samples of all films from the moment the drive is set."""
+    clock = VirtualClock()
+    rig = Rig(scene, clock)
+    rig.mount(get_sample("2"))
+    rig.set_position(scene.rig.sensor_position)
+    rig.set_voltage(_sine(1.0))
+    node = SensorNode(clock, 1, 1, rig, lambda: None)
+    time_ns = np.arange(1, seconds * SECOND // SAMPLE_NS + 1) * SAMPLE_NS
+    node.sample(time_ns, node.film_channels() @ rig.film_voltages(time_ns), SAMPLE_NS)
+
+
+def _sine(amplitude: float) -> Periodic:
+    return Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([-1j * amplitude]))
+
+
+# --- steady state and sweeps ---------------------------------------------------------------------------
+
+
+def _steady() -> Iterator[Row]:
+    rig = Rig(read_scene("thesis_single"), VirtualClock())
+    rig.mount(get_sample("2"))
+    rig.set_position(14e-3)
+    rig.transfer(10.0)
+    calls = 200
+    each = _least(lambda: [rig.transfer(10.0) for _ in range(calls)]) / calls
+    yield Row(
+        "steady state in closed form", f"{1e6 * each:.0f} us", f"< {1e6 * GOAL_STEADY:.0f} us", each < GOAL_STEADY
+    )
+
+
+def _sweeps() -> Iterator[Row]:
+    names = [name for name in ("thesis_single", "ideal", "everything") if name in shipped()]
+    seconds = {name: _sweep(name) for name in names}
+    for name in names:
+        yield Row(f"sweep of scene {name!r}: wall time", f"{seconds[name]:.1f} s")
+    if {"ideal", "everything"} <= seconds.keys():
+        ratio = seconds["everything"] / seconds["ideal"]
+        yield Row("the same, 'everything' / 'ideal'", f"{ratio:.1f}", f">= {GOAL_IDEAL:.0f}", ratio >= GOAL_IDEAL)
+
+
+def _sweep(scene: str) -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [str(Path(sys.executable).with_name("palpate")), "sweep", "loads", "--scene", scene, "--json"],
+            cwd=folder, stdout=subprocess.PIPE, check=True,
+        )  # fmt: skip
+    return float(json.loads(done.stdout)["wall_seconds"])
+
+
+def _least(call: Callable[[], object]) -> float:
+    """CPU seconds of a call, the least of some: what other processes take is not counted."""
+    taken = []
+    for _ in range(ROUNDS):
+        start = time.process_time()
+        call()
+        taken.append(time.process_time() - start)
+    return min(taken)
