@@ -24,7 +24,7 @@ from simulators.effects.mains_hum import MainsHum
 from simulators.effects.pink_noise import PinkNoise
 from simulators.effects.white_noise import WhiteNoise
 from simulators.lti import Times
-from simulators.pickup import of_films
+from simulators.pickup import of_films, signal
 from simulators.plan import Question, case_of, driven
 from simulators.randomness import Stream
 from simulators.rig import Rig
@@ -322,6 +322,15 @@ def test_a_bound_grows_with_what_the_other_effects_take_from_the_signal() -> Non
     ):
         beside: dict[str, Effect] = {**case.effects, **other}
         assert noise.bound(replace(case, effects=beside)).ratio > 1.01 * noise.bound(case).ratio, other
+
+
+def test_beside_a_converter_the_least_noise_can_change_both_results_by_its_rounding() -> None:
+    case = settled(Question())[1]
+    beside = replace(case, effects={**case.effects, "adc": Adc()})
+    total = case.design.film("total")
+    steps = Adc().error(case, total)
+    bound = MainsHum(amplitude="1 nV").bound(beside).force
+    assert bound == pytest.approx(2 * steps / (signal(case, total) - steps), rel=1e-3)
 
 
 def test_a_bound_is_that_of_the_worst_phase() -> None:
