@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
 
+from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import FILM_KINDS, Film
 from instrument.errors import EstimateError
 from instrument.estimate import fit_sine
@@ -24,14 +25,17 @@ from simulators.effects.effect import (
     AmplifierEffect,
     Bound,
     Case,
+    DriveEffect,
     Effect,
     FilmsEffect,
     Floats,
     HysteresisEffect,
     LeakEffect,
+    ShakerEffect,
+    StackEffect,
 )
-from simulators.lti import StateSpace
-from simulators.pickup import Additive, largest_within, rounding, signal
+from simulators.lti import HERTZ, StateSpace
+from simulators.pickup import Additive, bound, largest_within, rounding, signal
 from simulators.randomness import Stream
 
 if TYPE_CHECKING:
@@ -41,6 +45,8 @@ Complexes = npt.NDArray[np.complex128]
 BEYOND = Bound(math.inf, math.inf)
 # Above this condition number the weights of modes say nothing about their sum.
 PARALLEL = 1e8
+LIMITS = ("rail", "current", "stop")
+PEAKS = 100.0  # of noise, over what a fit makes of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,23 +85,28 @@ def bound_of(case: Case, changes: Sequence[Change]) -> Bound:
 def _span(case: Case, number: int, change: Change) -> tuple[float, float]:
     """Least and greatest factor of a film's fitted amplitude."""
     film = case.design.films[number]
-    added = sum(effect.error(case, film) for effect in case.effects.values() if isinstance(effect, Additive))
+    added = sum(_errors(case, film))
     least = signal(case, film)
     if not added < least:
         return 0.0, math.inf
     step, common = 2 * rounding(case, film) / least, added / least
     # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what is added to both dilutes the change.
-    slack = (change.reach + abs(change.factor - 1) * common + step + _played(case, number, change)) / (1 - common)
+    # Jitter follows the signal: of another phase it is another.
+    late = case.effects.get("jitter")
+    moved = change.reach > 0 or complex(change.factor).imag != 0
+    other = 2 * abs(change.factor) * late.error(case, film) / least if moved and isinstance(late, Additive) else 0.0
+    reach = change.reach + abs(change.factor - 1) * common + step + other + _played(case, number, change)
+    slack = reach / (1 - common)
     return max(abs(change.factor) - slack, 0.0), abs(change.factor) + slack
 
 
 def _played(case: Case, number: int, change: Change) -> float:
-    """Plays follow a change of their force by no more than the change itself."""
+    """Plays follow a change of their force by no more than the change itself, in size and once more in phase."""
     plays = next((e for e in case.effects.values() if isinstance(e, HysteresisEffect)), None)
     if plays is None or plays.path != case.design.films[number].kind:
         return 0.0
     weights = sum(abs(weight) for weight in plays.plays().weights)
-    return largest_within(case) * weights * (abs(change.factor - 1) + change.reach)
+    return 2 * largest_within(case) * weights * (abs(change.factor - 1) + change.reach)
 
 
 # --- changes of the films ------------------------------------------------------------------------------
@@ -114,14 +125,18 @@ def bound_of_gains(case: Case, effect: FilmsEffect) -> Bound:
 def bound_of_chain(case: Case, effect: Effect) -> Bound:
     """Of anything linear: the load is set anew with it."""
     before, after = case.driven(case.effects), case.driven(_with(case, effect))
-    if _touched(case, before) or _touched(case, after):
+    if nonlinear(case, before) or nonlinear(case, after):
         return BEYOND
-    was, became = gains(before, case.frequency), gains(after, case.frequency)
-    if not was.all():
+    true = before.coil_voltage().frequency / HERTZ
+    was, became = gains(before, true), gains(after, true)
+    least, most = fitted(case, true) if true != case.frequency else (1.0, 1.0)
+    if not was.all() or not least > 0:
         return BEYOND
-    left = (_left(case, before) + _left(case, after)) / abs(was)
-    changes = [Change(complex(f), float(r)) for f, r in zip(became / was, left, strict=True)]
-    return bound_of(case, changes)
+    # A fit of another frequency than the drive's depends on the phase.
+    left = (left_over(case, before) + left_over(case, after)) / abs(was) / least
+    factors = became / was
+    left = left + abs(factors) * (most / least - 1) * (factors.imag != 0)
+    return bound_of(case, [Change(complex(f), float(r)) for f, r in zip(factors, left, strict=True)])
 
 
 def bound_of_limit(case: Case, effect: Effect, name: str) -> Bound:
@@ -141,6 +156,12 @@ def warming(case: Case, source: StateSpace, film: Film) -> float:
         weights, rates = _transient(chain, chain.b[:, 3], np.zeros(chain.order))
         errors.append(float(weights[0] @ _leaks(case, rates)))
     return max(errors)
+
+
+def of_source(case: Case, effect: Additive) -> Bound:
+    """As of anything that adds to the films' voltages, where the load is what is asked for."""
+    with_it = case.driven(_with(case, cast("Effect", effect)))
+    return BEYOND if nonlinear(case, with_it) else bound(effect, case)
 
 
 def following(case: Case, film: Film, force: float) -> float:
@@ -163,8 +184,8 @@ def bound_of_leak(case: Case, effect: LeakEffect) -> Bound:
     if amplifier is None:
         return Bound(0.0, 0.0)
     rig = case.driven(case.effects)
-    was, left = abs(gains(rig, case.frequency)), _left(case, rig)
-    if _touched(case, rig) or not was.all():
+    was, left = abs(gains(rig, rig.coil_voltage().frequency / HERTZ)), left_over(case, rig)
+    if nonlinear(case, rig) or not was.all():
         return BEYOND
     most = max(_conductances(effect))
     # A leak that changes by equal parts in equal times: within a dwell by so much of its largest value.
@@ -181,8 +202,8 @@ def bound_of_leak(case: Case, effect: LeakEffect) -> Bound:
 def bound_of_plays(case: Case, effect: HysteresisEffect) -> Bound:
     """Of play operators: each moves by no more than the force's amplitude less its radius."""
     rig, plays = case.driven(case.effects), effect.plays()
-    swing = case.amplitude * (case.ratio if effect.path == FILM_KINDS[0] else 1.0)
-    if _touched(case, rig) or not swing > 0:
+    swing = _swing(case, effect.path)
+    if nonlinear(case, rig) or not swing > 0:
         return BEYOND
     moved = sum(abs(w) * max(0.0, swing - r) for w, r in zip(plays.weights, plays.radii, strict=True)) / swing
     shifted = sum(abs(w) for w in plays.weights) * (1 + case.preload / case.amplitude)
@@ -245,17 +266,46 @@ def _conductances(leak: LeakEffect) -> tuple[float, float]:
     return leak.conductance(0.0), leak.conductance(math.inf)
 
 
-def _touched(case: Case, rig: Rig, names: Sequence[str] = ()) -> bool:
-    """Whether anything but plays changes from the beginning of the drive to the end of the dwell."""
-    watched = names or [item.name for item in fields(Touch) if item.name != "drag"]
-    found = rig.transitions(round(1e9 * (case.settled + case.dwell)))
-    return any(getattr(one, name) != getattr(other, name) for one, other in found for name in watched)
+def nonlinear(case: Case, rig: Rig) -> bool:
+    """Whether contact, a limit or the converter's rail changes anything up to the end of the dwell."""
+    if "adc" in case.effects:
+        first = round(1e9 * case.settled)
+        times = first + np.arange(round(case.dwell * case.rate)) * round(1e9 / case.rate)
+        noise = max(sum(_errors(case, film)) for film in case.design.films)
+        if not abs(rig.film_voltages(times)).max() + PEAKS * noise < max(RANGE_VOLTS):
+            return True
+    return _touched(case, rig, LIMITS) or _touched(case, rig, ("contact",))
 
 
-def _left(case: Case, rig: Rig) -> Floats:
+def _touched(case: Case, rig: Rig, names: Sequence[str]) -> bool:
+    """Whether any of these is met, or lost, from the beginning of the drive to the end of the dwell."""
+    met = [rig.touch(), *(after for _, after in rig.transitions(round(1e9 * (case.settled + case.dwell))))]
+    return any(getattr(touch, name) != getattr(Touch(), name) for touch in met for name in names)
+
+
+def _errors(case: Case, film: Film) -> list[float]:
+    return [effect.error(case, film) for effect in case.effects.values() if isinstance(effect, Additive)]
+
+
+def _swing(case: Case, path: str) -> float:
+    """Amplitude of the force on the films of a kind, summed over the teeth [N]."""
+    moving = {n: e for n, e in case.effects.items() if isinstance(e, DriveEffect | ShakerEffect | StackEffect)}
+    rig = case.driven(moving)
+    phasors = gains(rig, rig.coil_voltage().frequency / HERTZ)
+    return float(sum(abs(v) / f.sensitivity for v, f in zip(phasors, case.design.films, strict=True) if f.kind == path))
+
+
+def diluted(case: Case) -> list[float]:
+    """What other effects add to each film's amplitude, relatively."""
+    films = [(sum(_errors(case, film)), signal(case, film)) for film in case.design.films]
+    return [error / (least - error) if error < least else math.inf for error, least in films]
+
+
+def left_over(case: Case, rig: Rig) -> Floats:
     """What a fit can find of the transients in each film [V]."""
     system, state, forcing = rig.beginning()
-    weights, rates = _transient(system, system.b[:, 1], state, forcing, 2 * np.pi * case.frequency)
+    omega = 2 * np.pi * rig.coil_voltage().frequency / HERTZ
+    weights, rates = _transient(system, system.b[:, 1], state, forcing, omega)
     return np.asarray(weights[: len(case.design.films)] @ _leaks(case, rates))
 
 

@@ -148,6 +148,12 @@ class Rig:
         forcing = system.b[:, 0] * voltage.amplitude[0] + system.b[:, 2] * rate.amplitude[0]
         return system, path.states(np.array([path.start_ns]))[:, 0], forcing
 
+    def touch(self) -> Touch:
+        """What touched as the present settings began."""
+        path = self._paths[-1]
+        touch: Touch = path.mode_at(path.start_ns).touch
+        return touch
+
     def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
         """What touches before and after each transition since the present settings, up to a time."""
         modes = self._paths[-1].modes_until(time_ns)

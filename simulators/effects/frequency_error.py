@@ -9,9 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from instrument.quantity import Hertz
-from simulators.changes import BEYOND, Change, bound_of, fitted, gains
-from simulators.effects.effect import Bound, Case, DriveEffect, Kind
+from simulators.changes import BEYOND, Change, bound_of, diluted, fitted, gains, left_over, nonlinear
+from simulators.effects.effect import Bound, Case, DriveEffect, HysteresisEffect, Kind
 from simulators.lti import HERTZ
+from simulators.pickup import Additive
 
 
 class FrequencyError(DriveEffect):
@@ -38,10 +39,20 @@ class FrequencyError(DriveEffect):
         least, most = fitted(case, true)
         if not 0 < least <= most < math.inf:
             return BEYOND
-        rig = case.driven(case.effects)
-        factors = gains(rig, true) / gains(rig, case.frequency)
-        force = bound_of(case, [Change((most + least) / 2 * f, (most - least) / 2 * abs(f)) for f in factors]).force
+        rig, tuned = case.driven({**case.effects, "frequency_error": self}), case.driven(case.effects)
+        if nonlinear(case, rig) or nonlinear(case, tuned):
+            return BEYOND
+        was = gains(tuned, case.frequency)
+        factors, left = gains(rig, true) / was, (left_over(case, rig) + left_over(case, tuned)) / abs(was)
+        # What is added keeps its phase while the drive's own runs away.
+        turned = min(2.0, 2 * np.pi * abs(true - case.frequency) * (case.settled + case.dwell))
+        whole = [
+            Change((most + least) / 2 * f, (most - least) / 2 * abs(f) + rest + 2 * turned * added)
+            for f, rest, added in zip(factors, left, diluted(case), strict=True)
+        ]
+        if any(isinstance(e, Additive | HysteresisEffect) or name == "adc" for name, e in case.effects.items()):
+            return bound_of(case, whole)
         # The films share the frequency, so their fits differ by the phase between them alone.
-        apart = float(np.ptp(np.angle(factors)))
-        reach = ((most / least) ** 2 - 1) * apart
-        return Bound(force, bound_of(case, [Change(f, reach * abs(f)) for f in factors]).ratio)
+        reach = ((most / least) ** 2 - 1) * float(np.ptp(np.angle(factors)))
+        apart = [Change(f, reach * abs(f) + rest / least) for f, rest in zip(factors, left, strict=True)]
+        return Bound(bound_of(case, whole).force, bound_of(case, apart).ratio)

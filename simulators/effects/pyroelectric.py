@@ -9,10 +9,10 @@ from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design, Film
 from instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
-from simulators.changes import warming
+from simulators.changes import of_source, warming
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from simulators.lti import StateSpace, gain
-from simulators.pickup import bound
+from simulators.pickup import SIGMAS, spread
 
 
 class Pyroelectric(SourceEffect):
@@ -44,8 +44,12 @@ class Pyroelectric(SourceEffect):
 
     def error(self, case: Case, film: Film) -> float:
         """What a fit takes from the warming, begun when the drive was switched on; later it is less."""
-        return warming(case, self.source(case.design), film)
+        source = self.source(case.design)
+        delay = getattr(case.effects.get("jitter"), "delay", 0.0)
+        volts = film.sensitivity * (self.disc if film.kind == FILM_KINDS[0] else self.square)
+        late = SIGMAS * spread(case) * delay * volts * abs(self.drift)  # jitter of the drift
+        return warming(case, source, film) + 2 * late
 
     def bound(self, case: Case) -> Bound:
         """As of anything that adds to the films' voltages."""
-        return bound(self, case)
+        return of_source(case, self)

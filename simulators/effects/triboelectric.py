@@ -9,10 +9,9 @@ from pydantic import Field
 
 from instrument.design import Design, Film
 from instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
-from simulators.changes import following
+from simulators.changes import following, of_source
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from simulators.lti import StateSpace, gain
-from simulators.pickup import bound
 
 
 class Triboelectric(SourceEffect):
@@ -40,4 +39,4 @@ class Triboelectric(SourceEffect):
 
     def bound(self, case: Case) -> Bound:
         """As of anything that adds to the films' voltages."""
-        return bound(self, case)
+        return of_source(case, self)
