@@ -12,6 +12,7 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,7 @@ ROUNDING = 1e-13
 BY_SIZE = 1 / 8  # of the value: so much of it may be spent on modes that are taken by their size
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One term of a transient at a moment.
 
     slope: its rate. bend: bound of its second derivative for `reach` s. size: bound of its magnitude for ever after.
@@ -149,20 +149,23 @@ class Watch:
 
     @functools.cached_property
     def _fastest(self) -> list[int]:
+        """Numbers of the modes, the fastest first; of a pair the one that turns forward, which counts for both."""
         assert self._steady.system.modes is not None
-        return [int(k) for k in np.argsort(-np.abs(self._steady.system.modes[0]), kind="stable")]
-
-    @functools.cached_property
-    def _shapes(self) -> Complexes:
-        """What each output sees of each mode (g, s)."""
-        assert self._steady.system.modes is not None
-        shapes: Complexes = (self._rows @ self._steady.system.modes[1])[:, self._fastest]
-        return shapes
+        rates = self._steady.system.modes[0]
+        return [int(k) for k in np.argsort(-np.abs(rates), kind="stable") if rates[k].imag >= 0]
 
     @functools.cached_property
     def _rates(self) -> list[complex]:
         assert self._steady.system.modes is not None
         return [complex(rate) for rate in self._steady.system.modes[0][self._fastest]]
+
+    @functools.cached_property
+    def _shapes(self) -> Complexes:
+        """What each output sees of each mode (g, s)."""
+        assert self._steady.system.modes is not None
+        twice = [2.0 if rate.imag else 1.0 for rate in self._rates]
+        shapes: Complexes = (self._rows @ self._steady.system.modes[1])[:, self._fastest] * twice
+        return shapes
 
     def _by_modes(self, weights: list[complex], elapsed_ns: int) -> list[Part]:
         parts = []
