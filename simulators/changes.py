@@ -2,7 +2,7 @@
 
 Steady states are compared as phasors, so what is linear is exact. Added to that is what can be left of transients,
 for a drive that begins at any phase, `settled` before the dwell; and what noise, steps and plays that the scene
-simulates beside the effect make of its change. Bounds know the converter's steps, not its rail.
+simulates beside the effect make of its change. Where contact, a limit or the converter's rail acts, nothing holds.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from simulators.lti import StateSpace
 # Shares of the fast modulus that relax, and how fast [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "rubber": ((0.3,), (20e-3,)),  # [A]
-    # brain, Miller and Chinzei, J. Biomechanics 30 (1997) 1115 [S]: for soft tissue at large
+    # two terms of the size that is reported for brain; no source was checked [A]
     "soft_tissue": ((0.450, 0.365), (0.5, 50.0)),
 }
 
