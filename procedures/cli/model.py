@@ -63,7 +63,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 "name",
                 default="axisymmetric",
                 show_default=True,
-                help="column, beam, beam_printed, experiment, axisymmetric, solid, or auto.",
+                help="column, beam, beam_printed, experiment, surface, axisymmetric, solid, or auto.",
             ),
             *described,
             click.option("--interface", help="bonded or frictionless."),
@@ -131,7 +131,8 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
 
     Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
     The interval holds the uncertainty of the ratio and the model's error estimate, not what the model leaves out.
-    A model in closed form takes less than a second, the axisymmetric one some 20 s, the solid one half an hour.
+    Models in closed form and surfaces take less than a second, the axisymmetric one some 20 s, the solid one half
+    an hour.
     """
     from instrument.quantity import parse
     from procedures import model_modulus, report
