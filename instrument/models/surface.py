@@ -217,10 +217,16 @@ def find(design: Design, load: Load) -> ResponseSurface:
         RangeError: there is none for that design, object or load.
         ConfigError: its file is corrupt.
     """
+    return _find(design, replace(load, force=1.0, sensed=replace(load.sensed, modulus=design.ring.material.modulus)))
+
+
+@functools.lru_cache(maxsize=64)
+def _find(design: Design, load: Load) -> ResponseSurface:
+    """`find`, once for all moduli and forces: a surface itself answers faster than its file is looked up."""
     parameters = surface_parameters(design, load)
     path = STORED / f"{design.name}.npz"
     if path.exists():
-        surface = _kept(path)
+        surface = _read(path)
         if surface.design_hash == design_hash(parameters):
             return surface
     shipped = ", ".join(sorted(file.stem for file in STORED.glob("*.npz")))
@@ -286,6 +292,3 @@ def _read(path: Path) -> ResponseSurface:
     if content != surface._content_hash():
         raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
     return surface
-
-
-_kept = functools.cache(_read)
