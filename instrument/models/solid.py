@@ -27,6 +27,8 @@ from instrument.models.solid_system import System, symmetry
 REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Summation over some 1e5 unknowns.
 ROUND_OFF = 1e-10
+# Two coarse meshes that agree can do so by chance.
+LEAST_OF_TWO = 1e-3
 
 
 PlaneStress = tuple[float, float]
@@ -130,8 +132,8 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
     """
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    ratios = [solve(parameters, refinement, solver).force_ratio for refinement in REFINEMENTS[:2]]
-    for refinement in REFINEMENTS[2:]:
+    ratios = [solve(parameters, REFINEMENTS[0], solver).force_ratio]
+    for refinement in REFINEMENTS[1:]:
         solution = solve(parameters, refinement, solver)
         ratios.append(solution.force_ratio)
         estimate = error_estimate(ratios)
@@ -143,14 +145,18 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 
 
 def error_estimate(ratios: Sequence[float]) -> float:
-    """Bound on the error of the last of at least three force ratios of rising refinement.
+    """Bound on the error of the last of at least two force ratios of rising refinement.
 
-    A refinement divides the error by about three. The bound is the last change, or what is left of a series that
-    falls as slowly as the last two changes, where that is more.
+    A refinement divides the error by about four. The bound is twice the last change, a share of the one before (one
+    small change can be luck, so that the first counts four times), or what is left of a series that falls as slowly
+    as the last two changes: the greatest of these, and never less than what no change has told of.
     """
-    before, change = abs(ratios[-2] - ratios[-3]), abs(ratios[-1] - ratios[-2])
+    change = abs(ratios[-1] - ratios[-2])
+    if len(ratios) == 2:
+        return max(4 * change, LEAST_OF_TWO)
+    before = abs(ratios[-2] - ratios[-3])
     slowness = min(change / before, 0.9) if before > 0 else 0.5
-    return max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
+    return max(2 * change, 0.4 * before, change * slowness / (1 - slowness)) + ROUND_OFF
 
 
 def resolution_of(refinement: int) -> Resolution:
