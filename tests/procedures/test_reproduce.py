@@ -110,7 +110,9 @@ def test_a_copied_table_is_called_a_copy_and_one_that_differs_is_not() -> None:
         "240 of 240 cells, repaired, are those of Table A2.3: it is a copy"
     )
     other = replace(twin, columns={**twin.columns, "force_ratio": table.columns["force_pvdf1_N"]})
-    assert pair.twin_sentence(table, other).startswith("192 of 240 cells")
+    said = pair.twin_sentence(table, other)
+    assert said.startswith("192 of 240 cells")
+    assert said.endswith("the two are not independent")
 
 
 def test_the_sentence_on_voltages_has_their_slope_and_how_far_it_is_from_the_material() -> None:
