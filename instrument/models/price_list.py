@@ -235,7 +235,7 @@ def stored() -> PriceList:
     """
     try:
         return PriceList.model_validate_json(STORED.read_bytes())
-    except (OSError, ValidationError) as error:
+    except (OSError, ValidationError):
         raise ConfigError(
-            f"{STORED}: is no price list ({error}); measure it anew: palpate accuracy models --store"
+            f"{STORED}: is missing or no price list; measure it anew: palpate accuracy models --store"
         ) from None

@@ -197,13 +197,11 @@ def _elements(case: Case, solved: Results) -> Iterator[Price]:
 def _estimate(results: Sequence[Solved], model: str) -> float | None:
     """What `solve_to` would say of the last of some refinements; None: it would not stop there."""
     ratios = [result.force_ratio for result in results if result.force_ratio is not None]
-    if len(ratios) < len(results) or len(ratios) < (2 if model == "axisymmetric" else 3):
+    if len(ratios) < len(results) or len(ratios) < 2:
         return None
-    return (
-        axisymmetric.error_estimate(ratios, results[-1].imbalance)
-        if model == "axisymmetric"
-        else solid.error_estimate(ratios)
-    )
+    if model == "axisymmetric":
+        return axisymmetric.error_estimate(ratios, results[-1].imbalance)
+    return solid.error_estimate(ratios)
 
 
 def _ratios(mesh: Mesh, solved: Results) -> Values:
