@@ -236,3 +236,14 @@ def test_a_surface_is_built_and_stored_under_the_designs_name(
     monkeypatch.setattr(surface, "STORED", tmp_path)
     palpate("accuracy", "surfaces", "--design", "single", "--store", "--quiet")
     assert [path.name for path in tmp_path.iterdir()] == ["single.npz"]
+
+
+def test_a_sweep_with_model_auto_names_the_model_that_answered(palpate: Palpate, tmp_path: Path) -> None:
+    said = palpate(
+        "sweep", "loads", "--model", "auto", "--samples", "2", "--loads", "2 N", "--dwell", "0.1 s", "--json",
+        "--out", str(tmp_path / "run"),
+    ).object  # fmt: skip
+    assert said["model"] in MODELS
+    (sample,) = said["samples"]
+    true = response(get_design("single"), PHYSICAL.load(24131.65), "surface").force_ratio
+    assert sample["force_ratio"] == pytest.approx(true, abs=price_list.AUTO_TOLERANCE + 4 * sample["force_ratio_u"])
