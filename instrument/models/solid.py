@@ -27,8 +27,8 @@ from instrument.models.solid_system import System, symmetry
 REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Summation over some 1e5 unknowns.
 ROUND_OFF = 1e-10
-# Two coarse meshes that agree can do so by chance.
-LEAST_OF_TWO = 1e-3
+# Least estimate by number of meshes. Two may agree by chance; the first three have the same sectors.
+LEAST = {2: 1e-3, 3: 3e-4, 4: ROUND_OFF}
 
 
 PlaneStress = tuple[float, float]
@@ -145,18 +145,19 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 
 
 def error_estimate(ratios: Sequence[float]) -> float:
-    """Bound on the error of the last of at least two force ratios of rising refinement.
+    """Bound on the error of the last of the force ratios of two or more refinements from the first on.
 
-    A refinement divides the error by about four. The bound is twice the last change, a share of the one before (one
-    small change can be luck, so that the first counts four times), or what is left of a series that falls as slowly
-    as the last two changes: the greatest of these, and never less than what no change has told of.
+    A refinement divides the error by about four. The bound is the greatest of twice the last change, a share of the
+    one before (one small change can be luck), what is left of a series that falls as slowly as the last two changes,
+    and what meshes so coarse may leave unseen.
     """
     change = abs(ratios[-1] - ratios[-2])
+    estimate = max(2 * change, LEAST[min(len(ratios), len(REFINEMENTS))])
     if len(ratios) == 2:
-        return max(4 * change, LEAST_OF_TWO)
+        return estimate
     before = abs(ratios[-2] - ratios[-3])
     slowness = min(change / before, 0.9) if before > 0 else 0.5
-    return max(2 * change, 0.4 * before, change * slowness / (1 - slowness)) + ROUND_OFF
+    return max(estimate, 0.4 * before, change * slowness / (1 - slowness))
 
 
 def resolution_of(refinement: int) -> Resolution:
