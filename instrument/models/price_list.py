@@ -147,12 +147,14 @@ class PriceList(Config):
                 f" with {error:.1e}; give a larger tolerance"
             )
         seconds, error, cheapest = min(good, key=lambda offer: offer[:2])
+        count = len({price.model for _, _, price in good})
+        rank = "the only model that meets" if count == 1 else f"the cheapest of {count} models that meet"
         return Choice(
             cheapest.model,
             error,
             seconds,
-            f"{cheapest.model} ({cheapest.refinement}): error at most {error:.1e} in {show(seconds, 's', 2)}, the"
-            f" cheapest of {len({price.model for _, _, price in good})} models that meet {tolerance:g} for {where}",
+            f"{cheapest.model} ({cheapest.refinement}): error at most {error:.1e} in {show(seconds, 's', 3)},"
+            f" {rank} {tolerance:g} for {where}",
         )
 
     def of(self, designs: Sequence[str]) -> PriceList:

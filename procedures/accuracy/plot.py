@@ -41,7 +41,13 @@ def plot_prices(prices: PriceList, designs: list[str], folder: Path) -> Path:
         reference = next(reference for reference in prices.references if reference.design == design)
         known = max(reference.uncertainties[INTERVAL : INTERVAL + 2])
         ax.axhline(known, color="0.5", ls=":", label="uncertainty of the reference")
-        ax.set(xscale="log", yscale="log", title=design, xlabel="time of one answer (s)", ylabel="error")
+        ax.set(
+            xscale="log",
+            yscale="log",
+            title=design,
+            xlabel="time of one answer; of a surface, among many (s)",
+            ylabel="error",
+        )
         ax.grid(alpha=0.3)
         ax.legend(fontsize=7)
     path = folder / "models.png"
