@@ -148,16 +148,16 @@ def error_estimate(ratios: Sequence[float]) -> float:
     """Bound on the error of the last of the force ratios of two or more refinements from the first on.
 
     A refinement divides the error by about four. The bound is the greatest of twice the last change, a share of the
-    one before (one small change can be luck), what is left of a series that falls as slowly as the last two changes,
-    and what meshes so coarse may leave unseen.
+    one before (one small change can be luck, so that the first counts four times), what is left of a series that
+    falls as slowly as the last two changes, and what meshes so coarse may leave unseen.
     """
-    change = abs(ratios[-1] - ratios[-2])
-    estimate = max(2 * change, LEAST[min(len(ratios), len(REFINEMENTS))])
+    change, least = abs(ratios[-1] - ratios[-2]), LEAST[min(len(ratios), len(REFINEMENTS))]
     if len(ratios) == 2:
-        return estimate
+        # A closed gap below a soft bonded object: the error left is twice the change.
+        return max(4 * change, least)
     before = abs(ratios[-2] - ratios[-3])
     slowness = min(change / before, 0.9) if before > 0 else 0.5
-    return max(estimate, 0.4 * before, change * slowness / (1 - slowness))
+    return max(2 * change, 0.4 * before, change * slowness / (1 - slowness), least)
 
 
 def resolution_of(refinement: int) -> Resolution:

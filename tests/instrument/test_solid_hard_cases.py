@@ -106,12 +106,8 @@ def test_moduli_of_15_kPa_and_140_GPa_stand_side_by_side(soft: str, hard: str) -
 
 
 def test_a_closed_gap_leaves_no_hole_between_object_and_ring() -> None:
-    """Reference: the round model, whose ring touches the tooth. With the ring's edge let go, off by 0.03 and more."""
-    closed = {
-        "ring_inner_radius": 1.4e-3,
-        "sensed_modulus": 2e5,
-        "sensed_thickness": 0.4e-3,
-        "compliant_poisson": 0.455,
-    }
-    its = axisymmetric.solve(replace(RoundParameters(), **closed), 2).force_ratio
-    assert solve(SolidParameters(outline="round", **closed), 0).force_ratio == pytest.approx(its, abs=0.01)
+    """Reference: the round model, whose ring touches the tooth. With the ring's edge let go, off by 0.015 to 0.03."""
+    closed = {"ring_inner_radius": 1.4e-3, "sensed_modulus": 2e5, "sensed_thickness": 3.5e-4, "sensed_poisson": 0.4999}
+    its = axisymmetric.solve(replace(RoundParameters(compliant_poisson=0.455), **closed), 2).force_ratio
+    ours = solve(SolidParameters(outline="round", compliant_poisson=0.455, **closed), 1).force_ratio
+    assert ours == pytest.approx(its, abs=0.005)
