@@ -39,14 +39,15 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
         raise UnknownName("design with prices", design, DESIGNS)
     if store and design is not None:
         raise UsageError("--store keeps the prices of all designs; leave out --design, or take --measure")
-    designs = list(DESIGNS) if design is None else [design]
+    asked = list(DESIGNS) if design is None else [design]
     if anew or store:
         with output.progress() as progress:
-            prices = measure(designs, progress)
+            prices = measure(asked, progress)
         if store:
             price_list.STORED.write_text(prices.model_dump_json(indent=1) + "\n", encoding="utf-8")
     else:
-        prices = price_list.stored().of(designs)
+        prices = price_list.stored().of(asked)
+    designs = [reference.design for reference in prices.references]
     plot = None if out is None else plot_prices(prices, designs, out)
     if output.as_json:
         output.json({**prices.model_dump(mode="json"), "plot": None if plot is None else str(plot)})

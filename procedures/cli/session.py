@@ -130,7 +130,9 @@ def open_session(
             "simulated": opened.simulated,
             "started": started.isoformat(timespec="seconds"),
             "settings": dict(settings),
-            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.to_toml()},
+            "scene": None
+            if chosen is None
+            else {"name": chosen.name, "model": chosen.model, "why": chosen.why, "toml": chosen.to_toml()},
             "seed": None if chosen is None else chosen.seed,
             "bench": description.to_toml(),
             "devices": {device.name: device.serial for device in opened.devices},
