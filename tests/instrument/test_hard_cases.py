@@ -71,6 +71,11 @@ def test_pressure_as_an_unknown_holds_where_displacements_alone_lose_digits() ->
     assert abs(solve_on(rubber, 3, 2, mixed_poisson=math.inf).force_ratio - exact) > 1e-2
 
 
+def test_incompressible_rubber_squeezed_flat_is_solved_like_any_other() -> None:
+    flat = replace(CASE_A, sensed_modulus=1e10, compliant_poisson=0.4999, sensor_height=0.3e-3, plate_modulus=1e10)
+    assert solve(flat, 1).residual < 1e-13
+
+
 def test_the_force_ratio_tends_to_that_of_incompressible_rubber() -> None:
     ratios = [
         solve(replace(CASE_A, sensed_poisson=poisson, compliant_poisson=poisson), 1).force_ratio
