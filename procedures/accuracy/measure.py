@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
-import platform
-import timeit
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +15,12 @@ from instrument.designs import get_design
 from instrument.errors import RangeError
 from instrument.models import axisymmetric, beam, solid, surface
 from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.price_list import Machine, Price, PriceList, Reference, fingerprint
+from instrument.models.price_list import Price, PriceList, Reference, fingerprint
 from instrument.models.response import response
 from instrument.models.surface import ResponseSurface
 from instrument.quantity import show
 from instrument.sample import SAMPLES
+from procedures.accuracy.machine import seconds_of, this_machine
 from procedures.accuracy.meshes import Mesh, Solved, references, refinements, side_by_side, solve
 
 Array = NDArray[np.float64]
@@ -77,7 +73,7 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
         case = Case(design, reference, known, errors)
         found.append(reference)
         prices += [*_closed_forms(case), *_elements(case, solved), *_surfaces(case)]
-    return PriceList(machine=_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
+    return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
 def build_surface(name: str, progress: Progress) -> ResponseSurface:
@@ -252,8 +248,8 @@ def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], f
         estimates=(None,) * len(errors),
         build_s=None,
         solve_s=None,
-        evaluate_s=_seconds(functools.partial(ratio, TIMED)) if answers else None,
-        answer_s=_seconds(functools.partial(_ask, case.design, model, TIMED)) if answers and offered else None,
+        evaluate_s=seconds_of(functools.partial(ratio, TIMED)) if answers else None,
+        answer_s=seconds_of(functools.partial(_ask, case.design, model, TIMED)) if answers and offered else None,
         failure=failure,
     )
 
@@ -275,8 +271,8 @@ def _surfaces(case: Case) -> Iterator[Price]:
             estimates=tuple(bounds) if stride == 1 else (None,) * len(bounds),
             build_s=case.surface.seconds / stride,
             solve_s=None,
-            evaluate_s=_seconds(functools.partial(thin.force_ratio, many)) / len(many),
-            answer_s=_seconds(functools.partial(_ask, case.design, "surface", TIMED)) if stride == 1 else None,
+            evaluate_s=seconds_of(functools.partial(thin.force_ratio, many)) / len(many),
+            answer_s=seconds_of(functools.partial(_ask, case.design, "surface", TIMED)) if stride == 1 else None,
         )
 
 
@@ -310,27 +306,3 @@ def _beam_ratio(design: Design, elements: int, modulus: float) -> float:
     stretches = beam.stretches(design, modulus, PHYSICAL.sensed_thickness)
     tooth, ring = beam.stretch_forces(beam.bending(design), stretches, elements)
     return tooth / (tooth + ring)
-
-
-def _seconds(call: Callable[[], object]) -> float:
-    """Time of one call: the least of five rounds of 20 ms or more."""
-    timer = timeit.Timer(call)
-    count = 1
-    while timer.timeit(count) < 0.02:
-        count *= 2
-    return min(timer.repeat(5, count)) / count
-
-
-def _machine() -> Machine:
-    cpu = platform.processor() or platform.machine()
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        named = [line for line in information.read_text().splitlines() if line.startswith("model name")]
-        cpu = named[0].partition(":")[2].strip() if named else cpu
-    return Machine(
-        cpu=cpu,
-        cores=os.cpu_count() or 1,
-        system=f"{platform.system()} {platform.machine()}",
-        python=platform.python_version(),
-        date=datetime.now(UTC).date().isoformat(),
-    )

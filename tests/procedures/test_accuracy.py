@@ -51,7 +51,7 @@ def measured() -> PriceList:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measuring, "solve", made_up)
         patch.setattr(measuring, "side_by_side", in_this_process)
-        patch.setattr(measuring, "_seconds", lambda call: (call(), 1e-6)[1])
+        patch.setattr(measuring, "seconds_of", lambda call: (call(), 1e-6)[1])
         prices = measure(["single_round", "single"], lambda done, total, what: seen.append((done, total)))
     assert seen[0][0] == 0 and seen[-1] == (seen[-1][1],) * 2  # progress reaches its end
     assert len({total for _, total in seen}) == 1
