@@ -158,7 +158,18 @@ class PriceList(Config):
         )
 
     def of(self, designs: Sequence[str]) -> PriceList:
-        """What was measured for some designs alone."""
+        """What was measured for some designs alone.
+
+        Raises:
+            RangeError: nothing was measured for one of them.
+        """
+        known = [reference.design for reference in self.references]
+        for design in designs:
+            if design not in known:
+                raise RangeError(
+                    f"no price was measured for design {design!r}; measure it: palpate accuracy models"
+                    f" --measure --design {design}"
+                )
         return self.model_copy(
             update={
                 "references": tuple(reference for reference in self.references if reference.design in designs),

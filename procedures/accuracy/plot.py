@@ -11,10 +11,11 @@ from procedures.run import storing
 
 # Of the rubber samples: the one that every model answers in.
 INTERVAL = 1
+PLOT = "models.png"
 
 
-def plot_prices(prices: PriceList, designs: list[str], folder: Path) -> Path:
-    """Draws `models.png` in a folder.
+def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
+    """Draws a PNG file; its folder exists.
 
     Raises:
         RecordError: the folder or file cannot be written.
@@ -50,11 +51,8 @@ def plot_prices(prices: PriceList, designs: list[str], folder: Path) -> Path:
         )
         ax.grid(alpha=0.3)
         ax.legend(fontsize=7)
-    path = folder / "models.png"
     with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=120, metadata={"Software": None})
-    return path
 
 
 def _point(price: Price) -> tuple[float, float] | None:

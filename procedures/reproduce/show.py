@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procedures.report import _print, _stamped, _table
+from procedures.report import new_table, print_all, stamped
 from procedures.reproduce.figures import INFERRED
 from procedures.reproduce.models import Reproduction
 
@@ -11,8 +11,8 @@ def print_reproduction(done: Reproduction) -> None:
     """A table of deviations a thesis table, each with its sentences, and where everything lies."""
     for comparison, _ in done.tables:
         table = comparison.table
-        shown = _table(
-            _stamped(False, f"Table {table.number}: {table.title}"),
+        shown = new_table(
+            stamped(False, f"Table {table.number}: {table.title}"),
             "quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal",
         )  # fmt: skip
         deviations = comparison.deviations()
@@ -28,6 +28,6 @@ def print_reproduction(done: Reproduction) -> None:
             )  # fmt: skip
         doubt = [f"doubtful as a whole: {table.doubt}"] if table.doubt else []
         repaired = f"repaired cells: {len(table.repaired())}; the CSV has them as printed, with the reason"
-        _print(shown, *(f"- {sentence}" for sentence in (*comparison.said, *doubt, repaired)), "")
-    _print(INFERRED, *(f"{p.name}: {p.content}   {p.file}" for p in done.pictures))
-    _print(f"summary   {done.summary}", f"tables    {done.folder}")
+        print_all(shown, *(f"- {sentence}" for sentence in (*comparison.said, *doubt, repaired)), "")
+    print_all(INFERRED, *(f"{p.name}: {p.content}   {p.file}" for p in done.pictures))
+    print_all(f"summary   {done.summary}", f"tables    {done.folder}")

@@ -11,7 +11,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import array, driver_call, models, numbers, peers, start_up, sweep
+from tests.benchmarks import array, driver_call, models, numbers, peers, solid, start_up, sweep
 from tests.benchmarks.row import Row
 
 PARTS = {
@@ -20,6 +20,7 @@ PARTS = {
     "array": array.measure,
     "numbers": numbers.measure,
     "models": models.measure,
+    "solid": solid.measure,
     "peers": peers.measure,
     "start_up": start_up.measure,
 }

@@ -92,7 +92,7 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
             ("single_round", "axisymmetric", round_parameters),
             ("common_base", "solid", solid_parameters),
         ):
-            ask(Question(design, model, parameters, settings, 1e-5), [2e5])
+            list(ask(Question(design, model, parameters, settings, 1e-5), [2e5]))
             own = get_parameter_set(parameters, model)
             expected = replace(of(own.design(get_design(design)), own.load(2e5)), **settings)  # type: ignore[operator]
             assert seen.pop() == (expected, 1e-5)
@@ -101,9 +101,9 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
 def test_the_identified_set_of_the_solid_model_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[RoundParameters | SolidParameters, float]] = []
     solve_nothing(monkeypatch, seen)
-    ask(Question("common_base", "solid", "identified"), [1e5])
-    ask(Question("common_base", "solid", "thesis"), [1e5])
-    ask(Question("single", "axisymmetric", "identified"), [1e5])
+    list(ask(Question("common_base", "solid", "identified"), [1e5]))
+    list(ask(Question("common_base", "solid", "thesis"), [1e5]))
+    list(ask(Question("single", "axisymmetric", "identified"), [1e5]))
     assert [asked.sensed_thickness for asked, _ in seen] == [3.6e-3, 0.55e-3, 2.01e-3]
     assert [asked.support for asked, _ in seen] == ["rigid", "elastic", "rigid"]
 
@@ -112,7 +112,7 @@ def test_square_plates_are_discs_to_the_axisymmetric_model(monkeypatch: pytest.M
     seen: list[tuple[RoundParameters | SolidParameters, float]] = []
     solve_nothing(monkeypatch, seen)
     for design in ("single", "single_round"):
-        ask(Question(design, "axisymmetric"), [1e5])
+        list(ask(Question(design, "axisymmetric"), [1e5]))
     assert [asked for asked, _ in seen] == [RoundParameters(), RoundParameters()]
 
 
