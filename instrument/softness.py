@@ -28,6 +28,7 @@ INTERVAL, AT_LEAST, AT_MOST, ANY = "interval", "at least", "at most", "any"
 # Relative error of the modulus over that of the ratio. The column model gets here at a ratio of 0.97: from there
 # on, a model that is wrong by 1 % answers with moduli that are wrong by a third.
 MOST_SENSITIVE = 30.0
+NEAR = 0.1  # to the ratio at an end of the curve, over the ratio: elsewhere level ground has two sides
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,8 @@ def modulus_of_ratio(
 ) -> ModulusEstimate:
     """Modulus of the sensed object for each force ratio.
 
-    Where the sensitivity is above 30 the answer is one-sided, and keeps the bound of the two-sided interval: it
-    covers more than was asked for.
+    Where the sensitivity is above 30 next to an end of the curve, the answer is one-sided, and keeps the bound of the
+    two-sided interval: it covers more than was asked for.
 
     Args:
         ratio: force ratios, any shape.
@@ -85,8 +86,9 @@ def modulus_of_ratio(
     with np.errstate(divide="ignore"):
         slope = curve.polynomial(np.where(np.isfinite(left), left, curve.turns[0]), 1)
         sensitivity = np.where(outside | ambiguous, np.nan, given / np.abs(slope))
-    flat = sensitivity > MOST_SENSITIVE
     soft, hard = (np.abs(given - curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))
+    # A model's rounding and meshes make its ends wavy.
+    flat = (np.minimum(soft, hard) < NEAR * given) & (ambiguous | (sensitivity > MOST_SENSITIVE))
     low, high = np.where(flat & (soft < hard), -np.inf, low), np.where(flat & (soft >= hard), np.inf, high)
     kind = np.select(
         [np.isinf(low) & np.isinf(high), np.isinf(high), np.isinf(low)], [ANY, AT_LEAST, AT_MOST], INTERVAL
@@ -116,8 +118,8 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
         if ratios[-1] < ratios[0]:
             nodes, ratios = nodes[::-1], ratios[::-1]
         hit = (high >= ratios[0]) & (low <= ratios[-1])
-        sides: tuple[tuple[Array, Literal["left", "right"]], ...] = ((low, "left"), (high, "right"))
-        for ends, side in sides:
+        sides: list[tuple[Array, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
+        for ends, side in sides[: 1 if low is high else 2]:  # a ratio alone has one modulus here
             modulus = _inverse(curve, nodes, ratios, np.clip(ends[hit], ratios[0], ratios[-1]), side)
             first[hit], last[hit] = np.minimum(first[hit], modulus), np.maximum(last[hit], modulus)
     soft, hard = (float(curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))

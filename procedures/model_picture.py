@@ -17,13 +17,14 @@ from instrument.models.curve import ratio_curve
 from instrument.models.parameter_sets import get_parameter_set
 from instrument.models.parameters import round_parameters
 from instrument.models.ratio import Answer, Question, ask
-from instrument.models.response import AXISYMMETRIC_TOLERANCE, MODELS
+from instrument.models.response import MODELS
 from instrument.sample import SAMPLES
 from instrument.thesis import read_table
 
 Array = NDArray[np.float64]
 
 CURVES = ("column", "beam", "surface", "axisymmetric")
+SECTION_REFINEMENT = 4  # a pressure at a point takes a finer mesh than a force
 CURVE_TOLERANCE = 1e-3  # less than the width of a line
 SOFTER, HARDER = 0.1, 1e4  # ends of the curves, over the modulus of the ring
 LARGEST = 0.12  # greatest displacement drawn, over the height of the picture
@@ -58,18 +59,18 @@ class Section:
     mean: float
 
 
-def _round_section(design: Design, load: Load, tolerance: float | None) -> Section:
+def _round_section(design: Design, load: Load) -> Section:
     from instrument.models import axisymmetric
 
     parameters = round_parameters(design, load)
-    solution, _ = axisymmetric.solve_to(parameters, tolerance or AXISYMMETRIC_TOLERANCE)
+    solution = axisymmetric.solve(parameters, SECTION_REFINEMENT)
     bodies = {name: Body(f.radius, f.height, f.radial, f.axial) for name, f in solution.fields.items()}
     area = math.pi * parameters.sensed_radius**2
     return Section(bodies, solution.face.radius, solution.face.pressure, solution.face.reach, 1 / area)
 
 
 # Of the models that know what happens inside the sensor.
-SECTIONS: Mapping[str, Callable[[Design, Load, float | None], Section]] = {"axisymmetric": _round_section}
+SECTIONS: Mapping[str, Callable[[Design, Load], Section]] = {"axisymmetric": _round_section}
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,10 +151,10 @@ def solve(question: Question, moduli: Sequence[float]) -> Picture:
         RangeError: a modulus or setting is out of its limits, or the model does not answer for this sensor.
         EstimateError: a linear system cannot be solved accurately.
     """
-    answers = ask(question, moduli)
+    answers = list(ask(question, moduli))
     design = question.sensor()
     section = SECTIONS.get(answers[0].response.model)
-    sections = [] if section is None else [section(design, question.load(m), question.tolerance) for m in moduli]
+    sections = [] if section is None else [section(design, question.load(modulus)) for modulus in moduli]
     thesis = _thesis(design)
     ring = design.ring.material.modulus
     shown = np.concatenate([[SOFTER * ring, HARDER * ring], moduli, *(found for found, _ in thesis.values())])

@@ -28,7 +28,7 @@ PIPE_WIDTH = 160  # columns where no terminal says otherwise
 MARKERS = "osD^vP*X"
 
 
-def _print(*things: object) -> None:
+def print_all(*things: object) -> None:
     """Texts as they are: what looks like markup is part of a name of a file or a message."""
     from rich.console import Console
     from rich.table import Table
@@ -40,7 +40,7 @@ def _print(*things: object) -> None:
         console.print(thing, soft_wrap=not isinstance(thing, Table))
 
 
-def _table(title: Text | None, *columns: str) -> Table:
+def new_table(title: Text | None, *columns: str) -> Table:
     from rich import box
     from rich.table import Table
 
@@ -50,7 +50,7 @@ def _table(title: Text | None, *columns: str) -> Table:
     return table
 
 
-def _stamped(simulated: bool, text: str) -> Text:
+def stamped(simulated: bool, text: str) -> Text:
     from rich.text import Text
 
     return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
@@ -58,8 +58,8 @@ def _stamped(simulated: bool, text: str) -> Text:
 
 def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
     """Points, means beside the thesis' own, softness order, and where everything lies."""
-    points = _table(
-        _stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
+    points = new_table(
+        stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
         "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u",
         "valid",
     )  # fmt: skip
@@ -69,8 +69,8 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
             f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", "yes" if p.valid else "NO",
         )  # fmt: skip
-    means = _table(
-        _stamped(outcome["simulated"], "Mean force ratio"),
+    means = new_table(
+        stamped(outcome["simulated"], "Mean force ratio"),
         "sample", "ours", "u", "thesis", "difference", "valid points",
     )  # fmt: skip
     for s in result.samples:
@@ -86,7 +86,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         )  # fmt: skip
     swept = set(result.softness_order)
     thesis_order = [name for name in design.thesis_softness_order if name in swept]
-    _print(
+    print_all(
         points,
         means,
         f"softness order, hard to soft: {' > '.join(result.softness_order)}   (thesis: {' > '.join(thesis_order)})",
@@ -96,8 +96,8 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
 
 def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path) -> None:
     """Readings, the line and its figures of merit."""
-    readings = _table(
-        _stamped(outcome["simulated"], "Load-cell calibration"), "load gf", "load N", "loading mV", "unloading mV"
+    readings = new_table(
+        stamped(outcome["simulated"], "Load-cell calibration"), "load gf", "load N", "loading mV", "unloading mV"
     )
     up = [p for p in result.points if p["direction"] == "loading"]
     down = {p["load_gf"]: p for p in result.points if p["direction"] == "unloading"}
@@ -109,7 +109,7 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
             f"{down[p['load_gf']]['reading_mV']:.2f}",
         )
     c = result.calibration
-    _print(
+    print_all(
         readings,
         f"sensitivity    {c.sensitivity_mV_per_N:.3f} mV/N, u = {c.sensitivity_u:.3f} mV/N   (thesis: 10.3 mV/N)",
         f"zero           {c.zero_mV:.2f} mV, u = {c.zero_u:.2f} mV",
@@ -124,22 +124,22 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
 def print_ratios(design: str, answers: list[Answer]) -> None:
     """A line a modulus."""
     models = ", ".join(dict.fromkeys(a.response.model for a in answers))
-    table = _table(
-        _stamped(False, f"{design}, model {models}"),
+    table = new_table(
+        stamped(False, f"{design}, model {models}"),
         "sensed modulus", "force ratio", "error estimate", "seconds",
     )  # fmt: skip
     for a in answers:
         given = a.response
         estimate = "-" if given.error_estimate is None else f"{given.error_estimate:.1e}"
         table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", estimate, f"{a.seconds:.2g}")
-    _print(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
+    print_all(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
 
 
 def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
     """A line a force ratio."""
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
-    table = _table(
-        _stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
+    table = new_table(
+        stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
         "force ratio", "u", "modulus", "from", "to", "dlnE/dlnR", "",
     )  # fmt: skip
     for p in points:
@@ -148,7 +148,7 @@ def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
             f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", *moduli, _number(p["sensitivity"]),
             ": ".join(text for text in (p["kind"], p["note"]) if text),
         )  # fmt: skip
-    _print(table)
+    print_all(table)
 
 
 def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> None:
@@ -156,8 +156,8 @@ def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> No
     low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
     lowest, highest = (show(modulus, "Pa", 3) for modulus in (prices.moduli_Pa[0], prices.moduli_Pa[-1]))
     for design in designs:
-        table = _table(
-            _stamped(False, f"{design}: greatest error of the force ratio, and time of one answer in seconds"),
+        table = new_table(
+            stamped(False, f"{design}: greatest error of the force ratio, and time of one answer in seconds"),
             "model", "refinement", f"{low} to\n{high}", f"{lowest} to\n{highest}", "build", "solve", "evaluate",
             "answer",
         )  # fmt: skip
@@ -170,16 +170,16 @@ def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> No
             if p.failure:
                 failures.append(f"{p.model}, {p.refinement}: {p.failure}")
         how = [f"reference: {r.how}" for r in prices.references if r.design == design]
-        _print(table, *how, *failures, "")
+        print_all(table, *how, *failures, "")
     m = prices.machine
-    _print(f"measured on {m.cpu}, {m.cores} cores, {m.system}, Python {m.python}, {m.date}")
+    print_all(f"measured on {m.cpu}, {m.cores} cores, {m.system}, Python {m.python}, {m.date}")
     if plot is not None:
-        _print(f"plot           {plot}")
+        print_all(f"plot           {plot}")
 
 
 def print_surfaces(surfaces: Mapping[str, ResponseSurface]) -> None:
     """A line a surface."""
-    table = _table(
+    table = new_table(
         None, "design", "of model", "nodes", "modulus ratios", "relative error", "error of the model", "built in\ns"
     )
     for name, s in surfaces.items():
@@ -187,18 +187,18 @@ def print_surfaces(surfaces: Mapping[str, ResponseSurface]) -> None:
             name, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}", f"{s.error_bound:.1e}",
             f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
         )  # fmt: skip
-    _print(table)
+    print_all(table)
 
 
 def print_runs(found: list[RunSummary], folder: Path) -> None:
     """A line a run."""
     if not found:
-        _print(f"no runs in {folder}; make one with: palpate sweep loads")
+        print_all(f"no runs in {folder}; make one with: palpate sweep loads")
         return
-    table = _table(None, "run", "status", "points", "")
+    table = new_table(None, "run", "status", "points", "")
     for run in found:
         table.add_row(run.folder.name, run.status, str(run.points), STAMP if run.simulated else "")
-    _print(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
+    print_all(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:
@@ -234,11 +234,11 @@ def print_run(run: Run, digest: str) -> None:
     calibration: Any = run.header.get("calibration") or {}
     points = run.points()
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
-    table = _table(_stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
+    table = new_table(stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
     for point in points:
         table.add_row(*(_number(point[column]) for column in columns))
-    _print(
-        _stamped(run.simulated, str(run.folder)),
+    print_all(
+        stamped(run.simulated, str(run.folder)),
         f"status       {run.status}",
         f"started      {run.started:%Y-%m-%d %H:%M:%S} UTC",
         f"seed         {run.header.get('seed')}",

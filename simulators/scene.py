@@ -80,10 +80,10 @@ class Scene:
     file: SceneFile
 
     def to_toml(self) -> str:
-        """The scene file that gives this scene, its seed and model included."""
+        """The scene file that gives this scene: its seed, and the model that answers."""
         import tomli_w
 
-        file = self.file.model_copy(update={"seed": self.seed})
+        file = self.file.model_copy(update={"seed": self.seed, "model": self.model, "tolerance": self.tolerance})
         return tomli_w.dumps(file.model_dump(mode="json", exclude_none=True))
 
     def with_seed(self, seed: int) -> Scene:

@@ -34,7 +34,7 @@ REFINEMENTS = (1, 2, 3, 4, 5)
 # From this Poisson ratio on, a body keeps its pressure as an unknown.
 MIXED_POISSON = 0.4
 # Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
-BULK_BOUND = 100.0
+BULK_BOUND = 1e5
 # Rounding of the force ratio: up to 1.3e-12, for a foil of 10 µm and 140 GPa.
 ROUND_OFF = 1e-11
 

@@ -38,7 +38,7 @@ class FacePressure:
     """Pressure of the object on the sensor's face at Gauss points, from the axis outwards, for a total force of 1 N.
 
     Where parts end it is singular: the finer the mesh, the higher it reaches next to their edges. What a part
-    takes in all is not touched by that.
+    takes in all is not touched by that. Elsewhere it converges more slowly than forces do, last of all at the axis.
 
     Attributes:
         radius: of the points [m]; none lie over the gap.
@@ -90,16 +90,21 @@ def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, r
     from scipy.linalg import solve
 
     degree = dofs.shape[1] - 1
-    points, weights = np.polynomial.legendre.leggauss(degree + 2)
-    shapes = el.shape_functions(degree, (points + 1) / 2)
-    width = np.diff(mesh.radii)[touching][:, None]
-    radius = mesh.radii[touching][:, None] + width * (points + 1) / 2
-    area = 2 * math.pi * radius * width * weights / 2
-
     numbers, local = np.unique(dofs[touching], return_inverse=True)
     local = local.reshape(len(touching), -1)
+    shapes, _, area = _quadrature(mesh.radii, touching, degree, degree + 2)
     mass = np.zeros((len(numbers), len(numbers)))
     np.add.at(mass, (local[:, :, None], local[:, None, :]), np.einsum("eq,iq,jq->eij", area, shapes, shapes))
     scale = 1 / np.sqrt(np.diag(mass))
     nodal = scale * solve(mass * np.outer(scale, scale), scale * forces[numbers], assume_a="pos")
+    # Enough points for the integrals, and those where what is least certain, the highest polynomial, is zero.
+    shapes, radius, area = _quadrature(mesh.radii, touching, degree, degree)
     return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)
+
+
+def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tuple[Array, Array, Array]:
+    """Gauss points: shape functions (degree + 1, count), radii and areas (intervals, count)."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    width = np.diff(radii)[intervals][:, None]
+    radius = radii[intervals][:, None] + width * (points + 1) / 2
+    return el.shape_functions(degree, (points + 1) / 2), radius, math.pi * radius * width * weights

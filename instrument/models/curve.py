@@ -108,7 +108,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         from instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 
         tolerance = AUTO_TOLERANCE if tolerance is None else tolerance
-        priced = stored().moduli_Pa or (lowest, highest)
+        priced = stored().moduli_Pa
         choice = choose(design, [_through(load, priced[0]), _through(load, priced[-1])], tolerance)
         model = choice.model
         if choice.error is not None:

@@ -148,13 +148,14 @@ def differences(nodal: Array, rest: Array) -> Array:
     return (value + small).reshape(nodal.shape)
 
 
-def nodal(forces: Array) -> Array:
-    """Forces on nodes, from those on the unknowns of the element matrices: (..., 2 (p + 1)^2)."""
-    shapes = math.isqrt(forces.shape[-1] // 2)
-    moved = np.array(forces).reshape(-1, shapes, shapes)
-    moved[:, :, 0] -= moved[:, :, 1]
-    moved[:, 0] -= moved[:, 1]
-    return moved.reshape(forces.shape)
+def nodal(forces: Array, axis: int = 1) -> Array:
+    """Forces on nodes, from those on the unknowns of the element matrices, 2 (p + 1)^2 of them along `axis`."""
+    shapes = math.isqrt(forces.shape[axis] // 2)
+    moved = np.array(forces, order="C")
+    view = moved.reshape(2 * math.prod(forces.shape[:axis]), shapes, shapes, -1)
+    view[:, :, 0] -= view[:, :, 1]
+    view[:, 0] -= view[:, 1]
+    return moved
 
 
 def shape_functions(degree: int, points: Array) -> Array:

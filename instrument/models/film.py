@@ -165,9 +165,17 @@ def film_response(
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A film's compression [N], charge in short circuit [C], and voltage in open circuit [V]."""
+    """What a film gives.
+
+    Attributes:
+        force: compression [N].
+        plane_stress: along axes 1 and 2 [Pa]; None: unknown, and taken for 0 as in a film that is free to stretch.
+        charge: in short circuit [C].
+        voltage: in open circuit [V].
+    """
 
     force: float
+    plane_stress: tuple[float, float] | None
     charge: float
     voltage: float
 
@@ -185,10 +193,10 @@ def signals(design: Design, response: Response, material: str = "thesis", edges:
     for film in design.films:
         felt, area = response.films[film.name], design.film_area(film)
         short, open_ = (
-            film_response(pvdf, area, thickness, felt.force, edges, circuit, felt.plane_stress)
+            film_response(pvdf, area, thickness, felt.force, edges, circuit, felt.plane_stress or (0.0, 0.0))
             for circuit in ("short", "open")
         )
-        given[film.name] = Signal(felt.force, short.charge, open_.voltage)
+        given[film.name] = Signal(felt.force, felt.plane_stress, short.charge, open_.voltage)
     return given
 
 

@@ -94,7 +94,7 @@ IDENTIFIED_SOLID = ParameterSet(
 PARAMETER_SETS = ("thesis", "physical", "identified")
 _GIVEN: Mapping[str, ParameterSet] = MappingProxyType({"thesis": THESIS, "physical": PHYSICAL})
 _IDENTIFIED: Mapping[str, ParameterSet] = MappingProxyType(
-    {"axisymmetric": IDENTIFIED_ROUND, "solid": IDENTIFIED_SOLID}
+    {"axisymmetric": IDENTIFIED_ROUND, "solid": IDENTIFIED_SOLID, "auto": IDENTIFIED_SOLID}
 )
 
 

@@ -147,16 +147,29 @@ class PriceList(Config):
                 f" with {error:.1e}; give a larger tolerance"
             )
         seconds, error, cheapest = min(good, key=lambda offer: offer[:2])
+        count = len({price.model for _, _, price in good})
+        rank = "the only model that meets" if count == 1 else f"the cheapest of {count} models that meet"
         return Choice(
             cheapest.model,
             error,
             seconds,
-            f"{cheapest.model} ({cheapest.refinement}): error at most {error:.1e} in {show(seconds, 's', 2)}, the"
-            f" cheapest of {len({price.model for _, _, price in good})} models that meet {tolerance:g} for {where}",
+            f"{cheapest.model} ({cheapest.refinement}): error at most {error:.1e} in {show(seconds, 's', 3)},"
+            f" {rank} {tolerance:g} for {where}",
         )
 
     def of(self, designs: Sequence[str]) -> PriceList:
-        """What was measured for some designs alone."""
+        """What was measured for some designs alone.
+
+        Raises:
+            RangeError: nothing was measured for one of them.
+        """
+        known = [reference.design for reference in self.references]
+        for design in designs:
+            if design not in known:
+                raise RangeError(
+                    f"no price was measured for design {design!r}; measure it: palpate accuracy models"
+                    f" --measure --design {design}"
+                )
         return self.model_copy(
             update={
                 "references": tuple(reference for reference in self.references if reference.design in designs),
@@ -235,7 +248,7 @@ def stored() -> PriceList:
     """
     try:
         return PriceList.model_validate_json(STORED.read_bytes())
-    except (OSError, ValidationError) as error:
+    except (OSError, ValidationError):
         raise ConfigError(
-            f"{STORED}: is no price list ({error}); measure it anew: palpate accuracy models --store"
+            f"{STORED}: is missing or no price list; measure it anew: palpate accuracy models --store"
         ) from None

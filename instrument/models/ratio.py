@@ -1,13 +1,13 @@
 """The force ratio of a named sensor, by a named model, from a named parameter set, over a list of moduli.
 
 question = Question("single_round", "axisymmetric", "physical", {"compliant_modulus": 33e3}, tolerance=1e-4)
-ask(question, [14.9e3, 24e3])[0].force_ratio
+[answer.response.force_ratio for answer in ask(question, [14.9e3, 24e3])]
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -96,8 +96,8 @@ class Answer:
     seconds: float
 
 
-def ask(question: Question, moduli: Sequence[float]) -> list[Answer]:
-    """Responses at moduli of the sensed object [Pa]. Nothing is solved before everything is checked.
+def ask(question: Question, moduli: Sequence[float]) -> Iterator[Answer]:
+    """Responses at moduli of the sensed object [Pa], one by one. Nothing is solved before everything is checked.
 
     Raises:
         RangeError: a modulus or setting is out of its limits, or the model cannot answer for it or to the tolerance.
@@ -105,9 +105,7 @@ def ask(question: Question, moduli: Sequence[float]) -> list[Answer]:
         EstimateError: a linear system cannot be solved accurately.
     """
     design = question.sensor()
-    answers = []
     for load in [question.load(modulus) for modulus in moduli]:
         start = time.perf_counter()
         answer = response(design, load, question.model, question.tolerance)
-        answers.append(Answer(load.sensed.modulus, answer, time.perf_counter() - start))
-    return answers
+        yield Answer(load.sensed.modulus, answer, time.perf_counter() - start)

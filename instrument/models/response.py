@@ -15,17 +15,17 @@ from types import MappingProxyType
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
-from instrument.models import beam, experiment, springs
+from instrument.models import beam, experiment, hetenyi, springs
 from instrument.models.parameters import round_parameters, solid_parameters
 from instrument.sample import Sample
 
 
 @dataclass(frozen=True, slots=True)
 class FilmLoad:
-    """What a film feels: compression [N], and mean stress along its axes 1 and 2 [Pa], 0 where a model has none."""
+    """What a film feels: compression [N], and mean stress along its axes 1 and 2 [Pa]; None: the model has none."""
 
     force: float
-    plane_stress: tuple[float, float] = (0.0, 0.0)
+    plane_stress: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
         else:
             place = film.teeth[0] if design.separate_bases else 0
             forces, stresses = solution.base_forces, solution.base_films
-        films[film.name] = FilmLoad(forces[place], stresses[place] if stresses else (0.0, 0.0))
+        films[film.name] = FilmLoad(forces[place], stresses[place] if stresses else None)
     return Response(
         model="solid",
         force_rigid=sum(solution.tooth_forces),
@@ -174,8 +174,9 @@ def _response(
     films = {}
     for film in design.films:
         share = len(film.teeth) / teeth * (ratio if film.kind == FILM_KINDS[0] else 1.0)
-        along, across = plane_stress.get(film.kind, (0.0, 0.0))
-        films[film.name] = FilmLoad(share * load.force, (along * load.force, across * load.force))
+        stress = plane_stress.get(film.kind)
+        felt = None if stress is None else (stress[0] * load.force, stress[1] * load.force)
+        films[film.name] = FilmLoad(share * load.force, felt)
     return Response(
         model=model,
         force_rigid=ratio * load.force,
@@ -196,6 +197,7 @@ MODELS: Mapping[str, Model] = MappingProxyType(
         "column": _closed_form("column", springs.force_ratio),
         "beam_printed": _closed_form("beam_printed", beam.printed_force_ratio),
         "beam": _closed_form("beam", beam.force_ratio),
+        "beam_exact": _closed_form("beam_exact", hetenyi.exact_force_ratio),
         "experiment": _closed_form("experiment", experiment.force_ratio),
         "axisymmetric": Model(_axisymmetric, AXISYMMETRIC_TOLERANCE),
         "solid": Model(_solid, SOLID_TOLERANCE),

@@ -27,6 +27,8 @@ from instrument.models.solid_system import System, symmetry
 REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Summation over some 1e5 unknowns.
 ROUND_OFF = 1e-10
+# Least estimate by number of meshes. Two may agree by chance; the first three have the same sectors.
+LEAST = {2: 1e-3, 3: 3e-4, 4: ROUND_OFF}
 
 
 PlaneStress = tuple[float, float]
@@ -130,8 +132,8 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
     """
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    ratios = [solve(parameters, refinement, solver).force_ratio for refinement in REFINEMENTS[:2]]
-    for refinement in REFINEMENTS[2:]:
+    ratios = [solve(parameters, REFINEMENTS[0], solver).force_ratio]
+    for refinement in REFINEMENTS[1:]:
         solution = solve(parameters, refinement, solver)
         ratios.append(solution.force_ratio)
         estimate = error_estimate(ratios)
@@ -143,14 +145,19 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 
 
 def error_estimate(ratios: Sequence[float]) -> float:
-    """Bound on the error of the last of at least three force ratios of rising refinement.
+    """Bound on the error of the last of the force ratios of two or more refinements from the first on.
 
-    A refinement divides the error by about three. The bound is the last change, or what is left of a series that
-    falls as slowly as the last two changes, where that is more.
+    A refinement divides the error by about four. The bound is the greatest of twice the last change, a share of the
+    one before (one small change can be luck, so that the first counts four times), what is left of a series that
+    falls as slowly as the last two changes, and what meshes so coarse may leave unseen.
     """
-    before, change = abs(ratios[-2] - ratios[-3]), abs(ratios[-1] - ratios[-2])
+    change, least = abs(ratios[-1] - ratios[-2]), LEAST[min(len(ratios), len(REFINEMENTS))]
+    if len(ratios) == 2:
+        # A closed gap below a soft bonded object: the error left is twice the change.
+        return max(4 * change, least)
+    before = abs(ratios[-2] - ratios[-3])
     slowness = min(change / before, 0.9) if before > 0 else 0.5
-    return max(change, 0.2 * before, change * slowness / (1 - slowness)) + ROUND_OFF
+    return max(2 * change, 0.4 * before, change * slowness / (1 - slowness), least)
 
 
 def resolution_of(refinement: int) -> Resolution:

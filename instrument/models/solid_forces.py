@@ -42,6 +42,13 @@ def forces_below(part: Part, stack: Stack, solved: Solved) -> Vector:
     return forces
 
 
+def _forces_above(part: Part, stack: Stack, solved: Solved) -> Vector:
+    height = part.body.height
+    highest = np.flatnonzero(height.local[-1] == height.count - 1)[0]
+    forces: Vector = _inside(part, stack, solved, slice(-1, None))[:, 0, 2, highest]
+    return forces
+
+
 def _inside(part: Part, stack: Stack, solved: Solved, steps: slice = slice(None)) -> Vector:
     return part.forces(solved.displacement, solved.pressures[stack.parts.index(part)], steps)
 
@@ -76,21 +83,25 @@ class _Evaluation:
             grid = grid + grid[::-1]
         return grid.reshape(by_cell.shape)
 
-    def _below(self, part: Part) -> Vector:
-        """Forces on the lower side of a part, that on each element being the sum of its row."""
-        plan = part.body.plan
-        forces: Vector = forces_below(part, self._stack, self._solved) * self._stack.one[plan.nodes[plan.local]]
-        return forces
-
     def _on_teeth(self) -> Vector:
-        stack, body = self._stack, self._stack.tooth.body
-        by_node = np.zeros(len(body.plan.nodes))
-        np.add.at(by_node, body.plan.local, self._below(stack.tooth))
-        over = stack.over_teeth(body)
-        return self._by_cell(by_node[over], stack.cell_of_node()[body.plan.nodes[over]])
+        stack = self._stack
+        total = self._over_teeth(stack.tooth, forces_below(stack.tooth, stack, self._solved))
+        if self._system.parameters.support == "rigid":
+            # Where no gap parts them, the ring's edge hangs on the tooth.
+            total += self._over_teeth(stack.ring, _forces_above(stack.ring, stack, self._solved))
+        return total
+
+    def _over_teeth(self, part: Part, forces: Vector) -> Vector:
+        stack, plan = self._stack, part.body.plan
+        by_node = np.zeros(len(plan.nodes))
+        np.add.at(by_node, plan.local, forces)
+        over = plan.nodes[stack.over_teeth(part.body)]
+        return self._by_cell((by_node * stack.one[plan.nodes])[stack.over_teeth(part.body)], stack.cell_of_node()[over])
 
     def _on_floor(self, part: Part) -> Vector:
-        return self._by_cell(self._below(part).sum(axis=1), self._stack.plan.cell[part.body.plan.elements])
+        stack, plan = self._stack, part.body.plan
+        forces = forces_below(part, stack, self._solved) * stack.one[plan.nodes[plan.local]]
+        return self._by_cell(forces.sum(axis=1), stack.plan.cell[plan.elements])
 
     def _work(self, film: Part) -> tuple[Vector, Vector]:
         """By cell: work of the forces inside on the displacements x and y, which is stress times volume; volume."""

@@ -52,7 +52,7 @@ class Stack:
 
     Attributes:
         parts: from below.
-        object: the sensed object.
+        object, ring: the sensed object, the rings.
         tooth: the part whose lower side carries the teeth's forces: their films, or the object on rigid teeth.
         floor: parts that stand on the floor.
         base_films: the films of the bases; none on a rigid support.
@@ -111,8 +111,9 @@ class Stack:
         compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
         ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
         if p.support == "rigid":
-            self.floor = [self._add("ring", ring, ring_heights, compliant, floor=True)]
-            below = [(self.floor[0], joint)]
+            self.ring = self._add("ring", ring, ring_heights, compliant, floor=True, beside_teeth=joint)
+            self.floor = [self.ring]
+            below = [(self.ring, joint)]
         else:
             plates = self._plates(everywhere, foot)
             steps = max(1, layers - 1)
@@ -121,7 +122,8 @@ class Stack:
             film, phenolic = Elastic(p.film_modulus, p.film_poisson), Elastic(p.tooth_modulus, p.tooth_poisson)
             self.tooth = self._add("tooth film", region == TOOTH, sheet, film, plates)
             tooth = self._add("tooth", region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
-            below = [(tooth, joint), (self._add("ring", ring, ring_heights, compliant, plates), joint)]
+            self.ring = self._add("ring", ring, ring_heights, compliant, plates, [(tooth, joint)])
+            below = [(tooth, joint), (self.ring, joint)]
         if p.load_at is None:
             heights = graded(0.0, p.sensed_thickness, layers + 1, ratio, "start")
         else:
@@ -170,10 +172,12 @@ class Stack:
         height: HeightElements,
         material: Elastic,
         below: Sequence[Join] = (),
+        beside: Sequence[Join] = (),
         *,
         floor: bool = False,
         base: bool = False,
         on_teeth: tuple[int, ...] = (),
+        beside_teeth: tuple[int, ...] = (),
         slides: bool = False,
         platen: bool = False,
     ) -> Part:
@@ -188,11 +192,14 @@ class Stack:
             names[:, 0] = HELD
         for axis in on_teeth:
             names[axis, 0, self.over_teeth(body)] = HELD
-        for part, axes in below:
-            _, mine, its = np.intersect1d(body.plan.nodes, part.body.plan.nodes, return_indices=True)
-            for axis in axes:
-                free = names[axis, 0, mine] == UNNAMED
-                names[axis, 0, mine[free]] = part.names[axis, -1, its[free]]
+        for axis in beside_teeth:
+            names[axis, -1, self.over_teeth(body)] = HELD
+        for level, joins in ((0, below), (-1, beside)):
+            for part, axes in joins:
+                _, mine, its = np.intersect1d(body.plan.nodes, part.body.plan.nodes, return_indices=True)
+                for axis in axes:
+                    free = names[axis, level, mine] == UNNAMED
+                    names[axis, level, mine[free]] = part.names[axis, -1, its[free]]
         if slides:
             self._hold_sliding(names, body)
         if platen:

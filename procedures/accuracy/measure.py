@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
-import platform
-import timeit
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +15,12 @@ from instrument.designs import get_design
 from instrument.errors import RangeError
 from instrument.models import axisymmetric, beam, solid, surface
 from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.price_list import Machine, Price, PriceList, Reference, fingerprint
+from instrument.models.price_list import Price, PriceList, Reference, fingerprint
 from instrument.models.response import response
 from instrument.models.surface import ResponseSurface
+from instrument.quantity import show
 from instrument.sample import SAMPLES
+from procedures.accuracy.machine import seconds_of, this_machine
 from procedures.accuracy.meshes import Mesh, Solved, references, refinements, side_by_side, solve
 
 Array = NDArray[np.float64]
@@ -37,7 +34,7 @@ MODULI = (1.49e4, SAMPLES["2"].modulus, SAMPLES["1"].modulus, 1e6, 140e9)
 TIMED = MODULI[2]
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 STRIDES = (8, 4, 2, 1)  # every eighth node of a surface, and so on
-BETWEEN = 25  # moduli in each interval, where looking costs nothing
+BETWEEN = 100  # moduli in each interval, where looking costs nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +73,7 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
         case = Case(design, reference, known, errors)
         found.append(reference)
         prices += [*_closed_forms(case), *_elements(case, solved), *_surfaces(case)]
-    return PriceList(machine=_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
+    return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
 def build_surface(name: str, progress: Progress) -> ResponseSurface:
@@ -107,7 +104,7 @@ def _solve_all(designs: Sequence[Design], progress: Progress) -> dict[Mesh, Solv
     others = [mesh for design in designs for mesh in references(design, load)]
     rest = [mesh.at(modulus) for mesh in priced for modulus in MODULI if modulus != TIMED]
     # The slow ones first, that none is left to run alone at the end.
-    rest = [mesh.at(modulus) for mesh in others for modulus in MODULI] + rest[::-1]
+    rest = [mesh.at(modulus) for mesh in others for modulus in _checked_at(mesh)] + rest[::-1]
     total = len(priced) + len(rest)
     solved: dict[Mesh, Solved] = {}
     for mesh in priced:
@@ -120,10 +117,18 @@ def _solve_all(designs: Sequence[Design], progress: Progress) -> dict[Mesh, Solv
     return solved
 
 
+def _checked_at(mesh: Mesh) -> Sequence[float]:
+    """Where the mesh of a reference is solved: the second way takes a minute with the solid model."""
+    return (TIMED,) if mesh.model == "solid" else MODULI
+
+
 def _reference(design: Design, solved: Results) -> Reference:
     load = PHYSICAL.load(TIMED)
     families = {name: [_ratios(mesh, solved) for mesh in meshes] for name, meshes in refinements(design, load).items()}
-    ways = [np.array(_ratios(mesh, solved), dtype=np.float64) for mesh in references(design, load)]
+    ways = [
+        np.array([solved[mesh.at(modulus)].force_ratio for modulus in _checked_at(mesh)], dtype=np.float64)
+        for mesh in references(design, load)
+    ]
     limit, left = _limit(np.array(families["solid"][-3:], dtype=np.float64))
     if design.outline == "round":
         ratios, second = ways
@@ -135,12 +140,12 @@ def _reference(design: Design, solved: Results) -> Reference:
             f" {coarser.max():.0e}, the limit of the solid model by {np.abs(ratios - limit).max():.0e}"
         )
     else:
-        ratios, (second,) = limit, ways
-        apart = np.abs(ratios - second)
+        ratios = limit
+        apart = abs(ways[0][0] - limit[MODULI.index(TIMED)])
         uncertainties = np.maximum(left, apart)
         how = (
             f"solid, limit of its refinements: the last one differs by {left.max():.0e} at most, elements of another"
-            f" degree and grading by {apart.max():.0e}"
+            f" degree and grading by {apart:.0e} at {show(TIMED, 'Pa', 3)}"
         )
     return Reference(
         design=design.name,
@@ -188,13 +193,11 @@ def _elements(case: Case, solved: Results) -> Iterator[Price]:
 def _estimate(results: Sequence[Solved], model: str) -> float | None:
     """What `solve_to` would say of the last of some refinements; None: it would not stop there."""
     ratios = [result.force_ratio for result in results if result.force_ratio is not None]
-    if len(ratios) < len(results) or len(ratios) < (2 if model == "axisymmetric" else 3):
+    if len(ratios) < len(results) or len(ratios) < 2:
         return None
-    return (
-        axisymmetric.error_estimate(ratios, results[-1].imbalance)
-        if model == "axisymmetric"
-        else solid.error_estimate(ratios)
-    )
+    if model == "axisymmetric":
+        return axisymmetric.error_estimate(ratios, results[-1].imbalance)
+    return solid.error_estimate(ratios)
 
 
 def _ratios(mesh: Mesh, solved: Results) -> Values:
@@ -228,7 +231,8 @@ def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], f
     errors: list[float | None] = []
     failure = ""
     for (low, high), own in zip(itertools.pairwise(MODULI), case.surface_errors, strict=True):
-        moduli = np.array([low, *np.geomspace(low, high, BETWEEN)[1:-1], high])
+        kinks = [sample.modulus for sample in SAMPLES.values() if low < sample.modulus < high]  # the experiment's
+        moduli = np.array([low, *np.geomspace(low, high, BETWEEN)[1:-1], *kinks, high])
         try:
             apart = np.abs([ratio(float(modulus)) for modulus in moduli] - case.surface_ratio(moduli))
             errors.append(float(apart.max() + own))
@@ -244,8 +248,8 @@ def _at_once(case: Case, model: str, refinement: str, ratio: Callable[[float], f
         estimates=(None,) * len(errors),
         build_s=None,
         solve_s=None,
-        evaluate_s=_seconds(functools.partial(ratio, TIMED)) if answers else None,
-        answer_s=_seconds(functools.partial(_ask, case.design, model, TIMED)) if answers and offered else None,
+        evaluate_s=seconds_of(functools.partial(ratio, TIMED)) if answers else None,
+        answer_s=seconds_of(functools.partial(_ask, case.design, model, TIMED)) if answers and offered else None,
         failure=failure,
     )
 
@@ -262,13 +266,13 @@ def _surfaces(case: Case) -> Iterator[Price]:
         yield Price(
             design=case.design.name,
             model="surface",
-            refinement=f"{nodes // stride + 1 if stride > 1 else nodes} nodes of {case.surface.model}",
+            refinement=f"{(nodes - 1) // stride + 1} nodes of {case.surface.model}",
             errors=tuple(float(some.max() + own) for some, own in zip(apart, case.surface_errors, strict=True)),
             estimates=tuple(bounds) if stride == 1 else (None,) * len(bounds),
             build_s=case.surface.seconds / stride,
             solve_s=None,
-            evaluate_s=_seconds(functools.partial(thin.force_ratio, many)) / len(many),
-            answer_s=_seconds(functools.partial(_ask, case.design, "surface", TIMED)) if stride == 1 else None,
+            evaluate_s=seconds_of(functools.partial(thin.force_ratio, many)) / len(many),
+            answer_s=seconds_of(functools.partial(_ask, case.design, "surface", TIMED)) if stride == 1 else None,
         )
 
 
@@ -302,27 +306,3 @@ def _beam_ratio(design: Design, elements: int, modulus: float) -> float:
     stretches = beam.stretches(design, modulus, PHYSICAL.sensed_thickness)
     tooth, ring = beam.stretch_forces(beam.bending(design), stretches, elements)
     return tooth / (tooth + ring)
-
-
-def _seconds(call: Callable[[], object]) -> float:
-    """Time of one call: the least of five rounds of 20 ms or more."""
-    timer = timeit.Timer(call)
-    count = 1
-    while timer.timeit(count) < 0.02:
-        count *= 2
-    return min(timer.repeat(5, count)) / count
-
-
-def _machine() -> Machine:
-    cpu = platform.processor() or platform.machine()
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        named = [line for line in information.read_text().splitlines() if line.startswith("model name")]
-        cpu = named[0].partition(":")[2].strip() if named else cpu
-    return Machine(
-        cpu=cpu,
-        cores=os.cpu_count() or 1,
-        system=f"{platform.system()} {platform.machine()}",
-        python=platform.python_version(),
-        date=datetime.now(UTC).date().isoformat(),
-    )

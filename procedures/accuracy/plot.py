@@ -11,10 +11,11 @@ from procedures.run import storing
 
 # Of the rubber samples: the one that every model answers in.
 INTERVAL = 1
+PLOT = "models.png"
 
 
-def plot_prices(prices: PriceList, designs: list[str], folder: Path) -> Path:
-    """Draws `models.png` in a folder.
+def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
+    """Draws a PNG file; its folder exists.
 
     Raises:
         RecordError: the folder or file cannot be written.
@@ -41,14 +42,17 @@ def plot_prices(prices: PriceList, designs: list[str], folder: Path) -> Path:
         reference = next(reference for reference in prices.references if reference.design == design)
         known = max(reference.uncertainties[INTERVAL : INTERVAL + 2])
         ax.axhline(known, color="0.5", ls=":", label="uncertainty of the reference")
-        ax.set(xscale="log", yscale="log", title=design, xlabel="time of one answer (s)", ylabel="error")
+        ax.set(
+            xscale="log",
+            yscale="log",
+            title=design,
+            xlabel="time of one answer; of a surface, among many (s)",
+            ylabel="error",
+        )
         ax.grid(alpha=0.3)
         ax.legend(fontsize=7)
-    path = folder / "models.png"
     with storing(path):
-        folder.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=120, metadata={"Software": None})
-    return path
 
 
 def _point(price: Price) -> tuple[float, float] | None:

@@ -12,6 +12,7 @@ from procedures.cli.accuracy import accuracy
 from procedures.cli.calibrate import calibrate
 from procedures.cli.contracts import contracts
 from procedures.cli.model import model
+from procedures.cli.reproduce import reproduce
 from procedures.cli.runs import runs
 from procedures.cli.scene import scene
 from procedures.cli.sweep import sweep
@@ -29,7 +30,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, runs, contracts, model, scene, accuracy):
+for group in (sweep, calibrate, runs, contracts, model, scene, reproduce, accuracy):
     palpate.add_command(group)
 
 

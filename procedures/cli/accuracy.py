@@ -36,28 +36,36 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from instrument.errors import UnknownName, UsageError
     from instrument.models import price_list
     from procedures.accuracy.measure import DESIGNS, measure
-    from procedures.accuracy.plot import plot_prices
+    from procedures.accuracy.plot import PLOT, plot_prices
+    from procedures.run import storing
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
         raise UnknownName("design with prices", design, DESIGNS)
     if store and design is not None:
         raise UsageError("--store keeps the prices of all designs; leave out --design, or take --measure")
-    designs = list(DESIGNS) if design is None else [design]
+    asked = list(DESIGNS) if design is None else [design]
+    if out is not None:
+        with storing(out):  # before anything is measured
+            out.mkdir(parents=True, exist_ok=True)
     if anew or store:
         with output.progress() as progress:
-            prices = measure(designs, progress)
+            prices = measure(asked, progress)
         if store:
-            price_list.STORED.write_text(prices.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            keep(prices.model_dump_json(indent=1) + "\n", price_list.STORED)
     else:
-        prices = price_list.stored().of(designs)
-    plot = None if out is None else plot_prices(prices, designs, out)
+        prices = price_list.stored().of(asked)
+    designs = [reference.design for reference in prices.references]
+    plot = None if out is None else out / PLOT
+    # The figures first: a plot that cannot be written loses none of them.
     if output.as_json:
         output.json({**prices.model_dump(mode="json"), "plot": None if plot is None else str(plot)})
     elif output.for_people:
         from procedures import report
 
         report.print_prices(prices, designs, plot)
+    if plot is not None:
+        plot_prices(prices, designs, plot)
 
 
 @accuracy.command(
@@ -73,6 +81,7 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     from instrument.models import surface
     from instrument.models.parameter_sets import PHYSICAL
     from procedures.accuracy.measure import DESIGNS, build_surface
+    from procedures.run import storing
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
@@ -81,7 +90,9 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     with output.progress() as progress:
         for name in DESIGNS if design is None else [design]:
             if store:
-                build_surface(name, progress).save(surface.STORED / f"{name}.npz")
+                path = surface.STORED / f"{name}.npz"
+                with storing(path):
+                    build_surface(name, progress).save(path)
             found[name] = surface.find(get_design(name), PHYSICAL.load(1e5))
     if output.as_json:
         rows = [
@@ -102,3 +113,17 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
         from procedures import report
 
         report.print_surfaces(found)
+
+
+def keep(text: str, path: Path) -> None:
+    """Replace a file at once: an interruption leaves the old one.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    from procedures.run import storing
+
+    fresh = path.with_suffix(".new")
+    with storing(path):
+        fresh.write_text(text, encoding="utf-8")
+        fresh.replace(path)

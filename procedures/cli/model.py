@@ -61,9 +61,10 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
             click.option(
                 "--model",
                 "name",
-                default="axisymmetric",
+                default="auto",
                 show_default=True,
-                help="column, beam, beam_printed, experiment, axisymmetric, solid, or auto.",
+                help="column, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid; or auto: the"
+                " cheapest that meets the tolerance.",
             ),
             *described,
             click.option("--interface", help="bonded or frictionless."),
@@ -73,7 +74,9 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 show_default=True,
                 help="What is not given above: thesis, physical or identified.",
             ),
-            click.option("--tolerance", help="Greatest error estimate (default: 1e-4 axisymmetric, 5e-3 solid)."),
+            click.option(
+                "--tolerance", help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid)."
+            ),
         )
     ):
         asked = option(asked)
@@ -92,15 +95,21 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
 def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -> None:
     """Force ratio, tooth force over total force, for objects of given moduli.
 
-    The error estimate is that of the discretisation, not of what a model leaves out. Models in closed form have none.
-    The solid model takes a minute and more a point; the extra "fast" (pypardiso) shortens it.
+    Model auto takes the cheapest whose error in the price list (palpate accuracy models) meets the tolerance, and says
+    which. The error estimate of a model that you name is that of its discretisation, not of what it leaves out; models
+    in closed form have none. The solid model takes seconds to a minute a point; the extra "fast" shortens it.
     The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from instrument.models.ratio import ask
     from instrument.quantity import parse
 
     output = Output(as_json, quiet)
-    answers = ask(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
+    moduli = [parse(text, "Pa") for text in sensed_modulus.split(",")]
+    answers = []
+    with output.progress("solving") as progress:
+        for answer in ask(question, moduli):
+            answers.append(answer)
+            progress(len(answers), len(moduli), f"{answer.sensed_modulus:g} Pa")
     if output.as_json:
         sensor = question.sensor()
         output.json(
@@ -131,7 +140,8 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
 
     Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
     The interval holds the uncertainty of the ratio and the model's error estimate, not what the model leaves out.
-    A model in closed form takes less than a second, the axisymmetric one some 20 s, the solid one half an hour.
+    Models in closed form and surfaces take less than a second, the axisymmetric one some 20 s, the solid one half
+    an hour.
     """
     from instrument.quantity import parse
     from procedures import model_modulus, report
@@ -190,7 +200,12 @@ def _point(design: Design, answer: Answer) -> dict[str, Any]:
         "why": given.why,
         "seconds": answer.seconds,
         "films": {
-            name: {"force_N": film.force, "charge_C": film.charge, "voltage_V": film.voltage}
+            name: {
+                "force_N": film.force,
+                "plane_stress_Pa": film.plane_stress,
+                "charge_C": film.charge,
+                "voltage_V": film.voltage,
+            }
             for name, film in signals(design, given).items()
         },
     }

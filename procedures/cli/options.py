@@ -7,10 +7,13 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+
+from instrument.errors import UsageError
 
 F = TypeVar("F", bound=Callable[..., Any])
 Progress = Callable[[int, int, str], None]
@@ -19,6 +22,34 @@ Progress = Callable[[int, int, str], None]
 def store() -> Path:
     """Where runs and calibrations are kept: $PALPATE_STORE, or runs/ in the current folder."""
     return Path(os.environ.get("PALPATE_STORE", "runs"))
+
+
+@contextmanager
+def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterator[Path]:
+    """A folder for results: `out`, which must be new or empty, or a new one in the store. Left empty, it goes again.
+
+    Raises:
+        UsageError: `out` holds a run or other files.
+        RecordError: the folder cannot be made.
+    """
+    from procedures.record import new_run_folder
+    from procedures.run import DATABASE, storing
+
+    if out is None:
+        folder = new_run_folder(store(), procedure, started)
+    else:
+        folder = out
+        if (out / DATABASE).exists():
+            raise UsageError(f"{out} already holds a run; choose another --out")
+        with storing(out):
+            out.mkdir(parents=True, exist_ok=True)
+            if any(out.iterdir()):
+                raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
+    try:
+        yield folder
+    finally:
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def output_options(command: F) -> F:
@@ -71,7 +102,7 @@ class Output:
             click.echo(text)
 
     @contextmanager
-    def progress(self) -> Iterator[Progress]:
+    def progress(self, first: str = "opening the bench") -> Iterator[Progress]:
         """A progress bar on stderr, where someone can see it."""
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -79,7 +110,7 @@ class Output:
         console = Console(stderr=True)
         columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
         with Progress(*columns, console=console, disable=self.quiet or not console.is_terminal) as bar:
-            task = bar.add_task("opening the bench", total=None)
+            task = bar.add_task(first, total=None)
 
             def report(done: int, total: int, what: str) -> None:
                 bar.update(task, completed=done, total=total, description=what)

@@ -27,9 +27,9 @@ from instrument.errors import BenchError, ConfigError, UsageError
 from instrument.operator import Operator
 from instrument.quantity import show
 from instrument.sample import Sample
-from procedures.cli.options import store
-from procedures.record import Recorder, new_run_folder
-from procedures.run import DATABASE, storing
+from procedures.cli.options import result_folder, store
+from procedures.record import Recorder
+from procedures.run import storing
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
 
@@ -114,9 +114,8 @@ def open_session(
         check(description)
     else:
         chosen = _scene(scene, seed, model)
-    folder = _run_folder(out, procedure, started)
     with ExitStack() as stack:
-        stack.callback(_remove_if_empty, folder)
+        folder = stack.enter_context(result_folder(out, procedure, started))
         clock: Clock = WallClock()
         operator: Operator = ConsoleOperator()
         if chosen is not None:
@@ -131,7 +130,9 @@ def open_session(
             "simulated": opened.simulated,
             "started": started.isoformat(timespec="seconds"),
             "settings": dict(settings),
-            "scene": None if chosen is None else {"name": chosen.name, "model": chosen.model, "toml": chosen.to_toml()},
+            "scene": None
+            if chosen is None
+            else {"name": chosen.name, "model": chosen.model, "why": chosen.why, "toml": chosen.to_toml()},
             "seed": None if chosen is None else chosen.seed,
             "bench": description.to_toml(),
             "devices": {device.name: device.serial for device in opened.devices},
@@ -182,24 +183,6 @@ def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
     if seed is not None:
         scene = scene.with_seed(seed)
     return scene.with_model(model) if model is not None else scene
-
-
-def _run_folder(out: Path | None, procedure: str, started: datetime) -> Path:
-    if out is None:
-        return new_run_folder(store(), procedure, started)
-    if (out / DATABASE).exists():
-        raise UsageError(f"{out} already holds a run; choose another --out")
-    with storing(out):
-        out.mkdir(parents=True, exist_ok=True)
-        if any(out.iterdir()):
-            raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
-    return out
-
-
-def _remove_if_empty(folder: Path) -> None:
-    """A run that never began leaves no folder."""
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
 
 
 def _commit() -> str | None:

@@ -11,7 +11,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import array, driver_call, numbers, start_up, sweep
+from tests.benchmarks import array, driver_call, models, numbers, peers, solid, start_up, sweep
 from tests.benchmarks.row import Row
 
 PARTS = {
@@ -19,6 +19,9 @@ PARTS = {
     "sweep": sweep.measure,
     "array": array.measure,
     "numbers": numbers.measure,
+    "models": models.measure,
+    "solid": solid.measure,
+    "peers": peers.measure,
     "start_up": start_up.measure,
 }
 

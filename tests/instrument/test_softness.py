@@ -174,6 +174,24 @@ def test_a_valley_between_two_slopes_holds_no_ratio_below_it() -> None:
     assert (bool(found.outside), str(found.kind)) == (True, "any")
 
 
+def test_level_ground_in_the_middle_keeps_both_bounds() -> None:
+    curve = curve_through([1e3, 2e3, 2e6, 4e6], [0.1, 0.3, 0.301, 0.5], "terrace")
+    found = modulus_of_ratio(curve, 0.3005, u=1e-3)
+    assert found.sensitivity > 30
+    assert str(found.kind) == "interval"
+    assert 1e3 < found.low < 2e3 < 2e6 < found.high < 4e6
+
+
+def test_noise_of_the_model_at_saturation_leaves_a_lower_bound() -> None:
+    moduli = np.geomspace(24, 2.4e11, 101)
+    noise = 1e-5 * (-1.0) ** np.arange(101)
+    curve = curve_through(moduli, [_column_ratio(modulus) for modulus in moduli] + noise, "noisy", error=1e-5)
+    assert not curve.monotone
+    found = modulus_of_ratio(curve, [0.5, 0.9999, 0.99999])
+    assert list(found.kind) == ["interval", "at least", "at least"]
+    assert found.low[1:] == pytest.approx(column_modulus(np.array([0.9999, 0.99999])), rel=0.7)
+
+
 # --- curves ---------------------------------------------------------------------------------------------
 
 

@@ -32,14 +32,13 @@ def column(modulus: float, compliant: float = 24e3, thickness: float = 3e-3) -> 
 
 
 def solve_nothing(monkeypatch: pytest.MonkeyPatch, seen: list[tuple[RoundParameters | SolidParameters, float]]) -> None:
-    """The finite-element models answer at once, and `seen` gets what they are asked."""
-    round_one = axisymmetric.solve(replace(RoundParameters(), support="rigid"), 1)
-    square_one = solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0)
-    for module, solution in ((axisymmetric, round_one), (solid, square_one)):
+    """The finite-element models answer a simpler question on their coarsest mesh; `seen` gets what they are asked."""
+    simpler = {"support": "rigid", "interface": "frictionless"}
+    for module in (axisymmetric, solid):
 
-        def solve_to(*asked: Any, solution: object = solution) -> tuple[object, float]:
-            seen.append(asked)
-            return solution, 1e-9
+        def solve_to(parameters: Any, tolerance: float, module: Any = module) -> tuple[object, float]:
+            seen.append((parameters, tolerance))
+            return module.solve(replace(parameters, **simpler), module.REFINEMENTS[0]), 1e-9
 
         monkeypatch.setattr(module, "solve_to", solve_to)
 
@@ -93,7 +92,7 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
             ("single_round", "axisymmetric", round_parameters),
             ("common_base", "solid", solid_parameters),
         ):
-            ask(Question(design, model, parameters, settings, 1e-5), [2e5])
+            list(ask(Question(design, model, parameters, settings, 1e-5), [2e5]))
             own = get_parameter_set(parameters, model)
             expected = replace(of(own.design(get_design(design)), own.load(2e5)), **settings)  # type: ignore[operator]
             assert seen.pop() == (expected, 1e-5)
@@ -102,9 +101,9 @@ def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.Monk
 def test_the_identified_set_of_the_solid_model_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[RoundParameters | SolidParameters, float]] = []
     solve_nothing(monkeypatch, seen)
-    ask(Question("common_base", "solid", "identified"), [1e5])
-    ask(Question("common_base", "solid", "thesis"), [1e5])
-    ask(Question("single", "axisymmetric", "identified"), [1e5])
+    list(ask(Question("common_base", "solid", "identified"), [1e5]))
+    list(ask(Question("common_base", "solid", "thesis"), [1e5]))
+    list(ask(Question("single", "axisymmetric", "identified"), [1e5]))
     assert [asked.sensed_thickness for asked, _ in seen] == [3.6e-3, 0.55e-3, 2.01e-3]
     assert [asked.support for asked, _ in seen] == ["rigid", "elastic", "rigid"]
 
@@ -113,7 +112,7 @@ def test_square_plates_are_discs_to_the_axisymmetric_model(monkeypatch: pytest.M
     seen: list[tuple[RoundParameters | SolidParameters, float]] = []
     solve_nothing(monkeypatch, seen)
     for design in ("single", "single_round"):
-        ask(Question(design, "axisymmetric"), [1e5])
+        list(ask(Question(design, "axisymmetric"), [1e5]))
     assert [asked for asked, _ in seen] == [RoundParameters(), RoundParameters()]
 
 
@@ -199,7 +198,8 @@ def test_a_question_without_a_modulus_is_refused(palpate: Palpate) -> None:
 def test_every_model_that_a_design_has_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     solve_nothing(monkeypatch, [])
     for design in ("single", "common_base", "different_base"):
-        for model in set(MODELS) - ({"axisymmetric"} if design != "single" else set()):
+        # One round tooth, and surfaces that were built, are for the single sensor.
+        for model in set(MODELS) - ({"axisymmetric", "surface"} if design != "single" else set()):
             (answer,) = ask(Question(design, model), [5e4])
             assert 0 < answer.response.force_ratio < 1
             assert math.isfinite(answer.seconds)

@@ -11,7 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from instrument.design import Design
 from instrument.errors import ConfigError, RangeError, UnknownName, UsageError
+from instrument.load import Load
+from instrument.models import axisymmetric, price_list
+from instrument.models.parameters import RoundParameters
+from instrument.models.price_list import Choice
 from instrument.quantity import parse
 from instrument.sample import SAMPLES, get_sample
 from simulators.clock import VirtualClock
@@ -102,6 +107,101 @@ def test_another_seed_or_model_leaves_the_rest_and_the_original_alone() -> None:
     assert (scene.with_seed(5).seed, scene.with_seed(5).effects, scene.seed) == (5, scene.effects, 1)
     assert scene.with_seed(LARGEST_SEED).seed == LARGEST_SEED
     assert (scene.with_model("column").model, scene.model) == ("column", "experiment")
+
+
+# --- the model -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set[float], float]]:
+    """A price list that has the column below a tolerance of 1e-2 and finite elements above it; what it was asked."""
+    questions: list[tuple[set[float], float]] = []
+
+    def choose(design: Design, loads: list[Load], tolerance: float) -> Choice:
+        questions.append(({load.sensed.modulus for load in loads}, tolerance))
+        if tolerance < 1e-6:
+            raise RangeError("no model meets it")
+        model = "column" if tolerance >= 1e-2 else "axisymmetric"
+        return Choice(model, tolerance / 2, 1e-6, f"{model} is cheap")
+
+    monkeypatch.setattr(price_list, "choose", choose)
+    return questions
+
+
+@pytest.mark.parametrize(
+    "text, model, tolerance, given",
+    [
+        ("", "column", 1e-2, None),
+        ("tolerance = 0.05\n", "column", 0.05, None),  # a closed form takes none
+        ("tolerance = 1e-3\n", "axisymmetric", 1e-3, 1e-3),
+    ],
+)
+def test_auto_is_settled_when_the_scene_is_read_for_all_samples_and_says_why(
+    text: str, model: str, tolerance: float, given: float | None, tmp_path: Path, asked: list[tuple[set[float], float]]
+) -> None:
+    scene = read(tmp_path, f'model = "auto"\n{text}')
+    assert (scene.model, scene.tolerance, scene.why) == (model, given, f"{model} is cheap")
+    assert asked == [({sample.modulus for sample in SAMPLES.values()}, tolerance)]
+
+
+def test_what_auto_chose_is_written_so_that_the_file_gives_the_same_scene_for_ever(
+    tmp_path: Path, asked: list[tuple[set[float], float]]
+) -> None:
+    scene = read(tmp_path, 'model = "auto"\ntolerance = 1e-3\n')
+    written = tmp_path / "written.toml"
+    written.write_text(scene.with_seed(9).to_toml())
+    again = read_scene(str(written))
+    assert (again.file.model, again.file.tolerance) == ("axisymmetric", 1e-3)
+    assert (again.model, again.tolerance, again.seed) == ("axisymmetric", 1e-3, 9)
+
+
+def test_another_model_keeps_the_tolerance_where_it_can_meet_one(
+    tmp_path: Path, asked: list[tuple[set[float], float]]
+) -> None:
+    scene = read(tmp_path, 'model = "auto"\ntolerance = 1e-3\n')
+    assert (scene.with_model("solid").model, scene.with_model("solid").tolerance) == ("solid", 1e-3)
+    column = scene.with_model("column")
+    assert (column.model, column.tolerance, column.why) == ("column", None, "")
+    assert "tolerance" not in column.to_toml()
+    assert read(tmp_path, 'model = "column"').with_model("auto").why == "column is cheap"
+
+
+def test_finite_elements_answer_when_a_sample_is_mounted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    solution = axisymmetric.solve(RoundParameters(support="rigid"), 1)
+    asked: list[tuple[float, float]] = []
+
+    def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[object, float]:
+        asked.append((parameters.sensed_modulus, tolerance))
+        return solution, 1e-4
+
+    monkeypatch.setattr(axisymmetric, "solve_to", solve_to)
+    rig = Rig(read(tmp_path, 'model = "axisymmetric"\ntolerance = 1e-3\n'), VirtualClock())
+    assert asked == []
+    rig.mount(SAMPLES["2"])
+    assert asked == [(SAMPLES["2"].modulus, 1e-3)]
+    rig.set_position(15e-3)
+    rigid, total = rig.film_voltages(np.array([0]))[:, 0]
+    assert (rigid / 5.995e-3) / (total / 68.60e-3) == pytest.approx(solution.force_ratio, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text, parts",
+    [
+        ('model = "column"\ntolerance = 1e-3', ["tolerance", "'column'", "0.001", "take model 'auto'"]),
+        ("tolerance = 1e-3", ["tolerance", "'experiment'"]),
+        ('model = "auto"\ntolerance = 1e-9', ["no model meets it"]),
+        ('model = "auto"\ntolerance = 0', ["tolerance", "greater than 0", "0"]),
+        ('model = "auto"\ntolerance = "1e-3"', ["tolerance", "valid number", "'1e-3'"]),
+        ('model = "auot"', ["unknown model 'auot' (did you mean 'auto'?)"]),
+    ],
+)
+def test_a_tolerance_that_cannot_be_met_is_refused(
+    text: str, parts: list[str], tmp_path: Path, asked: list[tuple[set[float], float]]
+) -> None:
+    with pytest.raises(ConfigError, match=r"scene\.toml: ") as raised:
+        read(tmp_path, text)
+    for part in parts:
+        assert part in str(raised.value)
 
 
 # --- what is wrong -------------------------------------------------------------------------------------

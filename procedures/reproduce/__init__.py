@@ -1,0 +1,1 @@
+"""The thesis' tables and figures beside what the models give: one file a kind of table."""

@@ -1,0 +1,78 @@
+"""Chapter 4 of the thesis, its tables in Appendix II and the theories of Table 5.8, beside the models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+from instrument.errors import UnknownName
+from procedures.reproduce import figures, pair, position, single, theory
+from procedures.reproduce.comparison import Comparison
+from procedures.reproduce.curves import Case, Curves, Progress
+from procedures.reproduce.figures import FIGURES, Picture
+from procedures.reproduce.files import write_summary, write_table
+
+PROCEDURE = "reproduce-models"
+SETS = ("physical", "identified")
+BOTH = "both"
+
+Compare = Callable[[Sequence[str], Curves], Comparison]
+# In the order in which they are made.
+TABLES: Mapping[str, Compare] = MappingProxyType(
+    {
+        **{number: partial(single.compare, number) for number in ("A2.1", "4.1")},
+        **{number: partial(pair.compare, number) for number in ("A2.3", "4.5", "A2.5", "4.3")},
+        "A2.7": position.compare,
+        "5.8": theory.compare,
+    }
+)
+
+
+@dataclass(slots=True)
+class Reproduction:
+    """What is done so far, each with its file in `folder`; `summary` is the one of all."""
+
+    folder: Path
+    tables: list[tuple[Comparison, Path]] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
+    summary: Path | None = None
+
+
+def parameter_sets(name: str) -> tuple[str, ...]:
+    """The sets that "physical", "identified" or "both" stands for.
+
+    Raises:
+        UnknownName: none of these.
+    """
+    if name not in (*SETS, BOTH):
+        raise UnknownName("parameter set", name, (*SETS, BOTH))
+    return SETS if name == BOTH else (name,)
+
+
+def cases(parameters: Sequence[str]) -> list[Case]:
+    """Every curve that tables and figures need."""
+    pairs = [pair.cases(parameters, design) for design in ("common_base", "different_base")]
+    wanted = [case for cases in (single.cases(parameters), *pairs) for case in cases.values()]
+    return [*wanted, *figures.cases(parameters)]
+
+
+def run(parameters: Sequence[str], done: Reproduction, progress: Progress) -> None:
+    """Make table after table, then the figures; each is on disk, and in `done`, before the next begins.
+
+    Raises:
+        EstimateError: a linear system cannot be solved accurately.
+        RecordError: a file cannot be written.
+    """
+    curves = Curves(cases(parameters), extra=len(parameters), progress=progress)
+    for compare in TABLES.values():
+        comparison = compare(parameters, curves)
+        done.tables.append((comparison, write_table(comparison, done.folder)))
+        if comparison.table.number == "A2.7":
+            done.pictures.append(figures.draw_position(comparison, done.folder))
+        done.summary = write_summary(done.tables, done.pictures, done.folder)
+    for figure in FIGURES:
+        done.pictures.append(figures.draw(figure, parameters, curves, done.folder))
+        done.summary = write_summary(done.tables, done.pictures, done.folder)

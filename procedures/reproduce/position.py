@@ -1,0 +1,73 @@
+"""Table A2.7: a point load moves along the length of the common base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from instrument.designs import get_design
+from instrument.models.parameter_sets import get_parameter_set
+from instrument.models.parameters import solid_parameters
+from instrument.thesis import read_table
+from procedures.reproduce.comparison import Comparison, column_of, fit_sentence
+from procedures.reproduce.curves import BASE, COARSE_MESH, TOOTH, Curves, film_voltages
+
+MODEL = "solid"
+# The table does not say; at this one Table A2.3 has the ratio that A2.7 has for loads beside the teeth.
+MODULUS = 430e3
+
+
+def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
+    """The table; the mesh is the coarsest, within 5e-3 N of the next finer one."""
+    from instrument.models.solid import point_loads
+
+    table = read_table("A2.7")
+    x = 1e-3 * table.keys()
+    forces = {}
+    for name in parameters:
+        chosen = get_parameter_set(name, MODEL)
+        sensor = chosen.design(get_design("common_base"))
+        places = [(float(place), sensor.cell[1] / 2) for place in x]
+        forces[name, MODEL] = point_loads(solid_parameters(sensor, chosen.load(MODULUS)), places, COARSE_MESH)
+        curves.step(f"common_base under a point load, {name}")
+    left, right = ({key: teeth[:, tooth] for key, teeth in forces.items()} for tooth in (0, 1))
+    none = np.zeros(len(x))
+
+    def volts(film: str, force: np.ndarray) -> np.ndarray:
+        return film_voltages(get_design("common_base"), film, force, none, none)
+
+    columns = (
+        column_of(table, "force_pvdf3_N", left),
+        column_of(table, "force_pvdf1_N", right),
+        column_of(table, "force_ratio", {key: teeth.sum(axis=1) for key, teeth in forces.items()}),
+        column_of(table, "voltage_pvdf3_V", {key: volts(TOOTH, force) for key, force in left.items()}),
+        column_of(table, "voltage_pvdf1_V", {key: volts(TOOTH, force) for key, force in right.items()}),
+        column_of(table, "voltage_pvdf2_V", {key: volts(BASE, none + 1) for key in left}),
+    )
+    comparison = Comparison(table, columns, ())
+    thesis = table.values("force_pvdf3_N")
+    middle, above, edge = len(x) // 2, int(np.argmax(thesis)), 0
+    said = [
+        f"the object's modulus is not printed: {MODULUS / 1e3:g} kPa is taken, at which Table A2.3 has the force"
+        f" ratio {_at_modulus():.4f}; A2.7 has {table.values('force_ratio')[middle]:.4f} between the teeth",
+        *(fit_sentence(comparison, quantity) for quantity in ("force_pvdf3_N", "force_pvdf1_N", "force_ratio")),
+    ]
+    for (name, _), force in left.items():
+        said.append(
+            f"left tooth, {name} set: between the teeth {force[middle]:.3f} N (thesis {thesis[middle]:.3f}), above the"
+            f" tooth {force[above]:.3f} N (thesis {thesis[above]:.3f}), at the edge {force[edge]:.3f} N (thesis"
+            f" {thesis[edge]:.3f}), least {force.min():.3f} N (thesis {thesis.min():.5f})"
+        )
+    plateau = thesis[[0, 1, 3]]
+    said.append(
+        f"the thesis' force hardly depends on the place of a load beside a tooth ({plateau.min():.4f} to"
+        f" {plateau.max():.4f} N over 3 mm); under a point load on an elastic object it cannot stay so. The load's"
+        " shape is not printed. Below zero, our model holds the contact where it would lift off"
+    )
+    return Comparison(table, columns, tuple(said))
+
+
+def _at_modulus() -> float:
+    table = read_table("A2.3")
+    return float(abs(table.values("force_ratio"))[table.keys() == MODULUS][0])

@@ -1,0 +1,128 @@
+"""Table 5.8: the theories that its percent errors imply, rebuilt from the experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.designs import get_design
+from instrument.models.response import response
+from instrument.sample import get_sample
+from instrument.thesis import Cell, Table, read_table
+from procedures.reproduce.comparison import Column, Comparison, Series, fit_sentence
+from procedures.reproduce.curves import RING, Case, Curves
+
+Array = NDArray[np.float64]
+
+# Column -> design, model, table that has the theory itself, whether the error is one of the experiment.
+COLUMNS = {
+    "single_vs_3D": ("single", "axisymmetric", "A2.1", False),
+    "single_vs_2D": ("single", "beam", None, False),
+    "common_base_vs_3D": ("common_base", "solid", "A2.3", True),
+    "different_base_vs_3D": ("different_base", "solid", "A2.5", True),
+}
+OF_THEORY, OF_EXPERIMENT = "error_of_theory", "error_of_experiment"
+
+
+def rebuilt(experiment: Array, percent: Array, of_experiment: bool) -> Array:
+    """The theory's force ratio from the experiment's and its error, by either definition of the percentage."""
+    return experiment * (1 - percent / 100) if of_experiment else experiment / (1 + percent / 100)
+
+
+def implied(column: str) -> dict[str, Array]:
+    """The rebuilt theory by definition: sample by sample, in the table's order."""
+    table = read_table("5.8")
+    samples = _samples(table)
+    measured = get_design(COLUMNS[column][0]).thesis_force_ratio
+    experiment = np.array([measured[sample] for sample in samples])
+    percent = table.values(f"{column}_error_percent")[: len(samples)]
+    return {OF_THEORY: rebuilt(experiment, percent, False), OF_EXPERIMENT: rebuilt(experiment, percent, True)}
+
+
+def sample_moduli() -> Array:
+    """Of the samples in the table's order [Pa]."""
+    return np.array([get_sample(sample).modulus for sample in _samples(read_table("5.8"))])
+
+
+def beam_ratios(moduli: Array, ring: float = RING) -> Array:
+    """The corrected two-dimensional theory of the single sensor, at moduli of the object [Pa], on a ring [Pa]."""
+    case = Case("single", "beam", "physical", ring)
+    sensor, load = case.sensor(), case.parameter_set.load
+    return np.array([response(sensor, load(float(modulus)), "beam").force_ratio for modulus in moduli])
+
+
+def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
+    """The table's four theories by both definitions of the error, beside the models at the samples' moduli."""
+    table = read_table("5.8")
+    samples, moduli = _samples(table), sample_moduli()
+    columns, said = [], []
+    for name, (design, model, source, of_experiment) in COLUMNS.items():
+        errors = table.columns[f"{name}_error_percent"]
+        ours = tuple(
+            Series(
+                each, model, beam_ratios(moduli) if model == "beam" else _ratios(curves, design, model, each, moduli)
+            )
+            for each in parameters
+            if model != "beam" or each == "physical"
+        )
+        theories = implied(name)
+        for definition, values in theories.items():
+            cells = tuple(Cell(e.printed, float(v), e.reason) for e, v in zip(errors, values, strict=False))
+            columns.append(Column(f"{name}_{definition}", cells, ours))
+        taken = OF_EXPERIMENT if of_experiment else OF_THEORY
+        said.append(_definition(name, theories, taken, source, moduli))
+    shown = {column.quantity: column.cells for column in columns}
+    samples_only = Table(
+        table.number, table.title, table.key, samples, MappingProxyType(shown),
+        "the theory is rebuilt from the printed error and the experiment: the averages printed below Tables A2.9 to"
+        " A2.20, and Table 5.7 for different bases; `printed` is the error in percent; " + table.doubt,
+    )  # fmt: skip
+    comparison = Comparison(samples_only, tuple(columns), ())
+    for name, (*_, of_experiment) in COLUMNS.items():
+        quantity = f"{name}_{OF_EXPERIMENT if of_experiment else OF_THEORY}"
+        if any(column.ours for column in columns if column.quantity == quantity):
+            said.append(fit_sentence(comparison, quantity))
+    if "physical" not in parameters:
+        said.append("single_vs_2D: the beam has no identified set, so that nothing of ours stands beside it")
+    return Comparison(samples_only, tuple(columns), tuple(said))
+
+
+def _samples(table: Table) -> tuple[str, ...]:
+    return tuple(row for row in table.rows if row != "average")
+
+
+def _ratios(curves: Curves, design: str, model: str, parameters: str, moduli: Array) -> Array:
+    return curves.of(Case(design, model, parameters)).force_ratio(moduli)
+
+
+def _definition(name: str, theories: dict[str, Array], taken: str, source: str | None, moduli: Array) -> str:
+    """Which definition of the error fits, and to what."""
+    other = OF_THEORY if taken == OF_EXPERIMENT else OF_EXPERIMENT
+    words = {OF_THEORY: "percent of the theory", OF_EXPERIMENT: "percent of the experiment"}
+    references = {"the corrected beam": beam_ratios(moduli)}
+    if source is not None:
+        references = {f"Table {source}": table_ratio(source, moduli)}
+        if source == "A2.1":
+            references["Table A2.1 as printed, its force column shifted,"] = table_ratio(source, moduli, printed=True)
+    fits = "; ".join(
+        f"{reference} is met to {_rms(theories[taken] - values):.4f} rms, and to {_rms(theories[other] - values):.4f}"
+        f" as {words[other]}"
+        for reference, values in references.items()
+    )
+    return f"{name}: taken as {words[taken]}: {fits}"
+
+
+def table_ratio(number: str, moduli: Array, printed: bool = False) -> Array:
+    """A table's force ratio between its moduli, linear in their logarithm."""
+    table = read_table(number)
+    column = "force_ratio" if "force_ratio" in table.columns else "force_rigid_N"
+    ratio = np.array([float(cell.printed) if printed else cell.value for cell in table.columns[column]])
+    between: Array = np.interp(np.log(moduli), np.log(table.keys()), abs(ratio))
+    return between
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,186 @@
+"""Accuracy and time of the sensor models: estimates, work and precision, response surface, tables of the thesis.
+
+Work is spread over two processes where it is not timed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from instrument.designs import get_design
+from instrument.models import axisymmetric, solid, surface
+from instrument.models.parameter_sets import IDENTIFIED_ROUND, IDENTIFIED_SOLID, PHYSICAL
+from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from instrument.thesis import read_table
+from tests.benchmarks.row import Row
+
+CORES = 2
+SETTINGS, SEED = 50, 20
+SOLID_SETTINGS = 16
+CASE_A = RoundParameters()
+# Degree 10 with 9 layers: 0.4245277772; degree 9 with 8 layers: 0.4245277779.
+CASE_A_RATIO = 0.424527777
+CLAIMED = (2, 3)
+REFERENCE = 4
+# Every third of 48 rows.
+STRIDE = 3
+
+
+def measure() -> Iterator[Row]:
+    with ProcessPoolExecutor(CORES) as pool:
+        yield from _estimates(pool)
+        yield from _tables(pool)
+    yield from _work_precision()
+    yield from _surface()
+
+
+def random_settings(count: int, seed: int) -> list[RoundParameters]:
+    """Sensors over the ranges of issue 3, each number drawn on its own: moduli in the logarithm, as lengths."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(10 ** rng.uniform(np.log10(low), np.log10(high)))
+
+    found = []
+    for _ in range(count):
+        tooth, gap, width = between(0.3e-3, 3e-3), between(1e-6, 1e-3), between(0.3e-3, 1e-2)
+        outer = tooth + gap + width
+        found.append(
+            RoundParameters(
+                sensed_modulus=between(1.49e4, 140e9),
+                sensed_poisson=float(rng.choice([0.0, 0.3, 0.49, 0.4999, 0.5])),
+                sensed_thickness=between(1e-5, 1e-1),
+                sensed_radius=tooth + gap + width * float(rng.uniform(0.3, 1.3)),
+                compliant_modulus=between(1e4, 1e6),
+                compliant_poisson=float(rng.choice([0.0, 0.3, 0.49, 0.4999, 0.5])),
+                plate_modulus=between(7e7, 1e11),
+                interface=str(rng.choice(["bonded", "frictionless"])),
+                support=str(rng.choice(["elastic", "rigid"])),
+                tooth_radius=tooth,
+                ring_inner_radius=tooth + gap,
+                ring_outer_radius=outer,
+                plate_radius=outer,
+                sensor_height=between(1e-3, 1e-2),
+            )
+        )
+    return found
+
+
+def axisymmetric_claims(parameters: RoundParameters) -> list[float]:
+    """Error over estimate of each refinement of CLAIMED, against that of REFERENCE."""
+    solutions = [axisymmetric.solve(parameters, refinement) for refinement in range(1, REFERENCE + 1)]
+    ratios = [solution.force_ratio for solution in solutions]
+    return [
+        abs(ratios[k - 1] - ratios[-1]) / axisymmetric.error_estimate(ratios[:k], solutions[k - 1].imbalance)
+        for k in CLAIMED
+    ]
+
+
+def solid_claims(parameters: RoundParameters) -> list[float]:
+    """Error over estimate of the solid model's refinement 1, against the axisymmetric model."""
+    shared = ("sensed_radius", "plate_radius")
+    kept = {name: getattr(parameters, name) for name in RoundParameters.__dataclass_fields__ if name not in shared}
+    outer = parameters.ring_outer_radius
+    cube = SolidParameters(**kept, outline="round", cell_length=2 * outer, cell_width=2 * outer)
+    disc = replace(parameters, sensed_radius=outer, plate_radius=outer)
+    ratios = [solid.solve(cube, refinement).force_ratio for refinement in (0, 1)]
+    return [abs(ratios[1] - axisymmetric.solve(disc, 3).force_ratio) / solid.error_estimate(ratios)]
+
+
+def _estimates(pool: Executor) -> Iterator[Row]:
+    asked: Sequence[tuple[str, Callable[[RoundParameters], list[float]], int]] = (
+        (f"axisymmetric, refinements 2 and 3 against {REFERENCE}", axisymmetric_claims, SETTINGS),
+        ("solid, refinement 1 against the axisymmetric model", solid_claims, SOLID_SETTINGS),
+    )
+    for what, claims, count in asked:
+        worst = np.array(list(pool.map(claims, random_settings(count, SEED))))
+        held = int((worst <= 1).sum())
+        yield Row(
+            f"{what}: error over estimate, {count} random settings",
+            f"worst {worst.max():.2f}, {held} of {worst.size} held",
+            "<= 1, all held",
+            held == worst.size,
+        )
+
+
+def _tables(pool: Executor) -> Iterator[Row]:
+    for number, design, column, limit in (
+        ("A2.1", "single", "force_rigid_N", 0.012),
+        ("A2.3", "common_base", "force_ratio", 0.015),
+    ):
+        table = read_table(number)
+        moduli, printed = table.keys()[::STRIDE], np.abs(table.values(column))[::STRIDE]
+        sensor = solid_parameters(IDENTIFIED_SOLID.design(get_design(design)), IDENTIFIED_SOLID.load(1e5))
+        ratios = list(pool.map(_solid_ratio, [replace(sensor, sensed_modulus=float(modulus)) for modulus in moduli]))
+        yield _worst(f"Table {number}, {len(moduli)} rows, solid, one set for both", ratios, printed, limit)
+    table = read_table("A2.1")
+    disc = round_parameters(IDENTIFIED_ROUND.design(get_design("single")), IDENTIFIED_ROUND.load(1e5))
+    moduli = table.keys()
+    ratios = [axisymmetric.solve(replace(disc, sensed_modulus=float(modulus)), 1).force_ratio for modulus in moduli]
+    printed = np.abs(table.values("force_rigid_N"))
+    yield _worst(f"Table A2.1, {len(ratios)} rows, axisymmetric, a set of its own", ratios, printed, 0.008)
+
+
+def _solid_ratio(parameters: SolidParameters) -> float:
+    return solid.solve(parameters, 1).force_ratio
+
+
+def _worst(figure: str, ratios: Sequence[float], printed: Sequence[float] | np.ndarray, limit: float) -> Row:
+    worst = float(np.abs(np.array(ratios) - printed).max())
+    return Row(f"{figure}: force ratio off by at most", f"{worst:.4f}", f"<= {limit}", worst <= limit)
+
+
+def _work_precision() -> Iterator[Row]:
+    axisymmetric.solve(CASE_A, 1)  # imports
+    for refinement, error_goal, seconds_goal in ((2, 1e-4, 0.5), (3, 5e-6, 2.0)):
+        start = time.perf_counter()
+        ratio = axisymmetric.solve(CASE_A, refinement).force_ratio
+        seconds = time.perf_counter() - start
+        error = abs(ratio - CASE_A_RATIO)
+        yield Row(
+            f"axisymmetric, case A, refinement {refinement}: error and time",
+            f"{error:.1e} in {seconds:.2f} s",
+            f"<= {error_goal:g} in < {seconds_goal} s",
+            error <= error_goal and seconds < seconds_goal,
+        )
+    for tolerance in (1e-4, 5e-6):
+        start = time.perf_counter()
+        solution, estimate = axisymmetric.solve_to(CASE_A, tolerance)
+        seconds = time.perf_counter() - start
+        yield Row(
+            f"the same to a tolerance of {tolerance:g}, its estimate included",
+            f"{abs(solution.force_ratio - CASE_A_RATIO):.1e}, estimate {estimate:.1e}, in {seconds:.2f} s",
+        )
+
+
+def _surface() -> Iterator[Row]:
+    sensor = surface.surface_parameters(get_design("single_round"), PHYSICAL.load(1e5))
+    with ProcessPoolExecutor(CORES) as pool:
+        start = time.perf_counter()
+        built = surface.build(sensor, apply=pool.map)
+        seconds = time.perf_counter() - start
+        yield Row("response surface, single_round: built in", f"{seconds:.0f} s", "< 60 s", seconds < 60)
+        ratios = 10 ** np.random.default_rng(SEED).uniform(-1, 7, 16)
+        moduli = [replace(sensor, sensed_modulus=float(sensor.compliant_modulus * ratio)) for ratio in ratios]
+        truth = np.array(list(pool.map(_surface_model, moduli)))
+    error = float(np.abs(built.force_ratio(ratios) / truth - 1).max())
+    yield Row(
+        f"response surface: relative error at {len(ratios)} random modulus ratios, 0.1 to 1e7",
+        f"{error:.1e}, its bound {built.error_bound:.1e}",
+        "<= 1e-6",
+        error <= 1e-6,
+    )
+    many = 10 ** np.random.default_rng(SEED).uniform(-1, 7, 1_000_000)
+    start = time.perf_counter()
+    built.force_ratio(many)
+    each = (time.perf_counter() - start) / len(many)
+    yield Row("response surface: one of a million points", f"{1e6 * each:.2f} us", "< 2 us", each < 2e-6)
+
+
+def _surface_model(parameters: RoundParameters) -> float:
+    return axisymmetric.solve(parameters, surface.REFINEMENTS["axisymmetric"]).force_ratio

@@ -1,0 +1,113 @@
+"""What a plain program would do, beside which the shipped models are tested."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import spsolve
+from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
+
+from instrument.models import axisymmetric, elements, mesh, numbering
+from instrument.models.beam import Stretch
+from instrument.models.condensed import Elements
+from instrument.models.parameters import RoundParameters
+
+Array = NDArray[np.float64]
+
+
+def linear_elements_ratio(parameters: RoundParameters, radii: Array, heights: Array) -> float:
+    """Force ratio by bilinear displacement elements; rigid support, bonded object as wide as the ring."""
+    face = parameters.film_thickness + parameters.sensor_height
+    full = MeshQuad.init_tensor(radii, heights)
+    middle_r, middle_z = full.p[:, full.t].mean(axis=1)
+    is_object = middle_z > face
+    kept = np.flatnonzero(is_object | (middle_r > parameters.ring_inner_radius))
+    part = full.restrict(kept)
+    shear, lame = np.empty(len(kept)), np.empty(len(kept))
+    for mask, modulus, nu in (
+        (is_object[kept], parameters.sensed_modulus, parameters.sensed_poisson),
+        (~is_object[kept], parameters.compliant_modulus, parameters.compliant_poisson),
+    ):
+        shear[mask] = modulus / (2 * (1 + nu))
+        lame[mask] = shear[mask] * 2 * nu / (1 - 2 * nu)
+    basis = Basis(part, ElementVector(ElementQuad1()), intorder=4)
+    tall = np.ones(basis.X.shape[1])
+
+    def work(u, v, w):  # type: ignore[no-untyped-def]
+        r, g, lam = w.x[0], np.outer(shear, tall), np.outer(lame, tall)
+        hoop_u, hoop_v = u[0] / r, v[0] / r
+        rr_u, zz_u, rr_v, zz_v = u.grad[0, 0], u.grad[1, 1], v.grad[0, 0], v.grad[1, 1]
+        slip_u, slip_v = u.grad[0, 1] + u.grad[1, 0], v.grad[0, 1] + v.grad[1, 0]
+        dilatation = (rr_u + hoop_u + zz_u) * (rr_v + hoop_v + zz_v)
+        return r * (2 * g * (rr_u * rr_v + hoop_u * hoop_v + zz_u * zz_v) + g * slip_u * slip_v + lam * dilatation)
+
+    stiffness = BilinearForm(work).assemble(basis)
+    r, z = part.p
+    radial, axial = basis.nodal_dofs
+    load = np.zeros(basis.N)
+    top = np.flatnonzero(z == z.max())
+    top = top[np.argsort(r[top])]
+    for a, b in itertools.pairwise(top):
+        width = r[b] - r[a]
+        load[axial[a]] -= width * (2 * r[a] + r[b]) / 6
+        load[axial[b]] -= width * (r[a] + 2 * r[b]) / 6
+    at_face = np.abs(z - face) < 1e-9
+    held = (z == z.min()) | (at_face & (r <= parameters.tooth_radius * (1 + 1e-9)))
+    fixed = np.concatenate([radial[held], axial[held], radial[r == 0]])
+    answer = condense(stiffness, load, D=np.unique(fixed))
+    displacement = np.zeros(basis.N)
+    displacement[answer[3]] = spsolve(answer[0].tocsc(), answer[1])
+    tooth = axial[at_face & held]
+    return float((stiffness @ displacement)[tooth].sum() / -load.sum())
+
+
+def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[Elements, Array, csc_array]:
+    """The shipped elements in displacement form, and their matrices on nodes, apart and in one sparse matrix."""
+    grid = mesh.grid(parameters, layers)
+    lines = [elements.line(at, degree, radial) for at, radial in ((grid.radii, True), (grid.heights, False))]
+    found = axisymmetric.assemble(parameters, grid, *lines, numbering.parts(grid), mixed_poisson=math.inf)
+    local = elements.nodal(elements.nodal(found.stiffness, axis=1), axis=2)
+    count = found.unknowns.shape[1]
+    rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()
+    free = (rows < found.size) & (columns < found.size)
+    matrix = coo_array((local.ravel()[free], (rows[free], columns[free])), shape=(found.size, found.size))
+    return found, local, matrix.tocsc()
+
+
+def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
+    """Share of the load that is lost before the floor of a rigid support: one sparse solve, forces K u from nodal u."""
+    found, local, matrix = assembled(parameters, degree, layers)
+    grid = mesh.grid(parameters, layers)
+    body = numbering.parts(grid)[0]
+    shapes = degree + 1
+    radii = grid.radii[grid.radii <= parameters.sensed_radius]
+    load = np.zeros(found.size + 1)
+    top = found.unknowns[body.elements].reshape(len(body.columns), len(body.rows), 2, shapes, shapes)[:, -1, 1, :2, 1]
+    a, b = radii[:-1], radii[1:]
+    for place, weight in ((0, 2 * a + b), (1, a + 2 * b)):
+        np.add.at(load, top[:, place], -(b - a) * weight / 6)
+    displacement = np.append(spsolve(matrix, load[:-1]), 0.0)
+    forces = np.einsum("eij,ej->ei", local, displacement[found.unknowns])
+    total = np.bincount(found.unknowns.ravel(), weights=forces.ravel(), minlength=found.size + 1)
+    return abs(float((load - total)[:-1].sum() / load.sum()))
+
+
+def beam_forces(bending: float, stretches: Sequence[Stretch], elements: int) -> list[float]:
+    """Foundation forces as `instrument.models.beam.stretch_forces` has them, from the matrix on nodes as it stands."""
+    from instrument.models import beam
+
+    lengths = np.repeat([stretch.length / elements for stretch in stretches], elements)
+    foundations = np.repeat([stretch.foundation for stretch in stretches], elements)
+    matrix, load = np.zeros((2 * len(lengths) + 2,) * 2), np.zeros(2 * len(lengths) + 2)
+    for index, (h, foundation) in enumerate(zip(lengths, foundations, strict=True)):
+        place = slice(2 * index, 2 * index + 4)
+        matrix[place, place] += bending * beam._bending_matrix(h) + foundation * beam._foundation_matrix(h)
+        load[place] += np.array([h / 2, h**2 / 12, h / 2, -(h**2) / 12])
+    motion = np.linalg.solve(matrix, load)
+    pieces = lengths * (motion[:-2:2] + motion[2::2]) / 2 + lengths**2 * (motion[1:-2:2] - motion[3::2]) / 12
+    return [float(part.sum()) for part in (foundations * pieces).reshape(len(stretches), elements)]

@@ -1,0 +1,206 @@
+"""The cases that break a plain program, each beside what a plain program makes of it (`naive.py`)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import diags_array
+from scipy.sparse.linalg import cg
+
+from instrument.designs import get_design
+from instrument.errors import EstimateError
+from instrument.models import axisymmetric, beam, hetenyi, mesh, solid, springs, surface
+from instrument.models.axisymmetric import solve, solve_on
+from instrument.models.beam import Stretch
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameters import RoundParameters, SolidParameters
+from instrument.sample import get_sample
+from tests.instrument import naive
+
+CASE_A = RoundParameters()
+RIGID = replace(CASE_A, support="rigid")
+# Bends like a foil, rides on rubber: its motion is 1e8 times its strain.
+FOIL = replace(CASE_A, sensed_thickness=10e-6, sensed_modulus=140e9)
+SHARE = (1.4 / 5) ** 2
+
+
+@pytest.mark.parametrize("modulus", [1.49e4, 140e9])
+@pytest.mark.parametrize("thickness", [10e-6, 100e-3])
+@pytest.mark.parametrize("poisson", [0.3, 0.5])
+def test_forces_balance_to_1e_10_whatever_the_object(modulus: float, thickness: float, poisson: float) -> None:
+    solution = solve(replace(CASE_A, sensed_modulus=modulus, sensed_thickness=thickness, sensed_poisson=poisson), 1)
+    assert solution.imbalance < 1e-10
+    assert solution.residual < 1e-12
+
+
+def test_forces_from_nodal_values_lose_what_those_from_differences_keep() -> None:
+    foil = replace(FOIL, support="rigid", compliant_poisson=0.3)
+    assert naive.lost_force(foil, 3, 2) > 1e-8
+    assert solve_on(foil, 3, 2).imbalance < 1e-12
+
+
+def test_rounding_grows_with_every_layer_of_a_plain_program_and_is_refused_before_it_shows_in_the_shipped_one() -> None:
+    foil = replace(FOIL, support="rigid", compliant_poisson=0.3)
+    finest = axisymmetric.REFINEMENTS[-1] + 1
+    assert naive.lost_force(foil, 3, 1) < 1e-4
+    assert naive.lost_force(foil, 3, finest) > 1e-3
+    assert solve_on(foil, 3, finest).imbalance < 1e-10
+    with pytest.raises(EstimateError, match="residual"):
+        solve_on(foil, 3, 2 * finest)
+
+
+@pytest.mark.parametrize("poisson", [0.49, 0.499, 0.4999, 0.499999])
+def test_linear_elements_lock_on_rubber_where_the_shipped_ones_do_not(poisson: float) -> None:
+    rubber = replace(RIGID, sensed_modulus=240e3, sensed_poisson=poisson, compliant_poisson=poisson)
+    exact = solve(rubber, 2).force_ratio
+    assert abs(solve(rubber, 1).force_ratio - exact) < 1e-3
+    grid = mesh.grid(rubber, 1)
+    locked = abs(naive.linear_elements_ratio(rubber, grid.radii, grid.heights) - exact)
+    assert locked > {0.49: 0.03, 0.499: 0.06, 0.4999: 0.25, 0.499999: 0.45}[poisson]
+
+
+def test_pressure_as_an_unknown_holds_where_displacements_alone_lose_digits() -> None:
+    rubber = replace(CASE_A, sensed_poisson=0.49999999, compliant_poisson=0.49999999, interface="frictionless")
+    exact = solve(rubber, 2).force_ratio
+    assert abs(solve(rubber, 1).force_ratio - exact) < 5e-4
+    assert abs(solve_on(rubber, 3, 2, mixed_poisson=math.inf).force_ratio - exact) > 1e-2
+
+
+def test_incompressible_rubber_squeezed_flat_is_solved_like_any_other() -> None:
+    flat = replace(CASE_A, sensed_modulus=1e10, compliant_poisson=0.4999, sensor_height=0.3e-3, plate_modulus=1e10)
+    assert solve(flat, 1).residual < 1e-13
+
+
+def test_the_force_ratio_tends_to_that_of_incompressible_rubber() -> None:
+    ratios = [
+        solve(replace(CASE_A, sensed_poisson=poisson, compliant_poisson=poisson), 1).force_ratio
+        for poisson in (0.49, 0.499, 0.4999, 0.499999, 0.5)
+    ]
+    steps = np.abs(np.diff(ratios))
+    assert (steps[1:] < steps[:-1] / 5).all()
+    assert steps[-1] < 1e-6
+
+
+def test_thin_films_hold_up_an_iterative_solver_and_not_the_shipped_one() -> None:
+    """Films of 25 µm in plates of 10 mm."""
+    filmed = replace(CASE_A, compliant_poisson=0.3)
+    _, _, matrix = naive.assembled(filmed, 3, 2)
+    scale = diags_array(1 / np.sqrt(matrix.diagonal()))
+    scaled = (scale @ matrix @ scale).tocsr()
+    wanted = np.random.default_rng(0).normal(size=matrix.shape[0])
+    found, _ = cg(scaled, scaled @ wanted, rtol=1e-8, maxiter=500)
+    assert np.abs(found - wanted).max() > 1e-3
+    solution = solve(filmed, 1)
+    assert solution.films["tooth"].force == pytest.approx(solution.tooth_force_above, abs=1e-13)
+    assert solution.films["base"].force == pytest.approx(1.0, abs=1e-13)
+
+
+def test_a_gap_below_what_counts_costs_nothing_where_a_plain_mesh_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    slits = [replace(CASE_A, ring_inner_radius=1.4e-3 + gap) for gap in (1e-6, 1e-12)]
+    shipped = [solve(slit, 1) for slit in slits]
+    assert max(s.unknowns for s in shipped) == shipped[0].unknowns
+    monkeypatch.setattr(mesh, "CLOSED", 0.0)
+    plain = [solve(slit, 1) for slit in slits]
+    assert plain[1].unknowns > 2.5 * shipped[1].unknowns
+    for one, other in zip(shipped, plain, strict=True):
+        assert one.force_ratio == pytest.approx(other.force_ratio, abs=2e-4)
+
+
+@pytest.mark.parametrize("radius", [0.5e-3, 4.9e-3])
+def test_the_tooth_may_take_a_hundredth_or_nearly_all_of_the_face(radius: float) -> None:
+    sensor = replace(RIGID, tooth_radius=radius, ring_inner_radius=radius + 1e-5, sensed_modulus=24e3)
+    coarse, fine = solve(sensor, 1), solve(sensor, 2)
+    assert (radius / 5e-3) ** 2 < fine.force_ratio < 1
+    assert abs(fine.force_ratio - coarse.force_ratio) < 2e-3
+    assert fine.imbalance < 1e-12
+
+
+def test_a_uniform_mesh_of_linear_elements_converges_at_first_order_and_a_graded_one_beats_it_with_a_tenth() -> None:
+    plain = replace(RIGID, sensed_modulus=240e3, compliant_poisson=0.3)
+    exact = solve(plain, 2).force_ratio
+    face = plain.film_thickness + plain.sensor_height
+    errors = []
+    for n in (1, 2):
+        corners = ((0.0, 14 * n), (1.4e-3, n), (1.5e-3, 35 * n), (5e-3, 0))
+        radii = [np.linspace(a, b, k, endpoint=False) for ((a, k), (b, _)) in itertools.pairwise(corners)]
+        heights = [np.linspace(0, face, 39 * n, endpoint=False), np.linspace(face, face + 3e-3, 30 * n + 1)]
+        ratio = naive.linear_elements_ratio(plain, np.append(np.concatenate(radii), 5e-3), np.concatenate(heights))
+        errors.append(abs(ratio - exact))
+    assert 0.7 < math.log2(errors[0] / errors[1]) < 1.1
+    graded = solve(plain, 1)
+    assert graded.unknowns < 28_000 / 9
+    assert abs(graded.force_ratio - exact) < errors[1] / 9
+
+
+def test_many_elements_of_a_beam_drown_it_in_rounding_where_rigid_motion_is_not_apart() -> None:
+    """Bending of an element grows with its length to the power -3, so that four more elements cost two digits."""
+    bending, stretches = 4.85e-3, (Stretch(1.4e-3, 8e6), Stretch(3.5e-3, 3e5))
+    exact = hetenyi.exact_forces(bending, stretches)[0]
+    plain = {n: abs(naive.beam_forces(bending, stretches, n)[0] / exact - 1) for n in (2, 4, 64, 256)}
+    assert plain[4] < plain[2] / 10
+    assert plain[4] < plain[64] < plain[256]
+    assert plain[256] > 1e-5
+    for elements in (beam.ELEMENTS, 64, 256):
+        forces = beam.stretch_forces(bending, stretches, elements)
+        assert abs(forces[0] / exact - 1) < 1e-9
+        assert abs(sum(forces) / 4.9e-3 - 1) < 1e-13
+
+
+def test_equal_steps_in_the_logarithm_swing_at_the_ends_of_a_surface_where_chebyshev_points_do_not() -> None:
+    stored = surface.find(get_design("single_round"), PHYSICAL.load(1e5))
+    thinned = stored.thinned(2)
+    count = len(thinned.coefficients)
+    equal = np.geomspace(stored.lowest, stored.highest, count)
+    places = np.linspace(-1, 1, count)
+    swinging = np.polynomial.Polynomial.fit(places, stored.force_ratio(equal), count - 1)
+    between = np.linspace(-1, 1, 1000)
+    truth = stored.force_ratio(np.geomspace(stored.lowest, stored.highest, 1000).clip(stored.lowest, stored.highest))
+    chebyshev = np.polynomial.chebyshev.chebval(between, thinned.coefficients)
+    assert np.abs(chebyshev - truth).max() < 1e-3
+    assert np.abs(swinging(between) - truth).max() > 0.1
+
+
+def test_every_model_hands_a_hard_object_to_the_tooth() -> None:
+    hard, design = replace(get_sample("1"), modulus=1e15), get_design("single")
+    stiff = replace(design, plate=replace(design.plate, material=replace(design.plate.material, modulus=1e18)))
+    for ratio in (
+        springs.force_ratio(design, hard),
+        beam.force_ratio(stiff, hard),
+        hetenyi.exact_force_ratio(stiff, hard),
+        solve(replace(RIGID, sensed_modulus=1e15), 1).force_ratio,
+        solid.solve(SolidParameters(support="rigid", sensed_modulus=1e15), 0).force_ratio,
+    ):
+        assert ratio == pytest.approx(1, abs=1e-6)
+
+
+def test_every_model_with_areas_hands_a_soft_film_s_load_straight_down() -> None:
+    """A gap of 1 µm, no contraction: the tooth takes its share of the area."""
+    thin = {"sensed_modulus": 1.0, "sensed_thickness": 1e-5, "sensed_poisson": 0.0, "ring_inner_radius": 1.401e-3}
+    design = get_design("single_round")
+    closed = replace(design, ring=replace(design.ring, inner_radius=1.401e-3))
+    for ratio in (
+        springs.ratio_of_modulus(closed, 1e-12, 1e-5),
+        solve(RoundParameters(support="rigid", **thin), 1).force_ratio,  # type: ignore[arg-type]
+        solid.solve(SolidParameters(support="rigid", outline="round", **thin), 1).force_ratio,  # type: ignore[arg-type]
+    ):
+        assert ratio == pytest.approx(SHARE, rel=1e-3)
+
+
+@pytest.mark.parametrize("interface", ["bonded", "frictionless"])
+def test_between_hard_plates_tooth_and_ring_are_springs_in_parallel(interface: str) -> None:
+    """Poisson ratio 0: each column is in uniaxial stress, whatever holds it at its ends."""
+    columns = RoundParameters(
+        **{f"{part}_poisson": 0.0 for part in ("sensed", "compliant", "tooth", "plate", "film")},  # type: ignore[arg-type]
+        interface=interface,
+        tooth_modulus=72e3,
+        film_modulus=72e3,
+        compliant_modulus=24e3,
+        sensed_modulus=24e12,
+        plate_modulus=24e12,
+    )
+    tooth, ring = 3 * 1.4**2, 5.0**2 - 1.5**2
+    assert solve(columns, 1).force_ratio == pytest.approx(tooth / (tooth + ring), rel=1e-6)

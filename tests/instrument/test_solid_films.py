@@ -1,0 +1,101 @@
+"""What films, bases and sections of the solid model give, on the smallest meshes that show it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from instrument.designs import get_design
+from instrument.models import axisymmetric, film, solid_system
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameters import RoundParameters, SolidParameters
+from instrument.models.response import response
+from instrument.models.solid import solve, solve_on
+from instrument.models.solid_forces import evaluate
+from instrument.models.solid_mesh import Resolution
+from instrument.models.solid_section import section
+from instrument.models.solid_system import System
+
+SMALLEST = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
+APART = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=2, separate_bases=True)
+
+
+@pytest.fixture
+def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solid_system, "RESOLUTIONS", (SMALLEST,) * 4)
+
+
+@pytest.mark.parametrize("plate_modulus, limit", [(70e6, 0.17), (3e9, 0.02)])
+def test_films_of_a_round_sensor_feel_what_the_round_model_says(plate_modulus: float, limit: float) -> None:
+    """Soft plates stretch the base film; stiff ones press it."""
+    ours = solve(SolidParameters(outline="round", plate_modulus=plate_modulus), 0)
+    films = axisymmetric.solve(RoundParameters(plate_modulus=plate_modulus), 1).films
+    assert ours.tooth_films[0] == pytest.approx((films["tooth"].plane_stress,) * 2, rel=limit)
+    assert ours.base_films[0] == pytest.approx((films["base"].plane_stress,) * 2, rel=0.03)
+
+
+def test_turning_the_load_turns_the_films_stresses() -> None:
+    along, across = (solve_on(SolidParameters(load_at=place), SMALLEST) for place in ((6.5e-3, 5e-3), (5e-3, 6.5e-3)))
+    for one, other in ((along.tooth_films, across.tooth_films), (along.base_films, across.base_films)):
+        assert one[0] == pytest.approx(other[0][::-1], rel=1e-6)
+        assert one[0][0] != pytest.approx(one[0][1], rel=1e-3)
+
+
+def test_mirrored_loads_give_mirrored_bases() -> None:
+    left, right = (solve_on(replace(APART, load_at=(x, 6e-3)), SMALLEST) for x in (3e-3, 21e-3))
+    assert left.base_forces == pytest.approx(right.base_forces[::-1], rel=1e-7)
+    assert left.base_forces[0] > 0.9 > left.base_forces[1]
+    assert sum(left.base_forces) == pytest.approx(1.0, abs=1e-10)
+    assert np.array(left.base_films) == pytest.approx(np.array(right.base_films[::-1]), rel=1e-6)
+    assert np.array(left.tooth_films) == pytest.approx(np.array(right.tooth_films[::-1]), rel=1e-6)
+
+
+def test_half_a_sensor_has_the_films_of_the_whole() -> None:
+    """Symmetry across the width only, and along the length as well."""
+    half = System(APART, SMALLEST, mirrored=(False, True))
+    forces = evaluate(half, half.solve(half.load(None)))
+    quarter = solve_on(APART, SMALLEST)
+    assert quarter.base_forces == pytest.approx(forces.bases, rel=1e-6)
+    assert np.array(quarter.base_films) == pytest.approx(forces.base_films, rel=1e-6)
+    assert np.array(quarter.tooth_films) == pytest.approx(forces.tooth_films, rel=1e-6)
+
+
+def test_every_film_of_a_design_gives_a_voltage_under_a_point_load(one_layer: None) -> None:
+    design = get_design("different_base")
+    answer = response(design, replace(PHYSICAL.load(1e5, force=3.0), at=(5e-3, 6e-3)), "solid", 0.1)
+    felt = {name: load.force for name, load in answer.films.items()}
+    assert felt["rigid_1"] == answer.tooth_forces[0] > 10 * abs(felt["rigid_2"])
+    assert felt["total_1"] + felt["total_2"] == pytest.approx(3.0, abs=1e-9)
+    unstretched = {name: replace(load, plane_stress=(0.0, 0.0)) for name, load in answer.films.items()}
+    stretched, free = (film.signals(design, given) for given in (answer, replace(answer, films=unstretched)))
+    assert all(stretched[name].voltage != pytest.approx(free[name].voltage, rel=0.01) for name in felt)
+
+
+def test_a_section_shows_one_bonded_stack() -> None:
+    cut = section(SolidParameters(outline="round"), 0)
+    object_, tooth = cut.bodies["object"][0], cut.bodies["tooth"][0]
+    assert [len(cut.bodies[name]) for name in ("object", "tooth", "ring", "upper plate")] == [1, 1, 2, 1]
+    for ours, its in ((object_.along, tooth.along), (object_.up, tooth.up)):
+        at = np.interp(tooth.x[:, -1], object_.x[:, 0], ours[:, 0])
+        assert at == pytest.approx(its[:, -1], abs=1e-12)
+    assert object_.up == pytest.approx(object_.up[::-1], abs=1e-12)
+    assert object_.along == pytest.approx(-object_.along[::-1], abs=1e-12)
+    assert object_.up[:, -1].max() < 0 == cut.bodies["lower plate"][0].up[:, 0].max()
+
+
+def test_the_pressure_on_a_round_face_is_that_of_the_round_model() -> None:
+    """Away from the edges, where it is singular."""
+    cut, face = section(SolidParameters(outline="round"), 0), axisymmetric.solve(RoundParameters(), 1).face
+    radius = np.array([0.3e-3, 2.5e-3, 3e-3, 3.5e-3, 4e-3])
+    its = np.interp(radius, face.radius, face.pressure)
+    for ours in (np.interp(5e-3 + radius, cut.x, cut.pressure), np.interp(5e-3 - radius, cut.x, cut.pressure)):
+        assert ours == pytest.approx(its, rel=0.08)
+
+
+def test_a_load_beside_the_middle_leaves_the_section_whole(one_layer: None) -> None:
+    cut = section(replace(APART, load_at=(10e-3, 6e-3)), 0)
+    assert [len(cut.bodies[name]) for name in ("object", "tooth", "ring", "upper plate")] == [1, 2, 4, 2]
+    lowest = cut.bodies["object"][0].x[np.argmin(cut.bodies["object"][0].up[:, -1]), 0]
+    assert lowest == pytest.approx(10e-3, abs=1e-3)

@@ -1,0 +1,250 @@
+"""How the price list is measured, on finite elements whose errors are made up, and what `palpate accuracy` says."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from instrument.designs import get_design
+from instrument.models import price_list, surface
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.price_list import Price, PriceList, stored
+from instrument.models.response import MODELS, response
+from procedures.accuracy import measure as measuring
+from procedures.accuracy.measure import BEAM_ELEMENTS, MODULI, TIMED, measure
+from procedures.accuracy.meshes import Mesh, Solved
+from procedures.accuracy.plot import plot_prices
+from tests.procedures.conftest import Palpate
+
+MODELS_COMMAND = ("accuracy", "models")
+
+
+def truth(modulus: float) -> float:
+    """Of the round design, within 1e-5."""
+    return response(get_design("single_round"), PHYSICAL.load(modulus), "surface").force_ratio
+
+
+def made_up(mesh: Mesh) -> Solved:
+    """Errors of 0.1, 0.02, ... by refinement and 2e-4 or less for references; a second for each level."""
+    level = mesh.refinement + (1 if mesh.model == "solid" else 0)
+    error = 0.1 * 0.2 ** (level - 1) if not mesh.second else 1e-5
+    ratio = truth(mesh.parameters.sensed_modulus) * (1 - error)
+    return Solved(ratio, imbalance=1e-7, seconds=(0.5 * level, 0.25 * level, 0.25 * level))
+
+
+@contextmanager
+def in_this_process() -> Iterator[Any]:
+    yield map
+
+
+@pytest.fixture(scope="module")
+def measured() -> PriceList:
+    seen: list[tuple[int, int]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measuring, "solve", made_up)
+        patch.setattr(measuring, "side_by_side", in_this_process)
+        patch.setattr(measuring, "seconds_of", lambda call: (call(), 1e-6)[1])
+        prices = measure(["single_round", "single"], lambda done, total, what: seen.append((done, total)))
+    assert seen[0][0] == 0 and seen[-1] == (seen[-1][1],) * 2  # progress reaches its end
+    assert len({total for _, total in seen}) == 1
+    return prices
+
+
+def rows(prices: PriceList, design: str, model: str) -> list[Price]:
+    return [price for price in prices.prices if (price.design, price.model) == (design, model)]
+
+
+# --- measuring -----------------------------------------------------------------------------------------
+
+
+def test_every_model_has_its_refinements(measured: PriceList) -> None:
+    for design in ("single_round", "single"):
+        counts = {model: len(rows(measured, design, model)) for model in MODELS}
+        assert counts == {
+            "column": 1, "experiment": 1, "beam_printed": 1, "beam": len(BEAM_ELEMENTS), "axisymmetric": 5, "solid": 4,
+            "surface": 4,
+        }  # fmt: skip
+
+
+def test_an_error_is_the_greatest_of_both_ends_with_the_references_uncertainty(measured: PriceList) -> None:
+    reference = measured.references[0]
+    coarsest = rows(measured, "single_round", "axisymmetric")[0]
+    ends = [
+        abs(0.9 * truth(m) - r) + u
+        for m, r, u in zip(MODULI, reference.force_ratios, reference.uncertainties, strict=True)
+    ]
+    assert coarsest.errors == pytest.approx([max(pair) for pair in itertools.pairwise(ends)], rel=1e-12)
+    assert coarsest.errors[0] == pytest.approx(0.1 * truth(MODULI[1]), rel=1e-2)
+
+
+def test_a_certified_answer_costs_all_the_meshes_that_its_estimate_needs(measured: PriceList) -> None:
+    answers = [price.answer_s for price in rows(measured, "single_round", "axisymmetric")]
+    assert answers == [None, 3.0, 6.0, 10.0, 15.0]
+    assert [price.answer_s for price in rows(measured, "single_round", "solid")] == [None, 3.0, 6.0, 10.0]
+    assert [price.seconds for price in rows(measured, "single_round", "solid")] == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_estimates_are_those_that_the_models_give_themselves(measured: PriceList) -> None:
+    first, second, *_ = rows(measured, "single_round", "axisymmetric")
+    assert first.estimates == (None,) * 4
+    change = 0.08 * truth(140e9)  # of the ratio by the second refinement
+    assert second.estimates[-1] == pytest.approx(4 * change + 1e-7, rel=1e-6)
+
+
+def test_the_reference_of_a_round_design_is_its_finest_mesh_and_says_how_it_was_checked(measured: PriceList) -> None:
+    round_one, square = measured.references
+    finest = [0.1 * 0.2**5] * len(MODULI)
+    for modulus, ratio, error in zip(MODULI, round_one.force_ratios, finest, strict=True):
+        assert ratio == pytest.approx(truth(modulus) * (1 - error), rel=1e-12)
+    for way in ("plain displacement form", "refinement 5", "solid model"):
+        assert way in round_one.how
+    assert "another degree" in square.how
+    # Errors of 0.1, 0.02, 0.004 and 0.0008 lead to none; the second way is 1e-5 off.
+    at = MODULI.index(TIMED)
+    assert square.force_ratios[at] == pytest.approx(truth(TIMED), rel=1e-9)
+    assert square.uncertainties[at] == pytest.approx(0.0008 * truth(TIMED), rel=1e-3)
+
+
+def test_a_closed_form_is_looked_at_between_the_moduli(measured: PriceList) -> None:
+    """The column is nearly right at 1 MPa and at 140 GPa, and 0.004 off in between."""
+    (column,) = rows(measured, "single_round", "column")
+    design = get_design("single_round")
+    for modulus, end in ((1e6, 1.5e-3), (140e9, 1.5e-3)):
+        assert abs(response(design, PHYSICAL.load(modulus), "column").force_ratio - truth(modulus)) < end
+    assert column.errors[3] is not None and column.errors[3] > 4e-3
+    assert column.answer_s == 1e-6
+
+
+def test_what_a_model_does_not_answer_is_left_in_with_its_reason(measured: PriceList) -> None:
+    (nothing,) = rows(measured, "single_round", "experiment")
+    assert nothing.errors == (None,) * 4 and nothing.answer_s is None
+    assert "nothing was measured" in nothing.failure
+    (samples,) = rows(measured, "single", "experiment")
+    assert [error is None for error in samples.errors] == [True, False, True, True]
+    assert samples.answer_s is not None and "outside the measured" in samples.failure
+
+
+def test_a_design_of_two_teeth_keeps_the_round_model_as_a_failure() -> None:
+    case = measuring.Case(
+        get_design("common_base"), stored().references[0], surface.find(get_design("single"), PHYSICAL.load(1e5)),
+        np.zeros(4),
+    )  # fmt: skip
+    refused = measuring._refused(case, "axisymmetric")
+    assert refused.errors == (None,) * 4 and "2 teeth" in refused.failure
+
+
+def test_fewer_nodes_make_a_worse_surface_and_only_the_whole_one_is_to_be_had(measured: PriceList) -> None:
+    found = rows(measured, "single_round", "surface")
+    errors = [price.errors[1] for price in found]
+    assert errors == sorted(errors, key=lambda error: -float(error or 0))
+    assert errors[0] is not None and errors[0] > 1e-3
+    assert [price.answer_s is None for price in found] == [True, True, True, False]
+    nodes = [int(price.refinement.split()[0]) for price in found]
+    assert [(nodes[-1] - 1) / (count - 1) for count in nodes] == [8, 4, 2, 1]
+
+
+# --- the commands --------------------------------------------------------------------------------------
+
+
+def test_the_stored_list_is_printed_as_json_with_its_names(palpate: Palpate) -> None:
+    said = palpate(*MODELS_COMMAND, "--json").object
+    assert set(said) == {"machine", "moduli_Pa", "references", "prices", "plot"}
+    assert set(said["machine"]) == {"cpu", "cores", "system", "python", "date"}
+    assert set(said["references"][0]) == {"design", "fingerprint", "force_ratios", "uncertainties", "how"}
+    assert set(said["prices"][0]) == {
+        "design", "model", "refinement", "errors", "estimates", "build_s", "solve_s", "evaluate_s", "answer_s",
+        "failure",
+    }  # fmt: skip
+    assert said["plot"] is None
+
+
+def test_people_get_a_table_a_design_with_machine_and_failures(palpate: Palpate) -> None:
+    said = palpate(*MODELS_COMMAND, "--design", "common_base").out
+    assert "common_base: greatest error" in said and "single_round" not in said
+    assert stored().machine.cpu in said and stored().machine.date in said
+    assert "has 2 teeth" in said and "reference: solid" in said
+
+
+def test_the_plot_shows_every_model_of_every_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+    plot_prices(stored(), ["single_round", "common_base"], tmp_path / "new")
+    left, right = saved[0].axes
+    assert (left.get_title(), right.get_title()) == ("single_round", "common_base")
+    assert left.get_xscale() == left.get_yscale() == "log"
+    (line,) = (line for line in left.get_lines() if line.get_label() == "axisymmetric")
+    assert len(line.get_xdata()) == 5  # type: ignore[arg-type]
+    labels = [text.get_text() for text in right.get_legend().get_texts()]  # type: ignore[union-attr]
+    assert "axisymmetric: no answer" in labels and "solid" in labels
+
+
+def test_measuring_keeps_nothing_unless_told_to(
+    measured: PriceList, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[str]] = []
+
+    def measure_nothing(designs: list[str], progress: object) -> PriceList:
+        asked.append(designs)
+        return measured
+
+    path = tmp_path / "prices.json"
+    monkeypatch.setattr(measuring, "measure", measure_nothing)
+    monkeypatch.setattr(price_list, "STORED", path)
+    said = palpate(*MODELS_COMMAND, "--measure", "--design", "single", "--json", "--out", str(tmp_path))
+    assert not path.exists() and Path(said.object["plot"]).exists()
+    palpate(*MODELS_COMMAND, "--store", "--quiet")
+    assert asked == [["single"], ["single_round", "single", "common_base", "different_base"]]
+    assert json.loads(path.read_text())["machine"] == said.object["machine"]
+    assert stored.__wrapped__() == measured
+
+
+@pytest.mark.parametrize(
+    "options, part",
+    [
+        (("models", "--design", "singel"), "unknown design with prices 'singel' (did you mean 'single'?)"),
+        (("models", "--design", "single", "--store"), "--store keeps the prices of all designs"),
+        (("surfaces", "--design", "array"), "unknown design with a surface 'array'"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(palpate: Palpate, options: tuple[str, ...], part: str) -> None:
+    said = palpate("accuracy", *options)
+    assert said.status == 2
+    assert part in said.err and said.out == ""
+
+
+def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
+    found = palpate("accuracy", "surfaces", "--json").object["surfaces"]
+    assert [row["design"] for row in found] == ["single_round", "single", "common_base", "different_base"]
+    for row in found:
+        assert row["error_bound"] < 1e-6 and 0 < row["discretisation"] < 2e-3
+        assert (row["lowest_modulus_ratio"], row["highest_modulus_ratio"]) == (0.1, 1e7)
+    assert "relative error" in palpate("accuracy", "surfaces", "--design", "single").out
+
+
+def test_a_surface_is_built_and_stored_under_the_designs_name(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = surface.find(get_design("single"), PHYSICAL.load(1e5))
+    monkeypatch.setattr(measuring, "build_surface", lambda name, progress: built)
+    monkeypatch.setattr(surface, "STORED", tmp_path)
+    palpate("accuracy", "surfaces", "--design", "single", "--store", "--quiet")
+    assert [path.name for path in tmp_path.iterdir()] == ["single.npz"]
+
+
+def test_a_sweep_with_model_auto_names_the_model_that_answered(palpate: Palpate, tmp_path: Path) -> None:
+    said = palpate(
+        "sweep", "loads", "--model", "auto", "--samples", "2", "--loads", "2 N", "--dwell", "0.1 s", "--json",
+        "--out", str(tmp_path / "run"),
+    ).object  # fmt: skip
+    assert said["model"] in MODELS
+    (sample,) = said["samples"]
+    true = response(get_design("single"), PHYSICAL.load(24131.65), "surface").force_ratio
+    assert sample["force_ratio"] == pytest.approx(true, abs=price_list.AUTO_TOLERANCE + 4 * sample["force_ratio_u"])

@@ -1,0 +1,375 @@
+"""`palpate reproduce models`: the thesis' tables and figures beside the models."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from instrument.errors import UnknownName
+from instrument.models import solid, springs
+from instrument.thesis import TABLES, Cell, Table, read_table
+from procedures.reproduce import curves, figures, models, pair, position, theory
+from procedures.reproduce.comparison import Column, Comparison, Series, fit_sentence
+from procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, TOOTH, Case, Curves, Solved
+from procedures.reproduce.films import voltage_sentence
+from tests.procedures.conftest import Palpate
+
+REPRODUCE = ("reproduce", "models")
+IDENTIFIED = Case("single", "axisymmetric", "identified")
+
+
+def column_solve(case: Case, modulus: float, mesh: int) -> Solved:
+    """The column model in the place of finite elements; the finer mesh takes a hundredth off the odds."""
+    ratio = springs.ratio_of_modulus(case.sensor(), modulus, 3e-3)
+    return math.log(ratio / (1 - ratio)) - (0.01 if mesh == FINE_MESH else 0.0), 10.0, 20.0, 30.0, 40.0
+
+
+@pytest.fixture
+def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
+    """Nothing is solved; the list gets the case of every solution that is asked for."""
+    asked: list[Case] = []
+
+    def solve(case: Case, modulus: float, mesh: int) -> Solved:
+        asked.append(case)
+        return column_solve(case, modulus, mesh)
+
+    def point_loads(_parameters: object, places: list[tuple[float, float]], _mesh: int) -> NDArray[np.float64]:
+        return np.array([[1 - x / 24e-3, x / 24e-3] for x, _ in places])
+
+    monkeypatch.setattr(curves, "solve", solve)
+    monkeypatch.setattr(solid, "point_loads", point_loads)
+    return asked
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "FIGURES", ())
+
+
+def small(ours: list[float], thesis: tuple[float, ...] = (0.2, -0.4), goal: float | None = 0.015) -> Comparison:
+    """A table of two rows, the second repaired."""
+    cells = (Cell("0.2", thesis[0]), Cell("0.44", thesis[1], "thesis slip"))
+    table = Table("9.9", "trial", "sample", ("1", "2"), MappingProxyType({"force_ratio": cells}))
+    series = (Series("physical", "solid", np.array(ours)),)
+    return Comparison(table, (Column("force_ratio", cells, series, goal),), ())
+
+
+# --- arithmetic ----------------------------------------------------------------------------------------
+
+
+def test_a_difference_is_ours_less_the_repaired_value_of_the_thesis() -> None:
+    first, second = small([0.21, 0.37]).records()
+    assert first == {
+        "sample": "1", "quantity": "force_ratio", "printed": "0.2", "thesis": 0.2, "repaired": "",
+        "physical_solid": 0.21, "physical_solid_difference": pytest.approx(0.01),
+        "physical_solid_relative_difference": pytest.approx(0.05),
+    }  # fmt: skip
+    assert (second["printed"], second["thesis"], second["repaired"]) == ("0.44", 0.4, "thesis slip")
+    assert second["physical_solid_difference"] == pytest.approx(-0.03)
+
+
+def test_a_deviation_is_the_worst_cell_the_rms_and_the_cells_within_the_goal() -> None:
+    (deviation,) = small([0.21, 0.37]).deviations()
+    assert (deviation.worst, deviation.worst_at) == (pytest.approx(-0.03), "2")
+    assert deviation.rms == pytest.approx(math.sqrt((0.01**2 + 0.03**2) / 2))
+    assert deviation.factor == pytest.approx((1.05 + 0.925) / 2)
+    assert (deviation.cells, deviation.within, deviation.goal) == (2, 1, 0.015)
+
+
+def test_a_cell_without_an_answer_is_left_out() -> None:
+    comparison = small([math.nan, 0.37])
+    (deviation,) = comparison.deviations()
+    assert (deviation.cells, deviation.within, deviation.rms) == (1, 0, pytest.approx(0.03))
+    first, _ = comparison.records()
+    assert first["physical_solid"] is first["physical_solid_difference"] is None
+
+
+def test_the_sentence_says_what_matches_and_what_does_not() -> None:
+    missed, met = (fit_sentence(small(ours), "force_ratio") for ours in ([0.21, 0.37], [0.21, 0.401]))
+    assert missed == (
+        "force_ratio: physical set by solid: does not match: 1 of 2 cells within 0.015, worst -0.0300 at sample 2,"
+        " rms 0.0224"
+    )
+    assert "meets all of 2 cells within 0.015, worst +0.0100 at sample 1" in met
+
+
+def test_a_copied_table_is_called_a_copy_and_one_that_differs_is_not() -> None:
+    table, twin = read_table("A2.5"), read_table("A2.3")
+    assert pair.twin_sentence(table, twin).startswith(
+        "240 of 240 cells, repaired, are those of Table A2.3: it is a copy"
+    )
+    other = replace(twin, columns={**twin.columns, "force_ratio": table.columns["force_pvdf1_N"]})
+    said = pair.twin_sentence(table, other)
+    assert said.startswith("192 of 240 cells")
+    assert said.endswith("the two are not independent")
+
+
+def test_the_sentence_on_voltages_has_their_slope_and_how_far_it_is_from_the_material() -> None:
+    table = read_table("A2.1")
+    force = abs(table.values("force_rigid_N"))
+    said = voltage_sentence(table, "voltage_pvdf2_V", force, IDENTIFIED.sensor(), TOOTH, {"trial": force})
+    assert "0.9966 to 1.002 mV/N at every modulus" in said
+    assert "g33 t / A is 0.609 V/N, 610 times more" in said
+    assert "0.1417 to 0.9999 V/N by the trial" in said
+
+
+def test_both_definitions_of_the_error_give_back_the_percentage() -> None:
+    experiment, percent = np.array([0.3, 0.2]), np.array([20.0, -5.0])
+    of_theory, of_experiment = (theory.rebuilt(experiment, percent, flag) for flag in (False, True))
+    assert 100 * (experiment - of_theory) / of_theory == pytest.approx(percent)
+    assert 100 * (experiment - of_experiment) / experiment == pytest.approx(percent)
+
+
+@pytest.mark.parametrize(("column", "limit"), [("single_vs_3D", 3e-3), ("common_base_vs_3D", 1.2e-3)])
+def test_table_5_8_is_about_the_printed_averages_and_tables_a2_1_and_a2_3(column: str, limit: float) -> None:
+    *_, source, of_experiment = theory.COLUMNS[column]
+    assert source is not None
+    taken = theory.implied(column)[theory.OF_EXPERIMENT if of_experiment else theory.OF_THEORY]
+    printed = theory.table_ratio(source, theory.sample_moduli(), printed=True)
+    assert np.sqrt(np.mean((taken - printed) ** 2)) < limit
+
+
+# --- curves --------------------------------------------------------------------------------------------
+
+
+def ratio_of(case: Case, moduli: NDArray[np.float64], shift: float = 0.0) -> NDArray[np.float64]:
+    odds = np.array([column_solve(case, float(modulus), COARSE_MESH)[0] for modulus in moduli])
+    return 1 / (1 + np.exp(shift - odds))
+
+
+def test_a_curve_meets_the_model_between_its_nodes_on_the_finer_mesh(cheap: list[Case]) -> None:
+    moduli = np.geomspace(14.9e3, 140e9, 40)
+    for design, model, shift in (("single", "axisymmetric", 0.0), ("common_base", "solid", 0.01)):
+        case = Case(design, model, "physical")
+        assert Curves([]).of(case).force_ratio(moduli) == pytest.approx(ratio_of(case, moduli, shift), abs=3e-4)
+
+
+def test_another_ring_or_base_takes_few_solutions_more_and_on_a_rigid_support_none(cheap: list[Case]) -> None:
+    made, moduli = Curves([]), np.geomspace(14.9e3, 140e6, 10)
+    for parameters, more in (("physical", 10), ("identified", 0)):
+        made.of(Case("common_base", "solid", parameters))
+        cheap.clear()
+        others = [Case("common_base", "solid", parameters, STIFF_RING), Case("different_base", "solid", parameters)]
+        for case in others:
+            assert made.of(case).force_ratio(moduli) == pytest.approx(ratio_of(case, moduli, 0.01), abs=3e-4)
+        assert len(cheap) == more
+
+
+def test_progress_ends_at_the_number_of_solutions_that_was_announced(cheap: list[Case], tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    made = Curves(models.cases(models.SETS), progress=lambda done, total, _: seen.append((done, total)))
+    for case in models.cases(models.SETS):
+        made.of(case)
+    assert seen[-1][0] == seen[-1][1] == len(seen) == len(cheap)
+
+
+def test_the_identified_set_meets_table_a2_1_within_0_008_on_this_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curves, "ROUND_MESH", 1)
+    comparison = small([0.0, 0.0])
+    table = read_table("A2.1")
+    ratio = Curves([IDENTIFIED]).of(IDENTIFIED).force_ratio(table.keys())
+    column = Column(
+        "force_rigid_N", table.columns["force_rigid_N"], (Series("identified", "axisymmetric", ratio),), 0.008
+    )
+    (deviation,) = replace(comparison, table=table, columns=(column,)).deviations()
+    assert (deviation.within, deviation.cells) == (48, 48)
+    assert deviation.rms < 0.0025
+
+
+def test_stresses_of_the_films_come_with_the_real_solutions() -> None:
+    elastic = curves.solve(Case("single", "axisymmetric", "physical"), 1e5, 1)
+    rigid = curves.solve(IDENTIFIED, 1e5, 1)
+    square = curves.solve(Case("single", "solid", "physical"), 1e5, COARSE_MESH)
+    assert rigid[1:] == (0.0, 0.0, 0.0, 0.0)
+    assert elastic[3] == elastic[4] > 1e4
+    assert square[3] == pytest.approx(square[4], rel=1e-6) and square[3] > 1e4
+
+
+# --- the command ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("cheap", "no_figures")
+def test_json_has_the_tables_their_cells_and_where_everything_lies(palpate: Palpate) -> None:
+    said = palpate(*REPRODUCE, "--out", "compared", "--json").object
+    assert list(said) == ["parameters", "folder", "summary", "tables", "figures"]
+    assert (said["parameters"], said["folder"]) == (["physical", "identified"], "compared")
+    assert [table["table"] for table in said["tables"]] == ["A2.1", "4.1", "A2.3", "4.5", "A2.5", "4.3", "A2.7", "5.8"]
+    assert sorted(table["table"] for table in said["tables"]) == sorted(TABLES)
+    for table in said["tables"]:
+        assert list(table) == ["table", "title", "doubt", "file", "summary", "said", "repaired", "rows"]
+        assert table["said"] and table["rows"]
+        assert [list(one) for one in table["summary"][:1]] == [
+            ["quantity", "parameters", "model", "worst", "worst_at", "rms", "factor", "cells", "goal", "within"]
+        ]
+    assert said["figures"] == [
+        {
+            "name": "Table A2.7", "content": "common base under a load of 1 N along its length",
+            "inferred_from": None, "file": "compared/table_A2_7.png",
+        }
+    ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("cheap", "no_figures")
+def test_every_repaired_cell_is_marked_in_the_csv_as_in_json(palpate: Palpate) -> None:
+    for said in palpate(*REPRODUCE, "--parameters", "identified", "--json").object["tables"]:
+        table = read_table(said["table"])
+        if said["table"] != "5.8":
+            assert [(r[table.key], r["column"], r["printed"]) for r in said["repaired"]] == [
+                (row, column, cell.printed) for row, column, cell in table.repaired()
+            ]
+        with Path(said["file"]).open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) == len(said["rows"])
+        marked = {(row[table.key], row["quantity"], row["printed"]) for row in rows if row["repaired"]}
+        assert marked == {(r[table.key], r["column"], r["printed"]) for r in said["repaired"]}
+
+
+@pytest.mark.usefixtures("cheap", "no_figures")
+@pytest.mark.parametrize("chosen", ["physical", "identified"])
+def test_one_parameter_set_alone_stands_beside_the_thesis(palpate: Palpate, chosen: str) -> None:
+    tables = palpate(*REPRODUCE, "--parameters", chosen, "--json").object["tables"]
+    assert {one["parameters"] for table in tables for one in table["summary"]} == {chosen}
+    beam = [one for one in tables[-1]["summary"] if one["model"] == "beam"]
+    assert bool(beam) == (chosen == "physical")
+    assert any("the beam has no identified set" in sentence for sentence in tables[-1]["said"]) != bool(beam)
+
+
+@pytest.mark.usefixtures("cheap")
+def test_people_get_tables_pictures_and_a_summary_in_a_new_folder_of_the_store(palpate: Palpate) -> None:
+    said = palpate(*REPRODUCE, "--parameters", "identified")
+    assert (said.status, said.err) == (0, "")
+    (folder,) = Path("runs").iterdir()
+    assert folder.name.endswith("-reproduce-models")
+    numbers = [figure.number.replace(".", "_") for figure in figures.FIGURES]
+    assert {file.name for file in folder.iterdir()} == {
+        "summary.md", "table_A2_7.png", *(f"figure_{number}.png" for number in numbers),
+        *(f"table_{number.replace('.', '_')}.csv" for number in TABLES),
+    }  # fmt: skip
+    assert "Table A2.5: two sensors on different bases" in said.out
+    assert "Captions are inferred" in said.out
+    summary = (folder / "summary.md").read_text(encoding="utf-8")
+    assert "Captions are inferred" in summary
+    assert "| 95400 | 0.3221* |" in summary
+    assert "| 95400 | force_rigid_N | -0.3089 | -0.3221 | thesis slip" in summary
+
+
+@pytest.mark.usefixtures("cheap", "no_figures")
+def test_quiet_says_nothing(palpate: Palpate) -> None:
+    said = palpate(*REPRODUCE, "--parameters", "identified", "--quiet")
+    assert (said.status, said.out, said.err) == (0, "", "")
+
+
+def test_an_interruption_leaves_the_tables_that_are_done(
+    palpate: Palpate, cheap: list[Case], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(position, "compare", interrupted)
+    monkeypatch.setattr(models, "TABLES", {**models.TABLES, "A2.7": interrupted})
+    said = palpate(*REPRODUCE, "--parameters", "identified", "--out", "half")
+    assert said.status == 130
+    assert "6 tables that were done are kept in half" in said.err
+    kept = {file.name for file in Path("half").iterdir()}
+    assert kept == {"summary.md", *(f"table_{n}.csv" for n in ("A2_1", "4_1", "A2_3", "4_5", "A2_5", "4_3"))}
+
+
+def test_a_run_that_leaves_nothing_leaves_no_folder(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> Solved:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(curves, "solve", fails)
+    assert palpate(*REPRODUCE).status == 130
+    assert not list(Path("runs").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("--parameters", "fysical"), "unknown parameter set 'fysical' (did you mean 'physical'?)"),
+        (("--parameters", "thesis"), "unknown parameter set 'thesis'; valid: both, identified, physical"),
+        (("--out", "taken"), "taken holds other files; choose a new or empty folder with --out"),
+        (("--out", "taken/notes.txt"), "taken/notes.txt"),
+    ],
+)
+def test_bad_input_is_one_error_before_anything_is_solved(
+    palpate: Palpate, cheap: list[Case], wrong: tuple[str, ...], message: str
+) -> None:
+    Path("taken").mkdir()
+    Path("taken/notes.txt").write_text("mine")
+    said = palpate(*REPRODUCE, *wrong)
+    assert said.status != 0
+    assert message in said.complaint
+    assert not cheap
+    assert Path("taken/notes.txt").read_text() == "mine"
+
+
+def test_an_empty_folder_name_is_refused(palpate: Palpate) -> None:
+    said = palpate(*REPRODUCE, "--out", "")
+    assert (said.status, said.out) == (2, "")
+    assert "the name is empty" in said.err
+
+
+def test_an_unknown_set_is_refused_by_name() -> None:
+    with pytest.raises(UnknownName, match="valid: both, identified, physical"):
+        models.parameter_sets("all")
+
+
+# --- figures -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch, cheap: list[Case], tmp_path: Path) -> Iterator[Callable[[str], Any]]:
+    """Draws a figure by number and gives back its axes."""
+    kept: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: kept.append(figure))
+    made = Curves([])
+
+    def draw(number: str) -> list[Axes]:
+        figure = next(figure for figure in figures.FIGURES if figure.number == number)
+        figures.draw(figure, models.SETS, made, tmp_path)
+        return kept[-1].axes
+
+    return draw
+
+
+def test_every_figure_that_is_asked_for_is_drawn_once() -> None:
+    assert [figure.number for figure in figures.FIGURES] == [
+        "4.4", "4.7", "4.8", "4.12", "4.13", "4.14", "4.15", "4.16", "4.17"
+    ]  # fmt: skip
+
+
+def test_a_figure_has_the_thesis_and_both_sets_over_a_logarithmic_modulus(drawn: Callable[[str], list[Axes]]) -> None:
+    for axes in drawn("4.4"):
+        labels = [line.get_label() for line in axes.lines]
+        assert axes.get_xscale() == "log"
+        for word in ("thesis", "physical set", "identified set"):
+            assert any(word in str(label) for label in labels), (word, labels)
+
+
+def test_points_of_the_thesis_stand_on_the_ring_that_they_are_for(drawn: Callable[[str], list[Axes]]) -> None:
+    for number, points in (("4.16", 1), ("4.17", 0)):
+        left, right = drawn(number)
+        assert sum(str(line.get_label()).startswith("thesis") for line in right.lines) == points
+        assert sum(str(line.get_label()).startswith("thesis") for line in left.lines) == 2 * points
+
+
+def test_a_comparison_draws_the_difference_of_what_it_compares(drawn: Callable[[str], list[Axes]]) -> None:
+    left, right = drawn("4.12")
+    beam, solid_set = (
+        next(line for line in left.lines if line.get_label() == label).get_ydata()
+        for label in ("two dimensions, beam", "three dimensions, identified set")
+    )
+    difference = next(line for line in right.lines if line.get_label() == "identified set").get_ydata()
+    assert np.asarray(difference) == pytest.approx(np.asarray(beam) - np.asarray(solid_set))
