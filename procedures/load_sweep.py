@@ -132,7 +132,7 @@ def check(settings: SweepSettings, design: Design, force_limit: float) -> None:
     """
     if {film.name for film in design.films} != set(FILM_KINDS):
         raise RangeError(
-            f"design {design.name!r} has {len(design.teeth)} teeth with films {', '.join(film.name for film in design.films)}; a load sweep measures"
+            f"design {design.name!r} has {len(design.teeth)} teeth; a load sweep measures"
             " one tooth; take a design with the films 'rigid' and 'total', such as 'single'"
         )
     for sample in settings.samples:

@@ -21,7 +21,9 @@ THESIS = read_scene("thesis_single")
 ROUNDING = 1e-10
 
 
-def change(name: str, others: frozenset[str], question: Question, seed: int, strong: bool) -> tuple[Bound, float, float]:
+def change(
+    name: str, others: frozenset[str], question: Question, seed: int, strong: bool
+) -> tuple[Bound, float, float]:
     """The bound of an effect beside some others, and what it really changes in force and ratio."""
     effect = STRONG[name] if strong else type(STRONG[name])()
     without = replace(THESIS, effects={each: STRONG[each] for each in EFFECTS if each in others}, seed=seed)
@@ -41,9 +43,7 @@ def change(name: str, others: frozenset[str], question: Question, seed: int, str
     seed=st.integers(0, 2**31),
     strong=st.booleans(),
 )
-@settings(
-    max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_the_bound_of_an_effect_holds_in_random_scenes(
     name: str, others: frozenset[str], sample: str, load: float, frequency: float, seed: int, strong: bool
 ) -> None:
