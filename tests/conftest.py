@@ -27,6 +27,11 @@ def hasty(description: BenchDescription) -> BenchDescription:
     return description.model_copy(update={name: getattr(description, name).model_copy(update=short) for name in links})
 
 
+def pytest_configure() -> None:
+    """A worker has a core: threads of the linear algebra would only get in each other's way."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
 def open_ends() -> set[str]:
     """Every thread, socket and terminal of this process."""
     ends = {f"thread {thread.name} {thread.ident}" for thread in threading.enumerate()}

@@ -22,7 +22,7 @@ accuracy.add_command(integrators)
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
     "\n\n  palpate accuracy models --store"
 )
-@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--design", help="single_round, single or common_base (default: all).")
 @click.option("--measure", "anew", is_flag=True, help="Measure on this machine: ten minutes for all designs.")
 @click.option("--store", is_flag=True, help="Measure all, and keep it as the list that models are chosen by.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
@@ -71,7 +71,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @accuracy.command(
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
-@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--design", help="single_round, single or common_base (default: all).")
 @click.option("--store", is_flag=True, help='Build them anew, and keep them as those of model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:

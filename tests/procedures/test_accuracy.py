@@ -201,7 +201,7 @@ def test_measuring_keeps_nothing_unless_told_to(
     said = palpate(*MODELS_COMMAND, "--measure", "--design", "single", "--json", "--out", str(tmp_path))
     assert not path.exists() and Path(said.object["plot"]).exists()
     palpate(*MODELS_COMMAND, "--store", "--quiet")
-    assert asked == [["single"], ["single_round", "single", "common_base", "different_base"]]
+    assert asked == [["single"], ["single_round", "single", "common_base"]]
     assert json.loads(path.read_text())["machine"] == said.object["machine"]
     assert stored.__wrapped__() == measured
 
@@ -222,7 +222,7 @@ def test_what_cannot_be_asked_is_refused(palpate: Palpate, options: tuple[str, .
 
 def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
     found = palpate("accuracy", "surfaces", "--json").object["surfaces"]
-    assert [row["design"] for row in found] == ["single_round", "single", "common_base", "different_base"]
+    assert [row["design"] for row in found] == ["single_round", "single", "common_base"]
     for row in found:
         assert row["error_bound"] < 1e-6 and 0 < row["discretisation"] < 2e-3
         assert (row["lowest_modulus_ratio"], row["highest_modulus_ratio"]) == (0.1, 1e7)
