@@ -11,7 +11,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import array, driver_call, models, numbers, peers, solid, start_up, sweep
+from tests.benchmarks import array, driver_call, models, numbers, peers, scenes, solid, start_up, sweep
 from tests.benchmarks.row import Row
 
 PARTS = {
@@ -22,6 +22,7 @@ PARTS = {
     "models": models.measure,
     "solid": solid.measure,
     "peers": peers.measure,
+    "scenes": scenes.measure,
     "start_up": start_up.measure,
 }
 

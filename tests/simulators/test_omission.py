@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -31,11 +30,12 @@ def change(
     with_it = replace(without, effects={each: both[each] for each in EFFECTS if each in both})
     bound = effect.bound(case_of(THESIS.design, THESIS.model, without.effects, question))
     (force, ratio), (more_force, more_ratio) = (force_and_ratio(each, question) for each in (without, with_it))
+    assume(force > 0 and ratio > 0)  # a coarse converter may see nothing at all
     return bound, abs(more_force / force - 1), abs(more_ratio / ratio - 1)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
 @given(
+    name=st.sampled_from(sorted(EFFECTS)),
     others=st.frozensets(st.sampled_from(sorted(EFFECTS)), max_size=4),
     sample=st.sampled_from(sorted(SAMPLES)),
     load=st.floats(1.5, 4.0),
@@ -43,7 +43,7 @@ def change(
     seed=st.integers(0, 2**31),
     strong=st.booleans(),
 )
-@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.filter_too_much])
 def test_the_bound_of_an_effect_holds_in_random_scenes(
     name: str, others: frozenset[str], sample: str, load: float, frequency: float, seed: int, strong: bool
 ) -> None:
