@@ -54,7 +54,13 @@ class SymmetricSolver:
         scaled = matrix.copy()
         scaled.data *= self._scale[scaled.indices] * np.repeat(self._scale, np.diff(scaled.indptr))
         self._norm = float(abs(scaled).sum(axis=1).max())
-        self._factor = BACKENDS[name](scaled)
+        try:
+            self._factor = BACKENDS[name](scaled)
+        except MemoryError:
+            raise EstimateError(
+                f"the factors of {matrix.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
+                " tolerance, or install the extra 'fast'"
+            ) from None
 
     def __call__(self, load: Vector) -> tuple[Vector, float]:
         """Solve, and refine once.

@@ -28,7 +28,8 @@ Values = Sequence[float | None]
 Progress = Callable[[int, int, str], None]
 Results = Mapping[Mesh, Solved]
 
-DESIGNS = ("single_round", "single", "common_base")
+DESIGNS = ("single_round", "single")
+SURFACES = (*DESIGNS, "common_base")
 # The thesis' softest and hardest objects, the ends of the rubber samples, and one more.
 MODULI = (1.49e4, SAMPLES["2"].modulus, SAMPLES["1"].modulus, 1e6, 140e9)
 TIMED = MODULI[2]

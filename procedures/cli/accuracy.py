@@ -22,7 +22,7 @@ accuracy.add_command(integrators)
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
     "\n\n  palpate accuracy models --store"
 )
-@click.option("--design", help="single_round, single or common_base (default: all).")
+@click.option("--design", help="single_round or single (default: both).")
 @click.option("--measure", "anew", is_flag=True, help="Measure on this machine: ten minutes for all designs.")
 @click.option("--store", is_flag=True, help="Measure all, and keep it as the list that models are chosen by.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
@@ -80,15 +80,15 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     from instrument.errors import UnknownName
     from instrument.models import surface
     from instrument.models.parameter_sets import PHYSICAL
-    from procedures.accuracy.measure import DESIGNS, build_surface
+    from procedures.accuracy.measure import SURFACES, build_surface
     from procedures.run import storing
 
     output = Output(as_json, quiet)
-    if design is not None and design not in DESIGNS:
-        raise UnknownName("design with a surface", design, DESIGNS)
+    if design is not None and design not in SURFACES:
+        raise UnknownName("design with a surface", design, SURFACES)
     found = {}
     with output.progress() as progress:
-        for name in DESIGNS if design is None else [design]:
+        for name in SURFACES if design is None else [design]:
             if store:
                 path = surface.STORED / f"{name}.npz"
                 with storing(path):

@@ -242,3 +242,12 @@ def test_a_tolerance_that_the_model_cannot_meet_is_refused_before_it_is_tried() 
 def test_an_unknown_refinement_is_refused() -> None:
     with pytest.raises(RangeError, match="refinement 9"):
         solve(COARSE, 9)
+
+
+def test_factors_that_do_not_fit_into_memory_are_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_large(matrix: object) -> object:
+        raise MemoryError
+
+    monkeypatch.setitem(linear_solver.BACKENDS, "superlu", too_large)
+    with pytest.raises(EstimateError, match="2 unknowns do not fit .* give a larger tolerance"):
+        linear_solver.SymmetricSolver(sparse.csc_array(np.eye(2)), "superlu")

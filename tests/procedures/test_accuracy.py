@@ -201,7 +201,7 @@ def test_measuring_keeps_nothing_unless_told_to(
     said = palpate(*MODELS_COMMAND, "--measure", "--design", "single", "--json", "--out", str(tmp_path))
     assert not path.exists() and Path(said.object["plot"]).exists()
     palpate(*MODELS_COMMAND, "--store", "--quiet")
-    assert asked == [["single"], ["single_round", "single", "common_base"]]
+    assert asked == [["single"], ["single_round", "single"]]
     assert json.loads(path.read_text())["machine"] == said.object["machine"]
     assert stored.__wrapped__() == measured
 
