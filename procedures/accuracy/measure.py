@@ -221,7 +221,7 @@ def _by_interval(values: Values) -> tuple[float | None, ...]:
 
 
 def _closed_forms(case: Case) -> Iterator[Price]:
-    for name in ("column", "experiment", "beam_printed"):
+    for name in ("column", "experiment", "beam_printed", "beam_exact"):
         yield _at_once(case, name, "closed form", functools.partial(_ask, case.design, name))
     for elements in BEAM_ELEMENTS:
         ratio = functools.partial(_beam_ratio, case.design, elements)

@@ -249,5 +249,5 @@ def test_factors_that_do_not_fit_into_memory_are_an_error_with_a_remedy(monkeypa
         raise MemoryError
 
     monkeypatch.setitem(linear_solver.BACKENDS, "superlu", too_large)
-    with pytest.raises(EstimateError, match="2 unknowns do not fit .* give a larger tolerance"):
+    with pytest.raises(EstimateError, match=r"2 unknowns do not fit .* give a larger tolerance"):
         linear_solver.SymmetricSolver(sparse.csc_array(np.eye(2)), "superlu")
