@@ -1,11 +1,9 @@
 """What a scene will simulate, how, and what it leaves out.
 
-    plan(read_scene("thesis_single"), Question(), tolerance=1e-4).path
+    plan(read_scene("thesis_single"), Question()).path
 
 Nothing is ever stepped: between two transitions a scene is linear and known in closed form. What differs is how many
-transitions there are. A scene that certainly has none is answered by phasors for a steady state and by modes for
-waveforms; play operators on a sine have an exact describing function; anything else goes from transition to
-transition.
+transitions there are: none where every limit certainly stays inactive, else the scene goes from one to the next.
 """
 
 from __future__ import annotations
@@ -50,14 +48,12 @@ class Question:
         load: peak to peak [N].
         frequency: of the drive [Hz].
         dwell: how long is measured [s].
-        steady: whether amplitudes of the steady state are asked for, and not waveforms.
     """
 
     sample: str = "2"
     load: float = 3.0
     frequency: float = 10.0
     dwell: float = 1.0
-    steady: bool = False
 
     def __post_init__(self) -> None:
         get_sample(self.sample)
@@ -92,7 +88,7 @@ class Plan:
     """How a question about a scene is answered.
 
     Attributes:
-        path: "closed form", "describing function" or "transitions".
+        path: "closed form" or "transitions".
         why: what forces it.
         transitions: found in each second.
         seconds: estimated CPU time for the dwell.
@@ -115,7 +111,7 @@ def plan(scene: Scene, question: Question) -> Plan:
         RangeError: the scene's model does not answer for the sample.
     """
     found = driven(scene, question).transitions(round(LOOKED_AT * 1e9))
-    path, why = _path(question, found)
+    path, why = _path(found)
     case = case_of(scene.design, scene.model, scene.effects, question, scene.rig)
     count = len(found) / LOOKED_AT
     samples = question.dwell * RATE * len(scene.design.films)
@@ -181,7 +177,7 @@ def needed(
     return largest if max(largest.force, largest.ratio) > tolerance else None
 
 
-def _path(question: Question, found: list[tuple[Touch, Touch]]) -> tuple[str, str]:
+def _path(found: list[tuple[Touch, Touch]]) -> tuple[str, str]:
     if not found:
         return "closed form", "every limit carries a certificate that it stays inactive"
     moved = {
@@ -190,10 +186,7 @@ def _path(question: Question, found: list[tuple[Touch, Touch]]) -> tuple[str, st
         for item in fields(Touch)
         if getattr(before, item.name) != getattr(after, item.name)
     }
-    named = ", ".join(sorted(_NAMES[name] for name in moved))
-    if moved == {"drag"} and question.steady:
-        return "describing function", f"{named} on a pure sine"
-    return "transitions", named
+    return "transitions", ", ".join(sorted(_NAMES[name] for name in moved))
 
 
 _NAMES = {

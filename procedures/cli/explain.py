@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 @click.option("--load", default="3 N", show_default=True, help="Load, peak to peak.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
 @click.option("--dwell", default="1 s", show_default=True, help="Time over which it is averaged.")
-@click.option("--steady", is_flag=True, help="Ask for amplitudes of the steady state, not for waveforms.")
 @click.option("--tolerance", default="1e-4", show_default=True, help="What may be left out without a mark.")
 @click.option("--strict", is_flag=True, help="A warning is an error.")
 @output_options
@@ -34,7 +33,6 @@ def explain(
     load: str,
     frequency: str,
     dwell: str,
-    steady: bool,
     tolerance: str,
     strict: bool,
     as_json: bool,
@@ -47,7 +45,7 @@ def explain(
 
     chosen = read_scene(scene)
     limit = parse(tolerance, "")
-    question = Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"), steady)
+    question = Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"))
     answer = plan(chosen, question)
     if strict and answer.warnings:
         raise ConfigError(f"scene {scene!r}: {answer.warnings[0]}")
