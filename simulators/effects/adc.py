@@ -11,8 +11,9 @@ from pydantic import Field
 
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import Film
+from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Effect, Floats, Kind
-from simulators.pickup import bound, largest_within, signal
+from simulators.pickup import largest_within, signal
 
 FINEST = 16
 MARGIN = 0.5  # of the range, up to which a film's nominal peak is taken for far from the rail
@@ -49,4 +50,4 @@ class Adc(Effect):
 
     def bound(self, case: Case) -> Bound:
         """Against samples that are not rounded at all."""
-        return bound(self, case)
+        return of_source(case, self)

@@ -10,9 +10,10 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Seconds
+from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import Times
-from simulators.pickup import SIGMAS, bound, signal, spread
+from simulators.pickup import SIGMAS, signal, spread
 from simulators.randomness import Stream
 
 
@@ -41,4 +42,4 @@ class Jitter(InputEffect):
         return SIGMAS * spread(case) * self.delay * rate * signal(case, film)
 
     def bound(self, case: Case) -> Bound:
-        return bound(self, case)
+        return of_source(case, self)

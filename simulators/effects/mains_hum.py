@@ -10,9 +10,10 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Hertz, Volts
+from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import CYCLE, HERTZ, Periodic, Times
-from simulators.pickup import bound, largest_tone
+from simulators.pickup import largest_tone
 from simulators.randomness import Stream
 
 
@@ -39,4 +40,4 @@ class MainsHum(InputEffect):
         return self.amplitude * largest_tone(case, self.frequency)
 
     def bound(self, case: Case) -> Bound:
-        return bound(self, case)
+        return of_source(case, self)

@@ -13,9 +13,10 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Hertz, VoltsPerRootHertz
+from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import Times
-from simulators.pickup import SIGMAS, bound, correlated_spread
+from simulators.pickup import SIGMAS, correlated_spread
 from simulators.randomness import Stream
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
@@ -73,7 +74,7 @@ class PinkNoise(InputEffect):
         return SIGMAS * self._deviation() * correlated_spread(case, correlation)
 
     def bound(self, case: Case) -> Bound:
-        return bound(self, case)
+        return of_source(case, self)
 
     def _deviation(self) -> float:
         """Of each process [V]. Processes of variance s^2, one a decade, add up to a density of s^2 / (ln 10 f)."""

@@ -10,9 +10,10 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import VoltsPerRootHertz
+from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import Times
-from simulators.pickup import SIGMAS, bound, spread
+from simulators.pickup import SIGMAS, spread
 from simulators.randomness import Stream
 
 
@@ -34,4 +35,4 @@ class WhiteNoise(InputEffect):
         return SIGMAS * spread(case) * self.density * math.sqrt(case.rate / 2)
 
     def bound(self, case: Case) -> Bound:
-        return bound(self, case)
+        return of_source(case, self)
