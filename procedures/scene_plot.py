@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.design import FILM_KINDS, Design, Film
-from procedures.report import STAMP
+from procedures.report.text import STAMP
 from procedures.run import storing
 
 if TYPE_CHECKING:

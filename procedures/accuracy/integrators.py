@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from procedures.report import MARKERS
+from procedures.report.figure import MARKERS
 from procedures.run import storing
 
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure

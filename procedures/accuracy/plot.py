@@ -6,7 +6,7 @@ from pathlib import Path
 
 from instrument.models.price_list import Price, PriceList
 from instrument.quantity import show
-from procedures.report import MARKERS
+from procedures.report.figure import MARKERS
 from procedures.run import storing
 
 # Of the rubber samples: the one that every model answers in.

@@ -61,9 +61,9 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     if output.as_json:
         output.json({**prices.model_dump(mode="json"), "plot": None if plot is None else str(plot)})
     elif output.for_people:
-        from procedures import report
+        from procedures.report.models import print_prices
 
-        report.print_prices(prices, designs, plot)
+        print_prices(prices, designs, plot)
     if plot is not None:
         plot_prices(prices, designs, plot)
 
@@ -110,9 +110,9 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
         ]
         output.json({"surfaces": rows})
     elif output.for_people:
-        from procedures import report
+        from procedures.report.models import print_surfaces
 
-        report.print_surfaces(found)
+        print_surfaces(found)
 
 
 def keep(text: str, path: Path) -> None:

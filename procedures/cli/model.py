@@ -120,9 +120,9 @@ def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -
             }
         )
     elif output.for_people:
-        from procedures import report
+        from procedures.report.models import print_ratios
 
-        report.print_ratios(question.design, answers)
+        print_ratios(question.design, answers)
 
 
 @model.command(
@@ -144,7 +144,7 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     an hour.
     """
     from instrument.quantity import parse
-    from procedures import model_modulus, report
+    from procedures import model_modulus
 
     output = Output(as_json, quiet)
     ratios = [parse(text, "") for text in force_ratio.split(",")]
@@ -159,7 +159,9 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
             }
         )
     elif output.for_people:
-        report.print_moduli(question.design, points)
+        from procedures.report.models import print_moduli
+
+        print_moduli(question.design, points)
 
 
 @model.command(

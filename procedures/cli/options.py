@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -70,16 +71,41 @@ class _FileName(click.Path):
 FILE_NAME = _FileName(path_type=Path)
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which bench a command shall use, and where its run goes; None: what is usual."""
+
+    bench: Path | None
+    scene: str | None
+    seed: int | None
+    out: Path | None
+
+
 def bench_options(command: F) -> F:
-    """Options of every command that uses a bench."""
+    """Options of every command that uses a bench: it gets them as `choice` and `output`."""
+
+    @functools.wraps(command)
+    def gathered(
+        *,
+        bench: Path | None,
+        scene: str | None,
+        seed: int | None,
+        out: Path | None,
+        as_json: bool,
+        quiet: bool,
+        **own: object,
+    ) -> object:
+        return command(choice=Choice(bench, scene, seed, out), output=Output(as_json, quiet), **own)
+
+    options: Callable[..., object] = gathered
     for option in (
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),
         click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
         click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/)."),
     ):
-        command = option(command)
-    return output_options(command)
+        options = option(options)
+    return cast("F", output_options(options))
 
 
 @dataclass(frozen=True, slots=True)

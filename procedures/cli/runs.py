@@ -19,15 +19,15 @@ def runs() -> None:
 @output_options
 def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
-    from procedures import report
+    from procedures.report.runs import print_runs, run_row
     from procedures.run import list_runs
 
     output = Output(as_json, quiet)
     found = list_runs(out or store())
     if output.as_json:
-        output.json({"runs": [report.run_row(run) for run in found]})
+        output.json({"runs": [run_row(run) for run in found]})
     elif output.for_people:
-        report.print_runs(found, out or store())
+        print_runs(found, out or store())
 
 
 @runs.command(
@@ -41,16 +41,16 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 
     Every waveform is checked against its CRC; the digest is equal for runs that measured the same.
     """
-    from procedures import report
+    from procedures.report.runs import print_run, run_object
     from procedures.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, out or store()))
     digest = opened.digest()
     if output.as_json:
-        output.json(report.run_object(opened, digest))
+        output.json(run_object(opened, digest))
     elif output.for_people:
-        report.print_run(opened, digest)
+        print_run(opened, digest)
 
 
 @runs.command(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import click
 
@@ -27,7 +27,7 @@ from instrument.errors import BenchError, ConfigError, UsageError
 from instrument.operator import Operator
 from instrument.quantity import show
 from instrument.sample import Sample
-from procedures.cli.options import result_folder, store
+from procedures.cli.options import Choice, Output, Progress, result_folder, store
 from procedures.record import Recorder
 from procedures.run import storing
 from simulators.bench import SimulatedBench
@@ -36,6 +36,16 @@ from simulators.scene import Scene, read_scene
 DEFAULT_SCENE = "thesis_single"
 PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
 Check = Callable[[BenchDescription], None]
+
+
+class Result(Protocol):
+    """What a procedure finds."""
+
+    def summary(self) -> dict[str, Any]:
+        """It without its points, for the record."""
+
+
+R = TypeVar("R", bound=Result)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +95,11 @@ def _ask(what: str) -> None:
 @contextmanager
 def open_session(
     procedure: str,
-    *,
-    bench: Path | None,
-    scene: str | None,
-    seed: int | None,
-    model: str | None,
-    out: Path | None,
+    choice: Choice,
     settings: Mapping[str, object],
     check: Check,
+    *,
+    model: str | None = None,
     calibrating: bool = False,
 ) -> Iterator[Session]:
     """Open the bench and its run; on the way out outputs are off, then the run is closed.
@@ -106,16 +113,16 @@ def open_session(
     """
     started, wall_start = datetime.now(UTC), time.monotonic()
     chosen: Scene | None = None
-    if bench is not None:
-        given = {"--scene": scene, "--seed": seed, "--model": model}
+    if choice.bench is not None:
+        given = {"--scene": choice.scene, "--seed": choice.seed, "--model": model}
         if extra := [option for option, value in given.items() if value is not None]:
             raise UsageError(f"{', '.join(extra)}: only a simulated bench has it; leave it out or leave out --bench")
-        description = read_bench(bench)
+        description = read_bench(choice.bench)
         check(description)
     else:
-        chosen = _scene(scene, seed, model)
+        chosen = _scene(choice.scene, choice.seed, model)
     with ExitStack() as stack:
-        folder = stack.enter_context(result_folder(out, procedure, started))
+        folder = stack.enter_context(result_folder(choice.out, procedure, started))
         clock: Clock = WallClock()
         operator: Operator = ConsoleOperator()
         if chosen is not None:
@@ -154,6 +161,35 @@ def open_session(
             if record.points:
                 error.add_note(f"points already taken are kept in {record.folder}")
             raise
+
+
+def conduct(
+    procedure: str,
+    choice: Choice,
+    output: Output,
+    settings: Mapping[str, object],
+    check: Check,
+    work: Callable[[Session, Progress], R],
+    *,
+    model: str | None = None,
+    calibrating: bool = False,
+) -> tuple[Session, R, dict[str, Any]]:
+    """Do the work of a procedure in a session, from the opened bench to the finished record.
+
+    Returns:
+        The session, now closed, the result, and what every result says of itself.
+
+    Raises:
+        As `open_session`, and whatever the work raises.
+    """
+    with (
+        output.progress() as progress,
+        open_session(procedure, choice, settings, check, model=model, calibrating=calibrating) as session,
+    ):
+        result = work(session, progress)
+        outcome = session.outcome()
+        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
+    return session, result, outcome
 
 
 def calibration_path(serial: str) -> Path:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
-from procedures.cli.options import Output, bench_options
+from procedures.cli.options import Choice, Output, bench_options
 
 
 @click.group()
@@ -26,17 +25,7 @@ def sweep() -> None:
 @click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
 @bench_options
 def loads(
-    samples: str,
-    loads: str,
-    dwell: str,
-    frequency: str,
-    model: str | None,
-    bench: Path | None,
-    scene: str | None,
-    seed: int | None,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    samples: str, loads: str, dwell: str, frequency: str, model: str | None, choice: Choice, output: Output
 ) -> None:
     """Load each sample with each load set and measure the force ratio.
 
@@ -46,33 +35,26 @@ def loads(
     from instrument.designs import get_design
     from instrument.quantity import parse
     from instrument.sample import parse_samples
-    from procedures import load_sweep, report
-    from procedures.cli.session import open_session
+    from procedures import load_sweep
+    from procedures.cli.session import conduct
+    from procedures.report.load_sweep import plot_sweep, print_sweep
 
-    output = Output(as_json, quiet)
     settings = load_sweep.SweepSettings(
         parse_samples(samples), load_sweep.parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz")
     )
-    with (
-        output.progress() as progress,
-        open_session(
-            load_sweep.PROCEDURE,
-            bench=bench,
-            scene=scene,
-            seed=seed,
-            model=model,
-            out=out,
-            settings=asdict(settings),
-            check=lambda description: load_sweep.check(
-                settings, get_design(description.design), description.force_limit
-            ),
-        ) as session,
-    ):
-        result = load_sweep.run(session.bench, session.design, session.calibration, settings, session.record, progress)
-        outcome = session.outcome()
-        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
-    plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
+    session, result, outcome = conduct(
+        load_sweep.PROCEDURE,
+        choice,
+        output,
+        asdict(settings),
+        lambda bench: load_sweep.check(settings, get_design(bench.design), bench.force_limit),
+        lambda session, progress: load_sweep.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress
+        ),
+        model=model,
+    )
+    plot = plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
     if output.as_json:
         output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
     elif output.for_people:
-        report.print_sweep(result, session.design, outcome, plot)
+        print_sweep(result, session.design, outcome, plot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procedures.report import new_table, print_all, stamped
+from procedures.report.text import new_table, print_all, stamped
 from procedures.reproduce.figures import INFERRED
 from procedures.reproduce.models import Reproduction
 

@@ -17,10 +17,13 @@ from matplotlib.figure import Figure
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.designs import get_design
 from instrument.errors import RecordError
-from procedures import report
 from procedures.load_cell import LoadCellResult
 from procedures.load_sweep import LoadPoint, evaluate
 from procedures.record import Recorder
+from procedures.report.load_cell import plot_load_cell, print_load_cell
+from procedures.report.load_sweep import plot_sweep, print_sweep
+from procedures.report.runs import print_run, print_runs
+from procedures.report.text import STAMP
 from procedures.run import Run, RunSummary
 from tests.procedures.conftest import HEADER, Palpate
 
@@ -64,8 +67,8 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
 def stamps(figure: Figure) -> list[bool]:
     """Whether the title, and then each panel, says SIMULATED."""
     return [
-        figure.get_suptitle().startswith(report.STAMP),
-        *(any(text.get_text() == report.STAMP for text in axes.texts) for axes in figure.axes),
+        figure.get_suptitle().startswith(STAMP),
+        *(any(text.get_text() == STAMP for text in axes.texts) for axes in figure.axes),
     ]
 
 
@@ -76,8 +79,8 @@ def stamps(figure: Figure) -> list[bool]:
 def test_a_plot_is_stamped_if_and_only_if_it_is_simulated(
     figures: list[Figure], tmp_path: Path, simulated: bool
 ) -> None:
-    assert report.plot_sweep(SWEEP, DESIGN, simulated, tmp_path) == tmp_path / "plot.png"
-    assert report.plot_load_cell(CALIBRATION, simulated, tmp_path) == tmp_path / "plot.png"
+    assert plot_sweep(SWEEP, DESIGN, simulated, tmp_path) == tmp_path / "plot.png"
+    assert plot_load_cell(CALIBRATION, simulated, tmp_path) == tmp_path / "plot.png"
     assert [stamps(figure) for figure in figures] == [[simulated] * 3] * 2
 
 
@@ -85,14 +88,14 @@ def test_equal_results_give_equal_bytes(tmp_path: Path) -> None:
     paths = [tmp_path / "a", tmp_path / "b"]
     for path in paths:
         path.mkdir()
-        report.plot_sweep(SWEEP, DESIGN, True, path)
+        plot_sweep(SWEEP, DESIGN, True, path)
     a, b = ((path / "plot.png").read_bytes() for path in paths)
     assert a == b
     assert a.startswith(b"\x89PNG")
 
 
 def test_the_plot_of_a_sweep_shows_the_points_and_the_means(figures: list[Figure], tmp_path: Path) -> None:
-    report.plot_sweep(SWEEP, DESIGN, True, tmp_path)
+    plot_sweep(SWEEP, DESIGN, True, tmp_path)
     left, right = figures[0].axes
     lines = {line.get_label(): line for line in left.lines}
     (one,) = (c for c in left.containers if c.get_label() == "sample 1")
@@ -109,13 +112,13 @@ def test_a_sweep_without_a_valid_point_can_be_plotted_and_printed(
     figures: list[Figure], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     nothing = evaluate([point("1", 2.0, 0.3, valid=False)], DESIGN)
-    report.plot_sweep(nothing, DESIGN, True, tmp_path)
-    report.print_sweep(nothing, DESIGN, OUTCOME, tmp_path)
+    plot_sweep(nothing, DESIGN, True, tmp_path)
+    print_sweep(nothing, DESIGN, OUTCOME, tmp_path)
     assert " NO" in capsys.readouterr().out
 
 
 def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: list[Figure], tmp_path: Path) -> None:
-    report.plot_load_cell(CALIBRATION, True, tmp_path)
+    plot_load_cell(CALIBRATION, True, tmp_path)
     left, right = figures[0].axes
     (readings,) = (line for line in left.lines if line.get_label() == "loading")
     (deviations,) = (line for line in right.lines if line.get_label() == "loading")
@@ -125,14 +128,14 @@ def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: li
 
 def test_a_plot_that_cannot_be_written_is_a_record_error(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"cannot write .*plot\.png: No such file or directory"):
-        report.plot_sweep(SWEEP, DESIGN, True, tmp_path / "gone")
+        plot_sweep(SWEEP, DESIGN, True, tmp_path / "gone")
 
 
 # --- tables --------------------------------------------------------------------------------------------
 
 
 def test_the_table_of_a_sweep_shows_each_point_and_mean_beside_the_thesis(capsys: pytest.CaptureFixture[str]) -> None:
-    report.print_sweep(SWEEP, DESIGN, OUTCOME, Path("plot.png"))
+    print_sweep(SWEEP, DESIGN, OUTCOME, Path("plot.png"))
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["1", "3", "22.4", "4.000", "137.00", "0.600", "2.000", "0.4000", "0.0123", "NO"] in rows
     assert ["1", "0.3000", "0.0123", "0.314", "-4.5", "%", "1"] in rows
@@ -146,20 +149,20 @@ def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, simulated: bool
 ) -> None:
     outcome: dict[str, Any] = {**OUTCOME, "simulated": simulated}
-    report.print_sweep(SWEEP, DESIGN, outcome, Path("plot.png"))
+    print_sweep(SWEEP, DESIGN, outcome, Path("plot.png"))
     assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
-    report.print_load_cell(CALIBRATION, outcome, Path("plot.png"))
+    print_load_cell(CALIBRATION, outcome, Path("plot.png"))
     assert capsys.readouterr().out.count("SIMULATED ") == simulated
-    report.print_runs([RunSummary(tmp_path, datetime(2025, 3, 14, tzinfo=UTC), "sweep", simulated)], tmp_path)
+    print_runs([RunSummary(tmp_path, datetime(2025, 3, 14, tzinfo=UTC), "sweep", simulated)], tmp_path)
     assert capsys.readouterr().out.count("SIMULATED") == simulated
     with Recorder.create(tmp_path / "run", {**HEADER, "simulated": simulated}) as record:
         record.point({"load_N": 2.0}, {}, 1)
-    report.print_run(Run.open(tmp_path / "run"), "digest")
+    print_run(Run.open(tmp_path / "run"), "digest")
     assert capsys.readouterr().out.count("SIMULATED ") == 2 * simulated
 
 
 def test_the_table_of_a_calibration_shows_its_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    report.print_load_cell(CALIBRATION, OUTCOME, Path("plot.png"))
+    print_load_cell(CALIBRATION, OUTCOME, Path("plot.png"))
     text = capsys.readouterr().out
     assert "sensitivity    10.306 mV/N, u = 0.056 mV/N   (thesis: 10.3 mV/N)" in text
     assert "resolution     1 mV = 97.03 mN" in text
@@ -171,14 +174,14 @@ def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[
     with Recorder.create(folder, HEADER) as record:
         record.point({"sample": MARKUP}, {}, 1)
         record.event("odd", MARKUP, 2)
-    report.print_run(Run.open(folder), "digest")
+    print_run(Run.open(folder), "digest")
     text = capsys.readouterr().out
     assert str(folder) in text
     assert text.count(MARKUP) == 2
-    report.print_sweep(SWEEP, DESIGN, OUTCOME, Path(f"/{MARKUP}/plot.png"))
+    print_sweep(SWEEP, DESIGN, OUTCOME, Path(f"/{MARKUP}/plot.png"))
     assert capsys.readouterr().out.count(MARKUP) == 3
     damaged = RunSummary(folder, datetime(2025, 3, 14, tzinfo=UTC), fault=MARKUP)
-    report.print_runs([damaged], folder)
+    print_runs([damaged], folder)
     text = capsys.readouterr().out
     assert f"damaged: {MARKUP}" in text
     assert text.count(folder.name) == 2
@@ -198,7 +201,7 @@ def test_a_folder_whose_name_is_no_text_is_shown_escaped(
 
 def test_without_a_stdout_there_is_no_table_and_no_crash(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", None)
-    report.print_runs([], Path("runs"))
+    print_runs([], Path("runs"))
 
 
 def test_a_terminal_narrower_than_the_table_does_not_break_paths(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,5 +214,5 @@ def test_a_terminal_narrower_than_the_table_does_not_break_paths(monkeypatch: py
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setattr(sys, "stdout", terminal)
     path = "/" + 30 * "folder/" + "plot.png"
-    report.print_sweep(replace(SWEEP), DESIGN, {**OUTCOME, "run": path}, Path(path))
+    print_sweep(replace(SWEEP), DESIGN, {**OUTCOME, "run": path}, Path(path))
     assert terminal.getvalue().count(path) == 2

@@ -1,0 +1,83 @@
+"""What a load sweep found."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+from instrument.design import Design
+from procedures.load_sweep import SweepResult
+from procedures.report.figure import MARKERS, new_figure, save
+from procedures.report.text import STAMP, new_table, number, print_all, stamped, where
+
+
+def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Points, means beside the thesis' own, softness order, and where everything lies."""
+    points = new_table(
+        stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
+        "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u",
+        "valid",
+    )  # fmt: skip
+    for p in result.points:
+        points.add_row(
+            p.sample, f"{p.load_N:g}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
+            f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
+            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", "yes" if p.valid else "NO",
+        )  # fmt: skip
+    means = new_table(
+        stamped(outcome["simulated"], "Mean force ratio"),
+        "sample", "ours", "u", "thesis", "difference", "valid points",
+    )  # fmt: skip
+    for s in result.samples:
+        if s.force_ratio is None or s.force_ratio_u is None:
+            means.add_row(s.sample, "-", "-", number(s.thesis_force_ratio), "-", "0")
+            continue
+        difference = (
+            "-" if s.thesis_force_ratio is None else f"{100 * (s.force_ratio / s.thesis_force_ratio - 1):+.1f} %"
+        )
+        means.add_row(
+            s.sample, f"{s.force_ratio:.4f}", f"{s.force_ratio_u:.4f}", number(s.thesis_force_ratio), difference,
+            str(s.valid_points),
+        )  # fmt: skip
+    swept = set(result.softness_order)
+    thesis_order = [name for name in design.thesis_softness_order if name in swept]
+    print_all(
+        points,
+        means,
+        f"softness order, hard to soft: {' > '.join(result.softness_order)}   (thesis: {' > '.join(thesis_order)})",
+        *where(outcome, plot),
+    )
+
+
+def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Force ratio against load for each sample, and the means beside the thesis' own; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}force ratio, design {design.name}")
+    for marker, mean in zip(itertools.cycle(MARKERS), result.samples):
+        points = [p for p in result.points if p.sample == mean.sample]
+        left.errorbar(
+            [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points],
+            marker=marker, ms=4, lw=1, capsize=2, label=f"sample {mean.sample}",
+        )  # fmt: skip
+    if invalid := [p for p in result.points if not p.valid]:
+        left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
+    left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))
+    left.legend(fontsize=8, ncols=2)
+    shown = [s for s in result.samples if s.valid_points]
+    place = range(len(shown))
+    ratio, ratio_u, thesis = (
+        [math.nan if value is None else value for value in values]
+        for values in (
+            [s.force_ratio for s in shown],
+            [s.force_ratio_u for s in shown],
+            [s.thesis_force_ratio for s in shown],
+        )
+    )
+    right.errorbar(place, ratio, ratio_u, fmt="o", capsize=3, label="this run")
+    right.plot(place, thesis, "k_", ms=16, label="thesis, Tables A2.9-A2.14")
+    right.set(xlabel="sample", ylabel="mean force ratio", ylim=(0, None))
+    right.set_xticks(list(place), [s.sample for s in shown])
+    right.legend(fontsize=8)
+    return save(figure, folder)

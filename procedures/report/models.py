@@ -1,0 +1,84 @@
+"""What the sensor models say, and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from instrument.quantity import show
+from procedures.report.text import new_table, number, print_all, short, stamped
+
+if TYPE_CHECKING:
+    from instrument.models.price_list import PriceList
+    from instrument.models.ratio import Answer
+    from instrument.models.surface import ResponseSurface
+
+
+def print_ratios(design: str, answers: list[Answer]) -> None:
+    """A line a modulus."""
+    models = ", ".join(dict.fromkeys(a.response.model for a in answers))
+    table = new_table(
+        stamped(False, f"{design}, model {models}"),
+        "sensed modulus", "force ratio", "error estimate", "seconds",
+    )  # fmt: skip
+    for a in answers:
+        given = a.response
+        estimate = "-" if given.error_estimate is None else f"{given.error_estimate:.1e}"
+        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", estimate, f"{a.seconds:.2g}")
+    print_all(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
+
+
+def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
+    """A line a force ratio."""
+    models = ", ".join(dict.fromkeys(p["model"] for p in points))
+    table = new_table(
+        stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
+        "force ratio", "u", "modulus", "from", "to", "dlnE/dlnR", "",
+    )  # fmt: skip
+    for p in points:
+        moduli = ["-" if p[name] is None else show(p[name], "Pa") for name in ("modulus_Pa", "low_Pa", "high_Pa")]
+        table.add_row(
+            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", *moduli, number(p["sensitivity"]),
+            ": ".join(text for text in (p["kind"], p["note"]) if text),
+        )  # fmt: skip
+    print_all(table)
+
+
+def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> None:
+    """A table a design: error and time of every model at every refinement."""
+    low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
+    lowest, highest = (show(modulus, "Pa", 3) for modulus in (prices.moduli_Pa[0], prices.moduli_Pa[-1]))
+    for design in designs:
+        table = new_table(
+            stamped(False, f"{design}: greatest error of the force ratio, and time of one answer in seconds"),
+            "model", "refinement", f"{low} to\n{high}", f"{lowest} to\n{highest}", "build", "solve", "evaluate",
+            "answer",
+        )  # fmt: skip
+        table.columns[1].justify = "left"
+        failures = []
+        for p in (price for price in prices.prices if price.design == design):
+            everywhere = None if None in p.errors else max(error for error in p.errors if error is not None)
+            times = [short(value) for value in (p.build_s, p.solve_s, p.evaluate_s, p.answer_s)]
+            table.add_row(p.model, p.refinement, short(p.errors[1]), short(everywhere), *times)
+            if p.failure:
+                failures.append(f"{p.model}, {p.refinement}: {p.failure}")
+        how = [f"reference: {r.how}" for r in prices.references if r.design == design]
+        print_all(table, *how, *failures, "")
+    m = prices.machine
+    print_all(f"measured on {m.cpu}, {m.cores} cores, {m.system}, Python {m.python}, {m.date}")
+    if plot is not None:
+        print_all(f"plot           {plot}")
+
+
+def print_surfaces(surfaces: Mapping[str, ResponseSurface]) -> None:
+    """A line a surface."""
+    table = new_table(
+        None, "design", "of model", "nodes", "modulus ratios", "relative error", "error of the model", "built in\ns"
+    )
+    for name, s in surfaces.items():
+        table.add_row(
+            name, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}", f"{s.error_bound:.1e}",
+            f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
+        )  # fmt: skip
+    print_all(table)

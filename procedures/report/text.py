@@ -1,0 +1,60 @@
+"""Tables and lines in the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+    from rich.text import Text
+
+STAMP = "SIMULATED"
+PIPE_WIDTH = 160  # columns where no terminal says otherwise
+
+
+def print_all(*things: object) -> None:
+    """Texts as they are: what looks like markup is part of a name of a file or a message."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console.width = PIPE_WIDTH
+    for thing in things:
+        console.print(thing, soft_wrap=not isinstance(thing, Table))
+
+
+def new_table(title: Text | None, *columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    return table
+
+
+def stamped(simulated: bool, text: str) -> Text:
+    from rich.text import Text
+
+    return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
+
+
+def where(outcome: dict[str, Any], plot: Path) -> list[str]:
+    lines = [f"calibration    {outcome['calibration']}"] if outcome["calibration"] else []
+    bench, wall = outcome["bench_seconds"], outcome["wall_seconds"]
+    return [
+        *lines,
+        f"time           {bench:.0f} s on the bench, {wall:.1f} s here (x {bench / wall:.0f})",
+        f"run            {outcome['run']}",
+        f"plot           {plot}",
+    ]
+
+
+def short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def number(value: object) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
