@@ -13,5 +13,11 @@ class Operator(Protocol):
     def mount(self, sample: Sample) -> None:
         """Lay the sample under the probe, the positioner being at its home position."""
 
+    def lay_on_support(self, sample: Sample | None) -> None:
+        """Put a rigid support in the sensor's place, its face as high, and lay the sample on it; None: nothing on it.
+
+        The positioner is at its home position.
+        """
+
     def place_weight(self, mass: float) -> None:
         """Put dead weights of `mass` kg in all on the load cell; 0 takes them off."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from instrument.errors import BenchError
 from instrument.sample import Sample
 from simulators.clock import VirtualClock
@@ -19,15 +21,21 @@ class SimulatedOperator:
         self._clock = clock
 
     def mount(self, sample: Sample) -> None:
+        self._under_the_probe(lambda: self._rig.mount(sample))
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        self._under_the_probe(lambda: self._rig.lay_on_support(sample))
+
+    def place_weight(self, mass: float) -> None:
+        self._clock.wait(PLACING)
+        with self._clock.lock:
+            self._rig.place_weight(mass)
+
+    def _under_the_probe(self, put: Callable[[], None]) -> None:
         self._clock.wait(MOUNTING)
         with self._clock.lock:
             if self._rig.position > 0:
                 raise BenchError(
                     f"the probe stands at {1e3 * self._rig.position:g} mm: move it home before mounting a sample"
                 )
-            self._rig.mount(sample)
-
-    def place_weight(self, mass: float) -> None:
-        self._clock.wait(PLACING)
-        with self._clock.lock:
-            self._rig.place_weight(mass)
+            put()

@@ -37,6 +37,7 @@ from simulators.randomness import Stream
 from simulators.scene import Scene
 
 BRIDGE_TAU = 0.1  # s, of the indicator's filter as it comes
+SUPPORT_STIFFNESS = 1e6  # N/m, of the rigid support with the load cell below it [A]
 
 
 class Rig:
@@ -51,6 +52,7 @@ class Rig:
         self._bridge_tau = BRIDGE_TAU
         self._sample: Sample | None = None
         self._response: Response | None = None
+        self._on_support = False
         self.position = 0.0
         self._weight = 0.0
         self._set_at_ns = 0
@@ -80,9 +82,14 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        self._sample = sample
+        self._sample, self._on_support = sample, False
         scene = self.scene
         self._response = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
+        self._begin()
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
+        self._sample, self._on_support, self._response = sample, True, None
         self._begin()
 
     def place_weight(self, mass: float) -> None:
@@ -215,7 +222,15 @@ class Rig:
         )
 
     def _springs(self) -> Stack:
-        """The stack's stiffness comes from the column model, its share on the tooth from the scene's model."""
+        """The stack's stiffness comes from the column model, its share on the tooth from the scene's model.
+
+        On the rigid support the sample takes the ring's branch, as no film lies below either.
+        """
+        if self._on_support:
+            pad = self._sample
+            compliance = 0.0 if pad is None else pad.thickness / (pad.modulus * pad.area)
+            whole = compliance + 1 / SUPPORT_STIFFNESS
+            return Stack(0.0, 1 / whole, object_share=compliance / whole)
         if self._response is None or self._sample is None:
             return Stack(0.0, 0.0, 0.0)
         ring = self.scene.design.ring
@@ -228,7 +243,7 @@ class Rig:
         hysteresis = next((e for e in self.scene.effects.values() if isinstance(e, HysteresisEffect)), None)
         shares = np.zeros((len(self._films), 4))
         for number, film in enumerate(self._films):
-            part = len(film.teeth) / len(self.scene.design.teeth)
+            part = 0.0 if self._on_support else len(film.teeth) / len(self.scene.design.teeth)
             played = part if hysteresis is not None and film.kind == hysteresis.path else 0.0
             shares[number] = (part, part if film.kind == "total" else 0.0, played, 0.0)
         matrix = np.diag([film.sensitivity for film in self._films])

@@ -79,10 +79,18 @@ class ConsoleOperator:
     """Asks the person at the console. Meets `instrument.operator.Operator`."""
 
     def mount(self, sample: Sample) -> None:
-        _ask(f"Mount sample {sample.name} ({sample.material}, {show(sample.thickness, 'm')})")
+        _ask(f"Mount sample {_described(sample)}")
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        laid = "bare" if sample is None else f"with sample {_described(sample)} on it"
+        _ask(f"Put the rigid support in the sensor's place, {laid}")
 
     def place_weight(self, mass: float) -> None:
         _ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
+
+
+def _described(sample: Sample) -> str:
+    return f"{sample.name} ({sample.material}, {show(sample.thickness, 'm')})"
 
 
 def _ask(what: str) -> None:
