@@ -59,6 +59,11 @@ def output_options(command: F) -> F:
     return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
+def budget_option(command: F) -> F:
+    """--budget: the command gets it as `budget`, and prints with `procedures.report.budget.print_budgets`."""
+    return click.option("--budget", is_flag=True, help="Print the uncertainty budget of each result.")(command)
+
+
 class _FileName(click.Path):
     """A path that is given: "" would be the current folder."""
 
