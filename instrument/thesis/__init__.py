@@ -1,4 +1,4 @@
-"""Tables of the thesis, as printed and as repaired: what the models are held against.
+"""Tables of the thesis, as printed and as repaired: what models and procedures are held against.
 
     read_table("A2.1").values("force_rigid_N")      # repaired, [N]
     read_table("A2.1").columns["force_rigid_N"][14].printed
@@ -23,7 +23,7 @@ from instrument.errors import UnknownName
 
 Array = NDArray[np.float64]
 
-MODULUS = "sensed_modulus_Pa"
+MODULUS, LOAD = "sensed_modulus_Pa", "load_nominal_N"
 EVERY_ROW = "*"
 
 
@@ -80,6 +80,14 @@ class Table:
         ]
 
 
+STRESS = (
+    "stress takes 1 mV as 1 gf and a round face of 1 cm across: by the calibration of Table 5.1 the moduli were 9.5"
+    " times larger"
+)
+COPIED = "not independent readings: one film's millivolts are a constant times the other's"
+SINGLE_TABLES = {f"A2.{8 + sample}": str(sample) for sample in range(1, 7)}
+COMMON_BASE_TABLES = {f"A2.{14 + sample}": str(sample) for sample in range(1, 7)}
+
 # Number -> title, key, doubt.
 _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
@@ -95,6 +103,31 @@ _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             MODULUS,
             "powers of ten of the moduli are not readable; they are those of Table A2.3."
             " The films are headed PVDF 2 and PVDF 3, and are PVDF 1 and PVDF 2",
+        ),
+        "5.1": (
+            "load cell under dead weights",
+            "load_gf",
+            "the sensitivity is headed mV/N and is in mV per gram-force: 102 times less. Its printed average of"
+            " 0.105530 is not that of the rows, 0.10657",
+        ),
+        "5.2": ("compression of sample 1", "micropositioner_mm", STRESS),
+        "5.3": (
+            "compression of sample 6",
+            "micropositioner_mm",
+            f"{STRESS}; here it is 96.1 Pa/mV in three rows and 100.7 to 101.5 in the others",
+        ),
+        "5.4": (
+            "catalogue of the rubbers",
+            "sample",
+            "a pressure at a fixed deflection, which the thesis takes as the modulus",
+        ),
+        "5.5": ("single sensor under 3 N", "sample", "rows of Tables A2.9 to A2.14"),
+        "5.6": ("two sensors on a common base under 3 N", "sample", "rows of Tables A2.15 to A2.20"),
+        "5.7": (
+            "two sensors on different bases under 3 N",
+            "sample",
+            "the load sets behind it, Tables A2.21 to A2.26, are announced and absent. The ratio of sample 2, 0.127, is"
+            " not that of its forces, 0.123",
         ),
         "5.8": (
             "percent error of the experiments against the theories",
@@ -118,6 +151,15 @@ _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "neither the object's modulus nor the unit of x is printed: the rows mirror about the middle and peak at"
             " the teeth if they stand 1 mm apart. The films are headed PVDF 2 (total), 1 (right) and 3 (left)",
         ),
+        **{number: (f"single sensor on sample {sample}", LOAD, COPIED) for number, sample in SINGLE_TABLES.items()},
+        **{
+            number: (
+                f"two sensors on a common base on sample {sample}",
+                LOAD,
+                f"{COPIED}, and those of the single sensor's tables",
+            )
+            for number, sample in COMMON_BASE_TABLES.items()
+        },
     }
 )
 TABLES = tuple(_TABLES)
