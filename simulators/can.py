@@ -53,6 +53,15 @@ class _Periodic:
         self.due_ns += self._period_ns
 
 
+class _Frame(can.Message):
+    """A message that nobody changes after it was sent: its receivers on the virtual bus share it."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
+
 class _VirtualNetwork(canopen.Network):
     """canopen's network with its periodic messages on the bench's clock."""
 
@@ -174,18 +183,16 @@ class CanSegment:
             streams = [node.sample(time_ns, node.film_channels() @ films, period) for node in active]
         frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
         if self._timing is not None and send_sync:
-            sizes = [(message.arbitration_id, message.dlc) for message, _ in frames]
+            sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]
             in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
             frames = [frames[place] for place in in_time]
             self._busy_until_ns = int(time_ns[-1]) + busy_ns
-        sync = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
         send = self._bus.send
         for i in range(len(time_ns)):
             if send_sync:
-                send(sync)
-            for message, payloads in frames:
-                message.data = payloads[i]
-                send(message)
+                send(_Frame(arbitration_id=SYNC_COB_ID, is_extended_id=False))
+            for cob_id, payloads in frames:
+                send(_Frame(arbitration_id=cob_id, is_extended_id=False, data=payloads[i]))
         for node, samples in zip(active, streams, strict=True):
             self._report_saturation(node, samples)
 
@@ -195,19 +202,13 @@ class CanSegment:
             self._local[node.id].emcy.send(SATURATED, VOLTAGE_ERROR)
 
 
-def _frames(node: SensorNode, samples: Samples) -> list[tuple[can.Message, list[Any]]]:
-    """A node's two messages to fill in, each with its data for every sample.
-
-    The data are bytes: the virtual bus copies a message for each receiver, and bytes copy for nothing.
-    """
+def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]:
+    """Identifiers of a node's two messages, each with its data for every sample."""
     data = samples.counts.tobytes()
     size = samples.counts.itemsize * samples.counts.shape[1]
     counts = [data[at : at + size] for at in range(0, len(data), size)]
     stamps = [STAMP_LAYOUT.pack(samples.counter + i, flags) for i, flags in enumerate(samples.saturation.tolist())]
-    return [
-        (can.Message(arbitration_id=SAMPLES.base + node.id, is_extended_id=False, dlc=size), counts),
-        (can.Message(arbitration_id=STAMP.base + node.id, is_extended_id=False, dlc=STAMP_LAYOUT.size), stamps),
-    ]
+    return [(SAMPLES.base + node.id, counts), (STAMP.base + node.id, stamps)]
 
 
 def _field(index: int, subindex: int) -> Field | None:

@@ -307,10 +307,16 @@ class Trace:
             if self.system.modes is None:
                 value += real_product(self.rows, self.system.decay(self.gap, elapsed_ns))
             else:
-                rates, shapes, inverse = self.system.modes
-                weights = (self.rows @ shapes) * (inverse @ self.gap)
-                value += _decaying(weights, rates, elapsed_ns)
+                value += _decaying(self._weights, self.system.modes[0], elapsed_ns)
         return value
+
+    @functools.cached_property
+    def _weights(self) -> Complexes:
+        """Of the modes in the rows, at the start (p, s)."""
+        assert self.system.modes is not None
+        _, shapes, inverse = self.system.modes
+        weights: Complexes = (self.rows @ shapes) * (inverse @ self.gap)
+        return weights
 
 
 def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -22,7 +22,7 @@ import numpy as np
 from instrument.errors import UnreachableError
 from simulators.crossing import NEVER, Watch
 from simulators.cycle import Cycle, Section, recurrence, seen_states
-from simulators.lti import CYCLE, HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times
+from simulators.lti import CYCLE, HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times, Trace
 
 LONGEST = 100 * SECOND  # a drive that repeats later, or not at all, is followed from transition to transition
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most
@@ -52,7 +52,10 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stay in one mode from `start_ns`, from a state (s,), up to `end_ns`, when a guard failed."""
+    """A stay in one mode from `start_ns`, from a state (s,), up to `end_ns`, when a guard failed.
+
+    traces: what has been looked at in it, by name and rows.
+    """
 
     start_ns: int
     end_ns: int
@@ -60,6 +63,14 @@ class Stretch:
     steady: Steady
     state: Floats
     failed: Guard | None
+    traces: dict[tuple[str, int, int], Trace] = field(default_factory=dict, init=False)
+
+    def trace(self, name: str, rows: slice, row: Callable[[StateSpace], Rows]) -> Trace:
+        """Of some of the system's outputs or of what is made of them, for all times of the stay."""
+        key = (name, rows.start, rows.stop)
+        if key not in self.traces:
+            self.traces[key] = self.steady.trace(row(self.mode.system), self.start_ns, self.state)
+        return self.traces[key]
 
     def after(self, inputs: tuple[Periodic, ...]) -> tuple[Mode, Floats]:
         """The mode and the state that follow; the same mode where only the search ended."""
@@ -106,28 +117,25 @@ class Path:
         self._enter(mode, start_ns, state)
 
     def outputs(self, time_ns: Times, rows: slice) -> Floats:
-        """Some of the outputs (rows, n) at times from the change on."""
+        """Some of the outputs (rows, n) at ascending times from the change on."""
 
-        def of(stay: Stretch, times: Times) -> Floats:
-            system = stay.steady.system
-            return stay.steady.trace((system.c[rows], system.d[rows]), stay.start_ns, stay.state).at(times)
+        def row(system: StateSpace) -> Rows:
+            return system.c[rows], system.d[rows]
 
-        return self._collect(time_ns, of)
+        return self._collect(time_ns, lambda stay, times: stay.trace("outputs", rows, row).at(times))
 
     def rates(self, time_ns: Times, rows: slice) -> Floats:
-        """Rates of some of the outputs (rows, n) [1/s] at times from the change on."""
+        """Rates of some of the outputs (rows, n) [1/s] at ascending times from the change on."""
 
-        def of(stay: Stretch, times: Times) -> Floats:
-            system = stay.mode.system
+        def row(system: StateSpace) -> Rows:
             # Of the inputs, the first alone changes; the last is its rate.
             direct = np.outer(system.d[rows, 0], [0.0] * (len(self._inputs) - 1) + [1.0])
-            row = (system.c[rows] @ system.a, system.c[rows] @ system.b + direct)
-            return stay.steady.trace(row, stay.start_ns, stay.state).at(times)
+            return system.c[rows] @ system.a, system.c[rows] @ system.b + direct
 
-        return self._collect(time_ns, of)
+        return self._collect(time_ns, lambda stay, times: stay.trace("rates", rows, row).at(times))
 
     def states(self, time_ns: Times) -> Floats:
-        """State (s, n) at times from the change on."""
+        """State (s, n) at ascending times from the change on."""
         return self._collect(time_ns, lambda s, t: s.steady.state(s.start_ns, s.state, t))
 
     def mode_at(self, time_ns: int) -> Mode:
@@ -140,10 +148,13 @@ class Path:
         return [stays[0].mode, *(after.mode for before, after in pairwise(stays) if after.mode is not before.mode)]
 
     def _collect(self, time_ns: Times, of: Callable[[Stretch, Times], Floats]) -> Floats:
-        stays = self._between(int(time_ns.min()), int(time_ns.max()))
-        starts = np.array([s.start_ns for s in stays])
-        index = np.maximum(np.searchsorted(starts, time_ns, side="right") - 1, 0)
-        return np.concatenate([of(stays[k], time_ns[index == k]) for k in np.unique(index)], axis=1)
+        stays = self._between(int(time_ns[0]), int(time_ns[-1]))
+        if len(stays) == 1:
+            return of(stays[0], time_ns)
+        pieces = np.split(time_ns, np.searchsorted(time_ns, [stay.start_ns for stay in stays[1:]]))
+        return np.concatenate(
+            [of(stay, piece) for stay, piece in zip(stays, pieces, strict=True) if len(piece)], axis=1
+        )
 
     def _between(self, first_ns: int, last_ns: int) -> list[Stretch]:
         """The stretches that hold the times from the first to the last."""

@@ -57,6 +57,7 @@ class Rig:
         self._weight = 0.0
         self._set_at_ns = 0
         self._changed_ns = 0
+        self.changes = 0  # so often anything has changed
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
         chain = self._chain()
         mode = chain.mode(Touch(contact=False, drag=(0,) * chain.plays))
@@ -126,13 +127,10 @@ class Rig:
 
     def cell_force(self, time_ns: npt.NDArray[np.int64]) -> Floats:
         """Force on the load cell, N, shape (n,), at ascending times of the last 12 s."""
-        force = np.empty(len(time_ns))
-        starts = np.array([path.start_ns for path in self._paths])
-        index = np.maximum(np.searchsorted(starts, time_ns, side="right") - 1, 0)
         rows = slice(self._last.force, self._last.force + 1)
-        for number in np.unique(index):
-            here = index == number
-            force[here] = self._paths[number].outputs(time_ns[here], rows)[0]
+        pieces = np.split(time_ns, np.searchsorted(time_ns, [path.start_ns for path in self._paths][1:]))
+        parts = zip(self._paths, pieces, strict=True)
+        force: Floats = np.concatenate([path.outputs(piece, rows)[0] for path, piece in parts if len(piece)])
         return force
 
     def filtered_cell_force(self, time_ns: int) -> float:
@@ -188,6 +186,7 @@ class Rig:
         self._voltage = self._voltage.restarted(now)
         self._last = self._chain()
         path = Path(_inputs(self._voltage, now), self._last.mode(touch), now, state)
+        self.changes += 1
         if last.start_ns == now:
             self._paths.pop()
         self._paths.append(path)

@@ -64,13 +64,11 @@ class ShakerAmplifier(SimulatedDevice):
         self.input_changed()
 
     def read(self, name: str) -> float:
-        voltage = self.voltage()
-        rms = math.sqrt(voltage.mean**2 + float((np.abs(voltage.amplitude) ** 2).sum()) / 2)
         match name:
             case "output_current":
-                return rms / self._resistance
+                return self._rms() / self._resistance
             case "output_voltage":
-                return rms
+                return self._rms()
             case "temperature":
                 return self._temperature()
             case "faults":
@@ -80,6 +78,10 @@ class ShakerAmplifier(SimulatedDevice):
             case "status":
                 return self.settings["enable"]  # bit 0
         return super().read(name)
+
+    def _rms(self) -> float:
+        voltage = self.voltage()
+        return math.sqrt(voltage.mean**2 + float((np.abs(voltage.amplitude) ** 2).sum()) / 2)
 
     def requested(self) -> None:
         self._last_request_ns = self.clock.now_ns()

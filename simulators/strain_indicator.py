@@ -38,6 +38,8 @@ class StrainIndicator(SimulatedDevice):
         self._tare = 0.0
         self._command = 0
         self._command_due_ns = NEVER
+        self._looked_at: tuple[object, ...] = ()
+        self._force = 0.0
 
     def write(self, values: dict[str, float]) -> None:
         if "command" in values:
@@ -93,7 +95,13 @@ class StrainIndicator(SimulatedDevice):
         return self._cell.display(ideal, self._stream, update) if self._cell else ideal
 
     def _detected(self) -> float:
-        """What the detector makes of the load, N."""
+        """What the detector makes of the load, N; looked at once where several registers tell of it."""
+        moment = (self.clock.now_ns(), self._rig.changes, self.settings["mode"], self.settings["filter"])
+        if moment != self._looked_at:
+            self._looked_at, self._force = moment, self._load()
+        return self._force
+
+    def _load(self) -> float:
         now = self.clock.now_ns()
         if self.contract.choice("mode", self.settings["mode"]) == "track":
             return self._rig.filtered_cell_force(now)
