@@ -133,7 +133,8 @@ class Chain:
         self.bridge = len(amplifiers)
         self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
         self._mechanical = stack.order + (3 if armature.mass else 0)
-        first = self._mechanical + len(plays.radii) + before.order
+        self.play_states = range(self._mechanical, self._mechanical + self.plays)
+        first = self.play_states.stop + before.order
         self.amplifier_states = {}
         for number, amplifier in enumerate(amplifiers):
             if amplifier.order:

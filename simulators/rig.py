@@ -54,6 +54,8 @@ class Rig:
         self._response: Response | None = None
         self._on_support = False
         self.position = 0.0
+        self.cell_position = 0.0  # degrees
+        self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
         self._weight = 0.0
         self._set_at_ns = 0
         self._changed_ns = 0
@@ -95,7 +97,13 @@ class Rig:
 
     def place_weight(self, mass: float) -> None:
         """Dead weights of `mass` kg in all stand on the load cell."""
+        self.placed.append((self._clock.now_ns(), mass * STANDARD_GRAVITY - self._weight))
         self._weight = mass * STANDARD_GRAVITY
+        self._begin()
+
+    def turn_load_cell(self, degrees: float) -> None:
+        """The load cell stands turned about its axis by `degrees`."""
+        self.cell_position = degrees
         self._begin()
 
     def set_bridge_filter(self, tau: float) -> None:
@@ -145,6 +153,13 @@ class Rig:
         gains: npt.NDArray[np.complex128] = system.transfer(frequency)[rows, 0]
         return gains
 
+    def without_limits(self) -> tuple[StateSpace, list[int]]:
+        """From the inputs to film voltages and force on the load cell, (films + 1,), where no limit acts and each play
+        operator follows its force; and the plays' states."""
+        system = self._last.mode(Touch(drag=(1,) * self._last.plays)).system
+        rows = [*range(len(self._films)), self._last.force]
+        return StateSpace(system.a, system.b, system.c[rows], system.d[rows]), list(self._last.play_states)
+
     def beginning(self) -> tuple[StateSpace, Floats, npt.NDArray[np.complex128]]:
         """As the present settings began: system and state (s,), and the phasor with which the drive forces it (s,)."""
         path = self._paths[-1]
@@ -179,6 +194,7 @@ class Rig:
 
     def _restart(self, state: Floats | None = None) -> None:
         now = self._clock.now_ns()
+        self.changes += 1
         last = self._paths[-1]
         if state is None:
             state = last.states(np.array([now]))[:, 0]
@@ -186,7 +202,6 @@ class Rig:
         self._voltage = self._voltage.restarted(now)
         self._last = self._chain()
         path = Path(_inputs(self._voltage, now), self._last.mode(touch), now, state)
-        self.changes += 1
         if last.start_ns == now:
             self._paths.pop()
         self._paths.append(path)
