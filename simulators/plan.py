@@ -3,11 +3,13 @@
     plan(read_scene("thesis_single"), Question()).path
 
 Nothing is ever stepped: between two transitions a scene is linear and known in closed form. What differs is how many
-transitions there are: none where every limit certainly stays inactive, else the scene goes from one to the next.
+transitions there are: none where every limit certainly stays inactive, else the scene goes from one to the next. Of
+play operators alone the settled state is known without that, by their describing functions.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -27,6 +29,7 @@ from simulators.effects.effect import Bound, Case, Effect
 from simulators.lti import HERTZ, Periodic
 from simulators.rig import Rig
 from simulators.scene import RigParameters, Scene, SceneFile
+from simulators.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 
 PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement
@@ -35,8 +38,13 @@ RATE = 250.0  # samples a second
 THESIS_RIG = RigParameters()
 THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
-# CPU time [M]: of a change or a transition, and of a sample of a film.
-SECONDS_A_TRANSITION, SECONDS_A_SAMPLE = 1e-3, 4e-7
+# CPU time [s, M]: of a transition, of a settled state's phasors, and of a sample of a film: by itself, for each state
+# of the chain, and for what an effect adds to it.
+A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 1e-4, 8e-7, 6e-8
+ADDED = {"mains_hum": 5e-7, "pink_noise": 1e-6, "white_noise": 3e-7, "jitter": 3e-7, "adc": 6e-8}
+# What an effect's transitions change.
+LIMITS = {"amplifier_clip": "rail", "current_limit": "current", "end_stops": "stop", "hysteresis": "drag"}
+CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +56,14 @@ class Question:
         load: peak to peak [N].
         frequency: of the drive [Hz].
         dwell: how long is measured [s].
+        steady: what is asked for: the settled fundamentals, or the waveforms over the dwell.
     """
 
     sample: str = "2"
     load: float = 3.0
     frequency: float = 10.0
     dwell: float = 1.0
+    steady: bool = False
 
     def __post_init__(self) -> None:
         get_sample(self.sample)
@@ -65,12 +75,13 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Included:
-    """An effect that is simulated, and why."""
+    """An effect that is simulated, why, and what that takes of the answer's CPU time, estimated [s]."""
 
     name: str
     kind: str
     cancels_in_ratio: bool
     why: str
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +99,12 @@ class Plan:
     """How a question about a scene is answered.
 
     Attributes:
-        path: "closed form" or "transitions".
+        path: "closed form", "describing function" or "transitions".
         why: what forces it.
         transitions: found in each second.
-        seconds: estimated CPU time for the dwell.
+        seconds: estimated CPU time for the answer.
         warnings: what the measurement will suffer from.
+        steady: the settled state, where that was asked for.
     """
 
     path: str
@@ -102,6 +114,7 @@ class Plan:
     omitted: tuple[Omitted, ...]
     seconds: float
     warnings: tuple[str, ...]
+    steady: SteadyState | None
 
 
 def plan(scene: Scene, question: Question) -> Plan:
@@ -110,22 +123,26 @@ def plan(scene: Scene, question: Question) -> Plan:
     Raises:
         RangeError: the scene's model does not answer for the sample.
     """
-    found = driven(scene, question).transitions(round(LOOKED_AT * 1e9))
-    path, why = _path(found)
+    rig = driven(scene, question)
+    found = [_moved(*each) for each in rig.transitions(round(LOOKED_AT * 1e9))]
+    path, why = _path(found, question.steady)
+    steady = None
+    if question.steady:
+        steady = steady_state(rig, followed(rig) if path == TRANSITIONS else phasors(rig))
+    costs = _costs(scene, question, path, found)
     case = case_of(scene.design, scene.model, scene.effects, question, scene.rig)
-    count = len(found) / LOOKED_AT
-    samples = question.dwell * RATE * len(scene.design.films)
     return Plan(
         path=path,
         why=why,
-        transitions=count,
+        transitions=len(found) / LOOKED_AT,
         included=tuple(
-            Included(name, effect.kind, effect.cancels_in_ratio, scene.called[name])
+            Included(name, effect.kind, effect.cancels_in_ratio, scene.called[name], costs[name])
             for name, effect in scene.effects.items()
         ),
         omitted=tuple(_omitted(scene, case)),
-        seconds=SECONDS_A_TRANSITION * (1 + count * question.dwell) + SECONDS_A_SAMPLE * samples,
+        seconds=sum(costs.values()),
         warnings=tuple(_warnings(scene, case)),
+        steady=steady,
     )
 
 
@@ -150,6 +167,11 @@ def case_of(
     file = SceneFile(name="case", purpose="bounds", design=design.name, model=model, rig=rig)
     bare = Scene("case", "bounds", design, model, None, "", 1, 1, rig, {}, {}, file)
     load = Load(question.load, get_sample(question.sample))
+
+    @functools.cache  # bounds of many effects look at the same scene without them
+    def looked_at(chosen: tuple[tuple[str, Effect], ...]) -> Rig:
+        return driven(replace(bare, effects=dict(chosen)), question)
+
     return Case(
         design=design,
         frequency=question.frequency,
@@ -160,7 +182,7 @@ def case_of(
         rate=RATE,
         settled=SETTLING,
         effects=effects,
-        driven=lambda chosen: driven(replace(bare, effects=chosen), question),
+        driven=lambda chosen: looked_at(tuple(chosen.items())),
     )
 
 
@@ -177,16 +199,39 @@ def needed(
     return largest if max(largest.force, largest.ratio) > tolerance else None
 
 
-def _path(found: list[tuple[Touch, Touch]]) -> tuple[str, str]:
+def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -> dict[str, float]:
+    """CPU time of each effect, and of the sensor by itself under "" [s]."""
+    costs = dict.fromkeys(("", *scene.effects), 0.0)
+    if question.steady and path != TRANSITIONS:
+        return {**costs, "": A_STEADY_STATE}
+    over = SETTLED + 1 / question.frequency if question.steady else question.dwell
+    samples = (POINTS if question.steady else question.dwell * RATE) * len(scene.design.films)
+
+    def states(effects: Mapping[str, Effect]) -> int:
+        return Rig(replace(scene, effects=effects), VirtualClock()).without_limits()[0].order
+
+    for name in scene.effects:
+        own = states(scene.effects) - states({k: v for k, v in scene.effects.items() if k != name})
+        added = 0.0 if question.steady else ADDED.get(name, 0.0)
+        met = sum(LIMITS.get(name) in moved for moved in found) / LOOKED_AT
+        costs[name] = samples * (own * A_STATE + added) + met * over * A_TRANSITION
+    costs[""] = samples * (A_SAMPLE + states({}) * A_STATE) + A_TRANSITION
+    costs[""] += sum("contact" in moved for moved in found) / LOOKED_AT * over * A_TRANSITION
+    return costs
+
+
+def _moved(before: Touch, after: Touch) -> set[str]:
+    """What a transition changes."""
+    return {item.name for item in fields(Touch) if getattr(before, item.name) != getattr(after, item.name)}
+
+
+def _path(found: list[set[str]], steady: bool) -> tuple[str, str]:
     if not found:
-        return "closed form", "every limit carries a certificate that it stays inactive"
-    moved = {
-        item.name
-        for before, after in found
-        for item in fields(Touch)
-        if getattr(before, item.name) != getattr(after, item.name)
-    }
-    return "transitions", ", ".join(sorted(_NAMES[name] for name in moved))
+        return CLOSED_FORM, "every limit carries a certificate that it stays inactive"
+    moved = set[str]().union(*found)
+    if steady and moved == {"drag"}:
+        return DESCRIBING_FUNCTION, "play operators move on a sine, outside any loop; no limit acts"
+    return TRANSITIONS, ", ".join(sorted(_NAMES[name] for name in moved))
 
 
 _NAMES = {

@@ -2,28 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
 
-from instrument.errors import ConfigError
-from procedures.cli.options import Output, output_options
+from instrument.errors import ConfigError, RangeError
+from procedures.cli.options import F, Output, output_options
 
 if TYPE_CHECKING:
-    from simulators.plan import Plan
+    from rich.table import Table
+
+    from simulators.plan import Plan, Question
     from simulators.scene import Scene
+
+
+def question_options(command: F) -> F:
+    """--sample, --load and --frequency."""
+    for option in (
+        click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load."),
+        click.option("--load", default="3 N", show_default=True, help="Load, peak to peak, if nothing limits it."),
+        click.option("--sample", default="2", show_default=True, help="Sample that is pressed."),
+    ):
+        command = option(command)
+    return command
+
+
+def asked(sample: str, load: str, frequency: str, dwell: str = "1 s", *, steady: bool = False) -> Question:
+    """What the options ask. Raises UsageError."""
+    from instrument.quantity import parse
+    from simulators.plan import Question
+
+    return Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"), steady)
 
 
 @click.command(
     epilog="Examples:\n\n  palpate scene explain thesis_single\n\n  palpate scene explain my_scene.toml --load '1.5 N'"
-    " --tolerance 1e-3 --strict --json"
+    " --tolerance 1e-3 --strict --json\n\n  palpate scene explain everything --steady"
 )
 @click.argument("scene")
-@click.option("--sample", default="2", show_default=True, help="Sample that is measured.")
-@click.option("--load", default="3 N", show_default=True, help="Load, peak to peak.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@question_options
 @click.option("--dwell", default="1 s", show_default=True, help="Time over which it is averaged.")
+@click.option("--steady", is_flag=True, help="Of the settled state, not of waveforms; and what it is.")
 @click.option("--tolerance", default="1e-4", show_default=True, help="What may be left out without a mark.")
 @click.option("--strict", is_flag=True, help="A warning is an error.")
 @output_options
@@ -33,6 +54,7 @@ def explain(
     load: str,
     frequency: str,
     dwell: str,
+    steady: bool,
     tolerance: str,
     strict: bool,
     as_json: bool,
@@ -40,13 +62,14 @@ def explain(
 ) -> None:
     """What a scene simulates and how, and what leaving the rest out can change."""
     from instrument.quantity import parse
-    from simulators.plan import Question, plan
+    from simulators.plan import plan
     from simulators.scene import read_scene
 
     chosen = read_scene(scene)
     limit = parse(tolerance, "")
-    question = Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"))
-    answer = plan(chosen, question)
+    if limit <= 0:
+        raise RangeError(f"--tolerance {tolerance!r} is not above 0; give for example 1e-4")
+    answer = plan(chosen, asked(sample, load, frequency, dwell, steady=steady))
     if strict and answer.warnings:
         raise ConfigError(f"scene {scene!r}: {answer.warnings[0]}")
     output = Output(as_json, quiet)
@@ -58,30 +81,40 @@ def explain(
 
 def _print(scene: Scene, answer: Plan, tolerance: float) -> None:
     from rich.console import Console
-    from rich.table import Table
 
     console = Console(highlight=False)
     console.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)
     console.print(f"path: {answer.path}: {answer.why}", soft_wrap=True)
     console.print(f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing")
-    inside = Table(box=None, title="simulated", title_justify="left")
-    for column in ("effect", "kind", "cancels in the ratio", "why"):
-        inside.add_column(column)
-    for included in answer.included:
-        inside.add_row(included.name, included.kind, "yes" if included.cancels_in_ratio else "no", included.why)
-    console.print(inside)
-    outside = Table(box=None, title=f"left out, and the most that it could change (* above {tolerance:g})")
-    outside.title_justify = "left"
-    for column in ("effect", "kind", "force", "ratio"):
-        outside.add_column(column)
-    for omitted in answer.omitted:
-        bounds = (omitted.force, omitted.ratio)
-        outside.add_row(
-            omitted.name, omitted.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in bounds)
-        )
-    console.print(outside)
+    inside = [
+        (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", f"{1e3 * e.seconds:.2g}", e.why)
+        for e in answer.included
+    ]
+    console.print(_table("simulated", ("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
+    outside = [
+        (e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)))
+        for e in answer.omitted
+    ]
+    title = f"left out, and the most that it could change (* above {tolerance:g})"
+    console.print(_table(title, ("effect", "kind", "force", "ratio"), outside))
+    if answer.steady is not None:
+        films = [
+            (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
+            for f in answer.steady.films
+        ]
+        title = f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell"
+        console.print(_table(title, ("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
     for warning in answer.warnings:
         console.print(f"warning: {warning}", soft_wrap=True)
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    from rich.table import Table
+
+    table = Table(*columns, box=None, title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def _marked(bound: float, tolerance: float) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.explain import explain
+from procedures.cli.explain import asked, explain, question_options
 from procedures.cli.options import FILE_NAME, Output, output_options, store
 
 if TYPE_CHECKING:
@@ -82,9 +82,7 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
     " --out chain.png"
 )
 @click.argument("scene")
-@click.option("--sample", default="2", show_default=True, help="Sample that is pressed.")
-@click.option("--load", default="3 N", show_default=True, help="Load, peak to peak, if nothing limits it.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@question_options
 @click.option("--periods", default=3, show_default=True, type=click.IntRange(1, 100), help="How many are drawn.")
 @click.option("--out", type=FILE_NAME, metavar="FILE.png", help="Where the picture goes (default: new in runs/plots/).")
 @output_options
@@ -92,15 +90,13 @@ def plot(
     scene: str, sample: str, load: str, frequency: str, periods: int, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
     """Draw the waveforms at each stage of the chain, from the shaker's coil to what the sensor nodes send."""
-    from instrument.quantity import parse
     from procedures import model_plot, scene_plot
-    from simulators.plan import Question
     from simulators.scene import read_scene
     from simulators.waveforms import waveforms
 
     output = Output(as_json, quiet)
     chosen = read_scene(scene)
-    question = Question(sample, parse(load, "N"), parse(frequency, "Hz"))
+    question = asked(sample, load, frequency)
     file = model_plot.place("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
     seen = waveforms(chosen, question, periods)
     title = f"scene {chosen.name}: sample {sample}, {load} peak to peak at {frequency}"

@@ -1,0 +1,172 @@
+"""The plan of a scene: how it is answered, what forces that, what it costs, and what is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simulators import plan as planning
+from simulators.effects import EFFECTS
+from simulators.effects.adc import Adc
+from simulators.effects.amplifier_clip import AmplifierClip
+from simulators.effects.charge_amplifier import ChargeAmplifier
+from simulators.effects.current_limit import CurrentLimit
+from simulators.effects.effect import Effect
+from simulators.effects.end_stops import EndStops
+from simulators.effects.hysteresis import Hysteresis
+from simulators.effects.mains_hum import MainsHum
+from simulators.effects.shaker_dynamics import ShakerDynamics
+from simulators.effects.white_noise import WhiteNoise
+from simulators.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, Plan, Question, plan
+from simulators.scene import read_scene
+from simulators.steady import phasors
+from tests.simulators.rigs import scene
+
+
+def planned(question: Question | None = None, **effects: Effect) -> Plan:
+    question = question or Question()
+    named = {name: effects[name] for name in EFFECTS if name in effects}
+    return plan(replace(scene(), effects=named, called=dict.fromkeys(named, "called for")), question)
+
+
+@pytest.fixture
+def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bounds of what is left out take most of a plan's time."""
+    monkeypatch.setattr(planning, "_omitted", lambda *_: [])
+
+
+# --- the path ------------------------------------------------------------------------------------------
+
+INACTIVE = {"amplifier_clip": AmplifierClip(rail="20 V"), "current_limit": CurrentLimit(), "end_stops": EndStops()}
+PLAYS = Hysteresis(weights=(0.1,), radii=("50 mN",))
+CLIPPED = AmplifierClip(rail="1 V")
+ACTING = {
+    "the amplifier clips": {"amplifier_clip": CLIPPED},
+    "the current limit acts": {"current_limit": CurrentLimit(limit="0.3 A")},
+    "the armature meets a stop": {"end_stops": EndStops(travel="1 mm")},
+    "play operators move": {"hysteresis": PLAYS},
+    "play operators move, the amplifier clips": {"hysteresis": PLAYS, "amplifier_clip": CLIPPED},
+}
+
+
+@pytest.mark.usefixtures("unbounded")
+@pytest.mark.parametrize("steady", [False, True])
+def test_what_is_linear_with_limits_that_stay_inactive_is_known_in_closed_form(steady: bool) -> None:
+    for effects in ({}, INACTIVE, {**INACTIVE, "charge_amplifier": ChargeAmplifier(), "white_noise": WhiteNoise()}):
+        found = planned(Question(steady=steady), **effects)
+        assert (found.path, found.transitions) == (CLOSED_FORM, 0.0)
+        assert "certificate" in found.why
+
+
+@pytest.mark.usefixtures("unbounded")
+@pytest.mark.parametrize("why", ACTING)
+def test_a_limit_that_acts_and_a_play_that_moves_are_gone_through_and_named(why: str) -> None:
+    found = planned(**ACTING[why])
+    assert (found.path, found.why) == (TRANSITIONS, why)
+    assert found.transitions >= 20  # two a cycle at the least
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_a_probe_that_lifts_off_is_gone_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning, "PRELOAD", 0.4)
+    found = planned()
+    assert (found.path, found.why) == (TRANSITIONS, "the probe loses contact")
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_plays_that_alone_move_settle_by_their_describing_function_and_beside_a_limit_they_do_not() -> None:
+    settled = Question(steady=True)
+    assert planned(settled, hysteresis=PLAYS).path == DESCRIBING_FUNCTION
+    assert planned(settled, hysteresis=PLAYS, shaker_dynamics=ShakerDynamics()).path == DESCRIBING_FUNCTION
+    assert planned(settled, hysteresis=PLAYS, amplifier_clip=CLIPPED).path == TRANSITIONS
+    assert planned(settled, hysteresis=Hysteresis(weights=(0.1,), radii=("9 N",))).path == CLOSED_FORM  # none moves
+    assert planned(hysteresis=PLAYS).path == TRANSITIONS  # waveforms have corners
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_only_a_question_of_the_settled_state_is_answered_with_it() -> None:
+    assert planned().steady is None
+    found = planned(Question("1", 2.0, steady=True), hysteresis=PLAYS).steady
+    assert found is not None
+    assert found.force == pytest.approx(2.0, rel=1e-9)
+    rigid, total = found.films
+    assert (rigid.film, total.film, total.ratio) == ("rigid", "total", None)
+    assert rigid.ratio is not None and 0.316 < rigid.ratio < 0.316 * 1.1
+    assert rigid.phase < 0 == round(total.phase, 12)
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_a_clipped_scene_settles_to_what_a_clipped_sine_is() -> None:
+    """Its fundamental from the textbook, of all that is linear behind it."""
+    found = planned(Question(steady=True), amplifier_clip=AmplifierClip(rail="4 V")).steady
+    free = planned(Question(steady=True)).steady
+    assert found is not None and free is not None
+    rig = planning.driven(scene(), Question())
+    part = 4 / float(np.abs(rig.coil_voltage().amplitude[0]))
+    passed = 2 / np.pi * (np.arcsin(part) + part * np.sqrt(1 - part**2))
+    assert 0.5 < part < 1
+    assert found.force / free.force == pytest.approx(passed, rel=1e-6)
+    assert abs(phasors(rig)[-1]) * 2 == pytest.approx(free.force, rel=1e-12)
+
+
+# --- in and out ----------------------------------------------------------------------------------------
+
+
+def test_every_effect_is_either_in_or_out() -> None:
+    for name in ("ideal", "thesis_single", "everything"):
+        chosen = read_scene(name)
+        found = plan(chosen, Question())
+        assert [each.name for each in found.included] == list(chosen.effects)
+        assert {each.name for each in found.omitted} == set(EFFECTS) - set(chosen.effects)
+        assert {each.why for each in found.included} <= {"called for"}
+
+
+def test_an_effect_that_another_excludes_could_change_nothing_and_one_without_limit_says_so() -> None:
+    with_charge = {each.name: each for each in planned(charge_amplifier=ChargeAmplifier()).omitted}
+    assert (with_charge["voltage_amplifier"].force, with_charge["voltage_amplifier"].ratio) == (0.0, 0.0)
+    alone = {each.name: each for each in planned().omitted}
+    assert (alone["voltage_amplifier"].ratio or 0.0) > 0.5
+    clipped = {each.name: each for each in planned(amplifier_clip=CLIPPED).omitted}
+    assert (clipped["mains_hum"].force, clipped["mains_hum"].ratio) == (None, None)
+
+
+# --- what it costs -------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_an_effect_costs_by_what_it_adds_and_the_sum_is_that_of_the_answer() -> None:
+    effects: dict[str, Effect] = {
+        "shaker_dynamics": ShakerDynamics(), "hysteresis": PLAYS, "charge_amplifier": ChargeAmplifier(),
+        "mains_hum": MainsHum(), "adc": Adc(),
+    }  # fmt: skip
+    short, long = planned(**effects), planned(Question(dwell=10.0), **effects)
+    costs = {each.name: each.seconds for each in short.included}
+    assert costs["hysteresis"] == max(costs.values())
+    assert costs["shaker_dynamics"] == pytest.approx(1.5 * costs["charge_amplifier"], rel=1e-9)  # three states and two
+    assert costs["mains_hum"] > costs["adc"] > 0
+    bare = planned()
+    assert short.seconds == pytest.approx(sum(costs.values()) + bare.seconds, rel=1e-9)
+    for each in long.included:
+        assert each.seconds == pytest.approx(10 * costs[each.name], rel=1e-9)
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_a_settled_state_costs_the_same_whatever_is_in_and_far_less_than_going_there() -> None:
+    settled = Question(steady=True)
+    linear = planned(settled, charge_amplifier=ChargeAmplifier())
+    assert linear.seconds == planned(settled).seconds == planned(settled, hysteresis=PLAYS).seconds
+    assert planned(settled, amplifier_clip=CLIPPED).seconds > 1000 * linear.seconds
+
+
+# --- what a measurement will suffer from ----------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_a_film_of_few_steps_without_noise_is_warned_of() -> None:
+    (warning,) = planned().warnings
+    for part in ("film 'rigid'", "below 20", "below half a step", "take a smaller range, a larger load, or noise"):
+        assert part in warning
+    assert planned(white_noise=WhiteNoise(density="10 µV/√Hz")).warnings == ()
+    assert planned(Question("1", 6.0), charge_amplifier=ChargeAmplifier()).warnings == ()
