@@ -1,0 +1,168 @@
+"""palpate scene explain: how a scene is simulated, and what is refused before that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from simulators import plan as planning
+from simulators.effects import EFFECTS, effect_class
+from simulators.scene import read_scene
+from tests.procedures.conftest import IDEAL_SCENE, Palpate
+
+NOISY = IDEAL_SCENE + '\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n'
+PLAYED = NOISY + '\n[effects.hysteresis]\nweights = [0.1]\nradii = ["50 mN"]\n'
+
+
+@pytest.fixture
+def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bounds of what is left out take most of a plan's time."""
+    monkeypatch.setattr(planning, "_omitted", lambda *_: [])
+
+
+# --- what is said --------------------------------------------------------------------------------------
+
+
+def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds(palpate: Palpate) -> None:
+    found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--json").object
+    assert set(found) == {
+        "scene", "model", "tolerance", "path", "why", "transitions", "included", "omitted", "seconds", "warnings",
+        "steady",
+    }  # fmt: skip
+    assert (found["scene"], found["model"], found["tolerance"]) == ("thesis_single", "experiment", 1e-4)
+    assert (found["path"], found["transitions"]) == ("closed form", 0.0)
+    assert found["why"] == "every limit carries a certificate that it stays inactive"
+    assert [each["name"] for each in found["included"]] == list(read_scene("thesis_single").effects)
+    for each in found["included"]:
+        assert set(each) == {"name", "kind", "cancels_in_ratio", "why", "seconds"}
+        assert (each["kind"], each["why"]) == (effect_class(each["name"]).kind, "called for")
+    assert 0 < sum(each["seconds"] for each in found["included"]) < found["seconds"]
+    bounds = {each["name"]: (each["force"], each["ratio"]) for each in found["omitted"]}
+    assert set(bounds) == set(EFFECTS) - set(read_scene("thesis_single").effects)
+    assert all(0 <= bounds[name][k] < 1 for name in ("off_axis", "glue_clamping") for k in (0, 1))
+    assert bounds["can_timing"] == (0.0, 0.0)
+    assert bounds["end_stops"] == (None, None)  # 4 N takes the armature further than 8 mm
+    assert found["steady"] is None
+
+
+def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpate) -> None:
+    Path("quiet.toml").write_text(NOISY)
+    for tolerance, marked in (("1e-4", True), ("0.9", False)):
+        spoken = palpate("scene", "explain", "quiet.toml", "--tolerance", tolerance).out
+        assert f"(* above {float(tolerance):g})" in " ".join(spoken.split())
+        (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["off_axis"]]
+        assert ("*" in line) is marked
+        (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["end_stops"]]
+        assert line.split() == ["end_stops", "static_nl", "0.0e+00", "0.0e+00"]
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason(palpate: Palpate) -> None:
+    Path("played.toml").write_text(PLAYED)
+    spoken = palpate("scene", "explain", "played.toml").out
+    assert "path: transitions: play operators move" in spoken
+    assert "40 transitions a second, about 0.04" in spoken
+    lines = {line.split()[0]: line.split() for line in spoken.splitlines() if line.split()}
+    assert lines["hysteresis"][1:3] == ["hysteresis", "no"] and float(lines["hysteresis"][3]) > 30
+    assert lines["white_noise"][1:3] == ["additive", "no"] and float(lines["white_noise"][3]) < 1
+    assert lines["adc"][-2:] == ["called", "for"]
+    assert "settled" not in spoken
+    assert palpate("scene", "explain", "played.toml", "--quiet").out == ""
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_the_settled_state_is_shown_with_force_and_ratio_of_each_film_where_it_is_asked_for(palpate: Palpate) -> None:
+    Path("played.toml").write_text(PLAYED)
+    asked = ("scene", "explain", "played.toml", "--sample", "1", "--load", "2 N", "--steady")
+    found = palpate(*asked, "--json").object
+    assert found["path"] == "describing function"
+    assert found["steady"]["force"] == pytest.approx(2.0, rel=1e-9)
+    rigid, total = found["steady"]["films"]
+    assert 0.316 < rigid["ratio"] < 0.35 and total["ratio"] is None
+    spoken = palpate(*asked).out
+    assert "path: describing function" in spoken
+    assert "settled, at 2 N peak to peak on the load cell" in spoken
+    assert f"{1e3 * rigid['amplitude']:.6g}" in spoken and f"{rigid['ratio']:.6g}" in spoken
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_why_an_automatic_effect_is_in_is_said(palpate: Palpate) -> None:
+    Path("auto.toml").write_text(IDEAL_SCENE + '\n[effects.off_axis]\nwhen = "auto"\nangle = "30 deg"\n')
+    (adc, off_axis) = sorted(
+        palpate("scene", "explain", "auto.toml", "--json").object["included"], key=lambda each: str(each["name"])
+    )
+    assert adc["why"] == "called for"
+    assert off_axis["why"].startswith("can change force by 0.1") and off_axis["why"].endswith("above 0.0001")
+
+
+@pytest.mark.usefixtures("unbounded")
+def test_a_signal_below_20_steps_with_little_noise_is_a_warning_and_with_strict_an_error(palpate: Palpate) -> None:
+    Path("few.toml").write_text(IDEAL_SCENE)
+    spoken = palpate("scene", "explain", "few.toml")
+    assert spoken.status == 0
+    assert "warning: film 'rigid': amplitude" in spoken.out
+    refused = palpate("scene", "explain", "few.toml", "--strict")
+    assert refused.status == 2
+    assert "scene 'few.toml': film 'rigid': amplitude" in refused.complaint
+    Path("quiet.toml").write_text(NOISY)
+    assert palpate("scene", "explain", "quiet.toml", "--strict").status == 0
+
+
+# --- what is refused -----------------------------------------------------------------------------------
+
+WRONG = {
+    "an unknown effect": ("[effects.mains_hun]", "effects.mains_hun: unknown effect (did you mean 'mains_hum'?)"),
+    "an unknown parameter": (
+        '[effects.mains_hum]\namplitud = "1 mV"',
+        "amplitud: unknown key (did you mean 'amplitude'?)",
+    ),
+    "a wrong unit": ('[effects.mains_hum]\nfrequency = "50 V"', "frequency: '50 V' is in V where Hz belongs"),
+    "a negative time constant": ('[effects.charge_amplifier]\ntime_constant = "-1 s"', "time_constant"),
+    "a rail below zero": ('[effects.amplifier_clip]\nrail = "-5 V"', "rail"),
+    "a share above 1": ('[effects.viscoelastic]\ng = [1.5]\ntau = ["1 s"]', "g.0"),
+    "no number": ('[effects.white_noise]\ndensity = "nan V/√Hz"', "density: 'nan V/√Hz' is not a quantity"),
+    "an infinite one": ('[effects.white_noise]\ndensity = "1e999 V/√Hz"', "density: '1e999 V/√Hz' is not finite"),
+    "amplifiers that exclude each other": (
+        "[effects.charge_amplifier]\n[effects.voltage_amplifier]",
+        "exclude each other; leave one out",
+    ),
+    "neither on nor auto": ('[effects.jitter]\nwhen = "off"', "effects.jitter.when: 'off' is neither 'on' nor 'auto'"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("command", [("scene", "check"), ("scene", "explain"), ("sweep", "loads", "--scene")])
+def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
+    wrong: str, command: tuple[str, ...], palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def started(*_: object) -> None:
+        raise AssertionError("a rig was built")
+
+    monkeypatch.setattr("simulators.rig.Rig.__init__", started)
+    text, message = WRONG[wrong]
+    Path("wrong.toml").write_text(f"{IDEAL_SCENE}\n{text}\n")
+    spoken = palpate(*command, "wrong.toml")
+    assert spoken.status == 2
+    assert spoken.complaint.startswith("wrong.toml: ")
+    assert message in spoken.complaint
+    assert "\n" not in spoken.complaint
+    assert not list(Path("runs").glob("*"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--tolerance", "0"), "--tolerance '0' is not above 0"),
+        (("--tolerance", "-1e-3"), "--tolerance '-1e-3' is not above 0"),
+        (("--tolerance", "nan"), "'nan' is not a quantity"),
+        (("--tolerance", "1 N"), "'1 N' is in N"),
+        (("--dwell", "0 s"), "dwell 0 of a question is not above 0"),
+        (("--dwell", "1"), "'1' has no unit where s belongs"),
+        (("--sample", "9"), "unknown sample '9'"),
+    ],
+)
+def test_a_question_that_cannot_be_is_refused(options: tuple[str, str], message: str, palpate: Palpate) -> None:
+    spoken = palpate("scene", "explain", "ideal", *options)
+    assert spoken.status == 2
+    assert message in spoken.complaint
