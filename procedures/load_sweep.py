@@ -10,30 +10,25 @@ from typing import Any
 import numpy as np
 
 from drivers.bench import Bench
-from drivers.sensor_node import Recording
 from instrument.calibration import LoadCellCalibration
 from instrument.contracts import signal_generator
-from instrument.design import FILM_KINDS, Design
+from instrument.design import Design
 from instrument.errors import EstimateError, RangeError, UnreachableError
-from instrument.estimate import amplitude_ratio, fit_sine
+from instrument.estimate import fit_sine
+from instrument.film_forces import ToothPoint, film_forces
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
+from procedures.films import SAMPLES_PER_CYCLE, FilmPoint, Films, check_nodes, measure
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, preload
 
 PROCEDURE = "sweep-loads"
 PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
-SAMPLES_PER_CYCLE = 25
 FREQUENCIES = (0.5, 100.0)  # Hz
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 LARGEST_DWELL = 3600.0  # s
 LARGEST_COUNT = 1000  # loads
 SMALLEST_LOAD = 2.0  # steps of the indicator
-LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
-SETTLING = 5.0  # s, five time constants of the charge amplifier
-SENSITIVE_RANGE, WIDE_RANGE = "500 mV", "5 V"
-RANGES_V = {SENSITIVE_RANGE: 0.5, WIDE_RANGE: 5.0}
-HEADROOM = 1.5
 
 Progress = Callable[[int, int, str], None]
 
@@ -52,7 +47,8 @@ class SweepSettings:
 class LoadPoint:
     """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
 
-    Not `valid`: a film was over-ranged, the node reported a fault, or the load drifted off during the dwell.
+    Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
+    has each tooth's own. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why.
     """
 
     sample: str
@@ -69,6 +65,11 @@ class LoadPoint:
     noise_u: float
     condition: float
     valid: bool
+    dwell_s: float = math.nan
+    settling_s: float = math.nan
+    attempts: int = 1
+    flags: tuple[str, ...] = ()
+    teeth: tuple[ToothPoint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,19 +123,15 @@ def preload_for(loads: Sequence[float]) -> float:
     return PRELOAD_MARGIN * max(loads) / 2
 
 
-def check(settings: SweepSettings, design: Design, force_limit: float) -> None:
+def check(settings: SweepSettings, design: Design, force_limit: float, nodes: int) -> None:
     """Refuse what cannot be done, before any device is spoken to.
 
     Raises:
-        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate, a sensor of
-            several teeth.
+        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate, a sensor whose
+            films the bench's sensor nodes cannot take.
         UnknownName: an unknown sample.
     """
-    if {film.name for film in design.films} != set(FILM_KINDS):
-        raise RangeError(
-            f"design {design.name!r} has {len(design.teeth)} teeth; a load sweep measures"
-            " one tooth; take a design with the films 'rigid' and 'total', such as 'single'"
-        )
+    check_nodes(design, nodes)
     for sample in settings.samples:
         get_sample(sample)
     largest = max(settings.loads)
@@ -178,7 +175,7 @@ def run(
         UnreachableError: a load too small for the indicator; the outputs have stayed off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
-    check(settings, design, bench.force_limit)
+    check(settings, design, bench.force_limit, len(bench.nodes))
     smallest = SMALLEST_LOAD * calibration.resolution()
     if min(settings.loads) < smallest:
         raise UnreachableError(
@@ -187,7 +184,7 @@ def run(
         )
     total = len(settings.samples) * len(settings.loads)
     points: list[LoadPoint] = []
-    _configure(bench, design, settings)
+    films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
     bench.positioner.home()
     check_zero(bench, calibration)
     for name in settings.samples:
@@ -202,9 +199,10 @@ def run(
         for load in settings.loads:
             progress(len(points), total, f"sample {name}, {show(load, 'N')}")
             servo.set(load)
-            point, recording = _measure(bench, servo, design, calibration, settings, name, load)
-            waveforms = {film.name: (recording.rate, recording.voltage[film.channel - 1]) for film in design.films}
-            record.point(asdict(point), waveforms, bench.clock.now_ns())
+            what = f"sample {name}, {show(load, 'N')}"
+            measured = measure(films, servo, load, settings.dwell, record, what)
+            point = _point(design, name, load, measured)
+            record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
             points.append(point)
             progress(len(points), total, f"sample {name}, {show(load, 'N')}")
     bench.rest()
@@ -212,66 +210,29 @@ def run(
     return evaluate(points, design)
 
 
-def _configure(bench: Bench, design: Design, settings: SweepSettings) -> None:
-    node = bench.nodes[0]
-    node.set_sample_rate(SAMPLES_PER_CYCLE * settings.frequency)
-    for film in design.films:
-        peak = film.sensitivity * (preload_for(settings.loads) + max(settings.loads) / 2)
-        range_ = SENSITIVE_RANGE if HEADROOM * peak <= RANGES_V[SENSITIVE_RANGE] else WIDE_RANGE
-        node.set_range(film.channel, range_)
-
-
-def _measure(
-    bench: Bench,
-    servo: LoadServo,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: SweepSettings,
-    sample: str,
-    load: float,
-) -> tuple[LoadPoint, Recording]:
-    node = bench.nodes[0]
-    servo.hold(SETTLING)
-    heard = len(node.emergencies)
-    recording = node.acquire(settings.dwell)
-    reading = servo.read()
-    bench.amplifier.check()
-    films = [design.film("rigid"), design.film("total")]
-    channels = [film.channel - 1 for film in films]
-    voltage, saturated = recording.voltage[channels], bool(recording.saturated[channels].any())
-    fit = fit_sine(recording.time, voltage, settings.frequency)
-    try:
-        ratio, noise_u = amplitude_ratio(fit, 0, 1)
-    except EstimateError:
-        film, signal, signal_u = films[1], float(fit.amplitude[1]), float(fit.amplitude_u[1])
-        raise EstimateError(
-            f"{node.name}: film {film.name!r} on channel {film.channel} gives {show(signal, 'V')} with standard "
-            f"uncertainty {show(signal_u, 'V')}, too little for a ratio; check its connection"
-        ) from None
-    peak_to_peak = 2 * fit.amplitude
-    forces = [float(v) / film.sensitivity for v, film in zip(peak_to_peak, films, strict=True)]
-    to_force = films[1].sensitivity / films[0].sensitivity
-    force_ratio = ratio * to_force
-    measured, measured_u = calibration.load(reading.reading_mV)
-    point = LoadPoint(
+def _point(design: Design, sample: str, load: float, measured: FilmPoint) -> LoadPoint:
+    forces = film_forces(design, measured.fit)
+    return LoadPoint(
         sample=sample,
         load_N=load,
-        indicator_mV=reading.reading_mV,
-        load_measured_N=measured,
-        load_measured_u=measured_u,
-        voltage_rigid_V=float(peak_to_peak[0]),
-        voltage_total_V=float(peak_to_peak[1]),
-        force_rigid_N=forces[0],
-        force_total_N=forces[1],
-        force_ratio=force_ratio,
-        force_ratio_u=math.hypot(noise_u * to_force, design.ratio_scatter * force_ratio),
-        noise_u=noise_u * to_force,
-        condition=fit.condition,
-        valid=not saturated
-        and len(node.emergencies) == heard
-        and abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * calibration.resolution()),
+        indicator_mV=measured.indicator_mV,
+        load_measured_N=measured.load_N,
+        load_measured_u=measured.load_u,
+        voltage_rigid_V=forces.voltage_rigid_V,
+        voltage_total_V=forces.voltage_total_V,
+        force_rigid_N=forces.force_rigid_N,
+        force_total_N=forces.force_total_N,
+        force_ratio=forces.force_ratio,
+        force_ratio_u=forces.force_ratio_u,
+        noise_u=forces.noise_u,
+        condition=measured.fit.condition,
+        valid=measured.valid,
+        dwell_s=measured.dwell,
+        settling_s=measured.settling,
+        attempts=measured.attempts,
+        flags=measured.flags,
+        teeth=forces.teeth if len(forces.teeth) > 1 else (),
     )
-    return point, recording
 
 
 def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:

@@ -110,7 +110,7 @@ class LoadServo:
     def __init__(self, bench: Bench, calibration: LoadCellCalibration, frequency: float, preloaded: float) -> None:
         """`frequency` in Hz; `preloaded` is the static force in N, which counts towards the force limit."""
         self._bench = bench
-        self._calibration = calibration
+        self.calibration = calibration
         self._frequency = frequency
         self._preloaded = preloaded
         self._window = min(10.0, max(0.5, 3 / frequency))
@@ -126,12 +126,12 @@ class LoadServo:
             SafetyError: the force passes the bench's limit; the outputs are off before this is raised.
             UnreachableError: generator or amplifier cannot give it, or it does not settle.
         """
-        tolerance = max(LOAD_TOLERANCE * load, 0.6 * self._calibration.resolution())
+        tolerance = max(LOAD_TOLERANCE * load, 0.6 * self.calibration.resolution())
         measured = math.nan
         for _ in range(SERVO_STEPS):
             self._step(load)
             measured = self._checked(read_indicator(self._bench))
-            if measured > max(3 * self._calibration.resolution(), 0.1 * load):
+            if measured > max(3 * self.calibration.resolution(), 0.1 * load):
                 self._volts_per_newton = self._amplitude / measured
             if abs(measured - load) <= tolerance:
                 return measured
@@ -140,20 +140,16 @@ class LoadServo:
             f"{show(self._amplitude, 'V')}; check the mounting of the sample"
         )
 
-    def hold(self, duration: float) -> None:
-        """Drive on for `duration` s and read the force as often as a servo step does.
+    def watch(self) -> None:
+        """Read the force once, between steps of something that takes long.
 
         Raises:
             SafetyError, DeviceError: the force passes the limit, or no valid reading; outputs are off.
         """
-        while duration > 0:
-            step = min(self._window + READINGS * READING_INTERVAL, duration)
-            self._bench.clock.wait(step)
-            self._checked(read_indicator(self._bench, 1))
-            duration -= step
+        self._checked(read_indicator(self._bench, 1))
 
     def read(self) -> IndicatorMean:
-        """The indicator's reading under the load. Raises SafetyError, DeviceError as `hold`."""
+        """The indicator's reading under the load. Raises SafetyError, DeviceError as `watch`."""
         reading = read_indicator(self._bench)
         self._checked(reading)
         return reading
@@ -195,7 +191,7 @@ class LoadServo:
 
         Too much force is too much in a reading that is not stable, too.
         """
-        load = self._calibration.load(reading.reading_mV)[0] if math.isfinite(reading.reading_mV) else math.nan
+        load = self.calibration.load(reading.reading_mV)[0] if math.isfinite(reading.reading_mV) else math.nan
         if self._preloaded + load / 2 > self._bench.force_limit:
             self._bench.rest()
             raise SafetyError(

@@ -47,7 +47,7 @@ def loads(
         choice,
         output,
         asdict(settings),
-        lambda bench: load_sweep.check(settings, get_design(bench.design), bench.force_limit),
+        lambda bench: load_sweep.check(settings, get_design(bench.design), bench.force_limit, len(bench.can.nodes)),
         lambda session, progress: load_sweep.run(
             session.bench, session.design, session.calibration, settings, session.record, progress
         ),

@@ -1,0 +1,132 @@
+"""From the films' sines to forces and force ratio, with uncertainty, for any design."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from instrument.design import FILM_KINDS, Design, Film
+from instrument.errors import EstimateError
+from instrument.estimate import SineFit
+from instrument.quantity import show
+
+Floats = npt.NDArray[np.float64]
+LEAST_SIGNAL = 3.0
+"""Standard uncertainties of noise that a base film's signal needs to be a denominator."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToothPoint:
+    """One tooth under a load. Voltages and forces are peak to peak.
+
+    Attributes:
+        tooth: number, from 1.
+        voltage_V, force_N: of its own film.
+        base_voltage_V, base_force_N: of the film under its base, which other teeth may share.
+        force_ratio: of its force to the base's, so that those of one base add up; `force_ratio_u` with the scatter
+            of both films' gains.
+        noise_u: what noise has in it.
+    """
+
+    tooth: int
+    voltage_V: float
+    force_N: float
+    base_voltage_V: float
+    base_force_N: float
+    force_ratio: float
+    force_ratio_u: float
+    noise_u: float
+
+
+@dataclass(frozen=True, slots=True)
+class FilmForces:
+    """A whole sensor under a load: sums over teeth and bases, peak to peak.
+
+    Attributes:
+        force_ratio: mean over the bases of the force on a base's teeth to the force on the base, as in Tables 5.7 and
+            A2.9 to A2.20; `force_ratio_u` with the scatter of the gains.
+        noise_u: what noise has in it.
+    """
+
+    voltage_rigid_V: float
+    voltage_total_V: float
+    force_rigid_N: float
+    force_total_N: float
+    force_ratio: float
+    force_ratio_u: float
+    noise_u: float
+    teeth: tuple[ToothPoint, ...]
+
+
+def film_forces(design: Design, fit: SineFit) -> FilmForces:
+    """Forces by the films' sensitivities, and the ratios of teeth and sensor.
+
+    Args:
+        fit: of all films, in the design's order.
+
+    Raises:
+        EstimateError: a base film's amplitude is below three of its standard uncertainties.
+    """
+    films = design.films
+    gains = np.array([film.sensitivity for film in films])
+    voltage = 2 * fit.amplitude
+    force = voltage / gains
+    force_u = 2 * fit.amplitude_u / gains
+    covariance = fit.amplitude_correlation * np.outer(force_u, force_u)
+    bases = [i for i, film in enumerate(films) if film.kind == FILM_KINDS[1]]
+    for i in bases:
+        if not fit.amplitude[i] > LEAST_SIGNAL * fit.amplitude_u[i]:
+            raise EstimateError(
+                f"film {films[i].name!r} on channel {films[i].channel} gives {show(float(fit.amplitude[i]), 'V')} with "
+                f"standard uncertainty {show(float(fit.amplitude_u[i]), 'V')}, too little for a ratio; check its "
+                "connection"
+            )
+    slopes = np.zeros(len(films))
+    teeth = []
+    for rigid, film in enumerate(films):
+        if film.kind != FILM_KINDS[0]:
+            continue
+        base = next(i for i in bases if film.teeth[0] in films[i].teeth)
+        slope = np.zeros(len(films))
+        slope[rigid] = 1 / force[base]
+        slope[base] = -force[rigid] / force[base] ** 2
+        slopes += slope / len(bases)
+        ratio, noise_u = float(force[rigid] / force[base]), _u(slope, covariance)
+        teeth.append(
+            ToothPoint(
+                tooth=film.teeth[0] + 1,
+                voltage_V=float(voltage[rigid]),
+                force_N=float(force[rigid]),
+                base_voltage_V=float(voltage[base]),
+                base_force_N=float(force[base]),
+                force_ratio=ratio,
+                force_ratio_u=math.hypot(noise_u, ratio * ratio_scatter(design, film, films[base])),
+                noise_u=noise_u,
+            )
+        )
+    rigids = [i for i in range(len(films)) if i not in bases]
+    ratio = math.fsum(tooth.force_ratio for tooth in teeth) / len(bases)
+    noise_u = _u(slopes, covariance)
+    return FilmForces(
+        voltage_rigid_V=float(voltage[rigids].sum()),
+        voltage_total_V=float(voltage[bases].sum()),
+        force_rigid_N=float(force[rigids].sum()),
+        force_total_N=float(force[bases].sum()),
+        force_ratio=ratio,
+        force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio),
+        noise_u=noise_u,
+        teeth=tuple(teeth),
+    )
+
+
+def ratio_scatter(design: Design, film: Film, base: Film) -> float:
+    """Relative standard deviation from one load set to the next of the ratio of two films' forces, to first order."""
+    common = 2 * design.film_correlation * film.scatter * base.scatter
+    return math.sqrt(max(film.scatter**2 + base.scatter**2 - common, 0.0))
+
+
+def _u(slope: Floats, covariance: Floats) -> float:
+    return math.sqrt(max(float(slope @ covariance @ slope), 0.0))

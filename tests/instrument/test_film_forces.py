@@ -1,0 +1,77 @@
+"""Films of any design give the forces and ratios that the thesis would have taken from them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from instrument.design import Design
+from instrument.designs import get_design
+from instrument.errors import EstimateError
+from instrument.estimate import SineFit, amplitude_ratio, fit_sine
+from instrument.film_forces import film_forces
+
+RATE, FREQUENCY = 250.0, 10.0
+
+
+def fitted(design: Design, force: list[float], noise: float = 1e-9, seed: int = 0) -> SineFit:
+    """Of films that feel so many newtons peak to peak."""
+    time = np.arange(250) / RATE
+    volts = np.array([film.sensitivity for film in design.films]) * np.array(force)
+    random = np.random.default_rng(seed).standard_normal((len(force), len(time)))
+    return fit_sine(time, volts[:, None] / 2 * np.cos(2 * np.pi * FREQUENCY * time) + noise * random, FREQUENCY)
+
+
+@pytest.mark.parametrize(
+    ("design", "force", "ratio", "teeth"),
+    [
+        ("single", [0.471, 1.501], 0.3138, [0.3138]),  # Table A2.9
+        ("common_base", [0.236, 0.191, 1.493], 0.2860, [0.1581, 0.1279]),  # Table A2.15
+        ("different_base", [0.513, 1.475, 0.518, 1.489], 0.3478, [0.3478, 0.3479]),  # Table 5.7
+    ],
+)
+def test_forces_give_the_ratio_of_the_thesis_own_row(
+    design: str, force: list[float], ratio: float, teeth: list[float]
+) -> None:
+    found = film_forces(get_design(design), fitted(get_design(design), force))
+    assert found.force_ratio == pytest.approx(ratio, abs=6e-5)
+    assert [tooth.force_ratio for tooth in found.teeth] == pytest.approx(teeth, abs=6e-5)
+    assert [tooth.tooth for tooth in found.teeth] == list(range(1, len(teeth) + 1))
+    assert found.force_rigid_N + found.force_total_N == pytest.approx(math.fsum(force), rel=1e-6)
+
+
+def test_the_teeth_of_an_array_add_up() -> None:
+    design = get_design("array_16")
+    found = film_forces(design, fitted(design, [0.01 * (k + 1) for k in range(16)] + [4.0]))
+    assert [tooth.force_N for tooth in found.teeth] == pytest.approx([0.01 * (k + 1) for k in range(16)])
+    assert found.force_ratio == pytest.approx(1.36 / 4)
+    assert found.force_ratio == pytest.approx(math.fsum(tooth.force_ratio for tooth in found.teeth))
+
+
+def test_of_one_tooth_the_noise_is_that_of_the_ratio_of_two_amplitudes() -> None:
+    design = get_design("single")
+    fit = fitted(design, [0.6, 2.0], noise=1e-4)
+    ratio, u = amplitude_ratio(fit, 0, 1)
+    gain = design.film("total").sensitivity / design.film("rigid").sensitivity
+    found = film_forces(design, fit)
+    assert (found.force_ratio, found.noise_u) == pytest.approx((ratio * gain, u * gain))
+    assert found.force_ratio_u == pytest.approx(math.hypot(found.noise_u, design.ratio_scatter * found.force_ratio))
+    assert found.teeth[0].force_ratio_u == pytest.approx(found.force_ratio_u)
+
+
+@pytest.mark.parametrize("name", ["common_base", "different_base"])
+def test_the_stated_noise_is_the_scatter_of_repeats(name: str) -> None:
+    design = get_design(name)
+    force = [0.3 if film.kind == "rigid" else 2.0 for film in design.films]
+    repeats = [film_forces(design, fitted(design, force, noise=1e-4, seed=seed)) for seed in range(200)]
+    assert np.std([r.force_ratio for r in repeats]) == pytest.approx(np.mean([r.noise_u for r in repeats]), rel=0.15)
+    first = [r.teeth[0] for r in repeats]
+    assert np.std([t.force_ratio for t in first]) == pytest.approx(np.mean([t.noise_u for t in first]), rel=0.15)
+
+
+def test_a_dead_base_film_is_named() -> None:
+    design = get_design("different_base")
+    with pytest.raises(EstimateError, match="film 'total_2' on channel 4 gives .* too little for a ratio"):
+        film_forces(design, fitted(design, [0.3, 2.0, 0.3, 0.0], noise=1e-4))

@@ -1,0 +1,170 @@
+"""A point waits until its films have settled, says why one is rejected, and fits what is good."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from instrument.designs import get_design
+from instrument.errors import DeviceError, RangeError
+from instrument.estimate import fit_sine
+from procedures import films as module
+from procedures.films import FilmPoint, FilmRecord, Films, check_nodes, measure
+from procedures.record import Recorder
+from procedures.run import Run
+from procedures.servo import IndicatorMean, LoadServo
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION
+
+RATE = 250.0  # Hz, at 10 Hz
+TRUE = np.array([7e-3, 0.25])  # V, amplitudes
+
+
+class Signals(Films):
+    """Films that give what they are told at each time of the bench's clock; the bench has nothing mounted."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench, get_design("single"), 10.0, 4.0)
+        self.random = np.random.default_rng(7)
+        self.decay, self.drift, self.noise = 0.0, 0.0, 0.0
+        self.bad: dict[int, tuple[int, slice, float]] = {}
+        self.lengths: list[float] = []
+
+    def acquire(self, duration: float) -> FilmRecord:
+        now = 1e-9 * self.bench.clock.now_ns()
+        self.bench.clock.wait(duration)
+        self.lengths.append(duration)
+        time = np.arange(round(duration * RATE)) / RATE
+        t = time + now
+        sine = TRUE[:, None] * (1 + self.drift * t) * np.sin(20 * np.pi * t)
+        volts = sine + self.decay * np.exp(-t) + self.noise * self.random.standard_normal((2, len(t)))
+        record = FilmRecord(RATE, time, volts, np.zeros(volts.shape, bool))
+        if bad := self.bad.get(len(self.lengths)):
+            film, where, value = bad
+            record.voltage[film, where] = value
+            record.clipped[film, where] = np.isfinite(value)
+        return record
+
+
+class Held(LoadServo):
+    """A load of 3 N, but for what is in `drifts`."""
+
+    def __init__(self, *drifts: float) -> None:
+        self.calibration = IDEAL_CALIBRATION
+        self.drifts = list(drifts)
+        self.asked: list[float] = []
+
+    def watch(self) -> None:
+        pass
+
+    def set(self, load: float) -> float:
+        self.asked.append(load)
+        return load
+
+    def read(self) -> IndicatorMean:
+        return IndicatorMean(IDEAL_CALIBRATION.reading(3.0 + (self.drifts.pop(0) if self.drifts else 0.0)), True)
+
+
+@pytest.fixture
+def signals(bench: Bench) -> Signals:
+    return Signals(bench)
+
+
+def measured(signals: Signals, servo: Held, folder: Path) -> tuple[FilmPoint, list[str]]:
+    """The point, and the messages of the record's events."""
+    with Recorder.create(folder, HEADER) as record:
+        point = measure(signals, servo, 3.0, 1.0, record, "a point")
+        record.finish("complete", {})
+    return point, [event["message"] for event in Run.open(folder).events()]
+
+
+# --- settling ------------------------------------------------------------------------------------------
+
+
+def test_a_steady_signal_takes_two_short_records(signals: Signals) -> None:
+    signals.noise = 20e-6
+    watched: list[int] = []
+    _, took, settled = signals.settle(lambda: watched.append(len(signals.lengths)))
+    assert (settled, signals.lengths, watched) == (True, [0.2, 0.2], [1, 2])
+    assert took == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-6])
+@pytest.mark.parametrize("decay", [0.02, 0.2, 2.0])
+def test_what_is_left_of_a_transient_is_below_the_uncertainty(signals: Signals, decay: float, noise: float) -> None:
+    signals.decay, signals.noise = decay, noise
+    fit, took, settled = signals.settle(lambda: None)
+    assert settled
+    assert took < 12.0
+    signals.noise = 0.0
+    record = signals.acquire(1.0)
+    left = abs(fit_sine(record.time, record.voltage, 10.0).amplitude - TRUE)
+    assert (left <= np.maximum(0.2 * fit.amplitude_u, 1e-4 * TRUE)).all()
+
+
+def test_what_never_settles_is_flagged_at_the_limit(signals: Signals) -> None:
+    signals.drift = 0.05
+    _, took, settled = signals.settle(lambda: None)
+    assert not settled
+    assert took == pytest.approx(module.SETTLING_LIMIT, abs=0.21)
+
+
+# --- rejected and repeated -----------------------------------------------------------------------------
+# Each attempt records twice until it has settled, then for the dwell: the dwells are records 3, 6 and 9.
+
+
+def test_a_good_point_is_measured_once(signals: Signals, tmp_path: Path) -> None:
+    point, events = measured(signals, Held(), tmp_path / "run")
+    assert (point.valid, point.flags, point.attempts, events) == (True, (), 1, [])
+    assert signals.lengths == [0.2, 0.2, 1.0]
+    assert point.fit.amplitude == pytest.approx(TRUE)
+    assert point.load_N == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("value", "flag"), [(np.nan, "not finite"), (0.1, "clipped")])
+def test_a_bad_sample_is_left_out_and_its_record_repeated(
+    signals: Signals, tmp_path: Path, value: float, flag: str
+) -> None:
+    signals.bad = {3: (1, slice(20, 40), value)}
+    point, events = measured(signals, Held(), tmp_path / "run")
+    assert (point.valid, point.attempts, events) == (True, 2, [f"a point, attempt 1: {flag}"])
+
+
+@pytest.mark.parametrize(("value", "flag"), [(np.nan, "not finite"), (0.1, "clipped")])
+def test_what_stays_bad_is_flagged_and_still_fitted_by_its_good_samples(
+    signals: Signals, tmp_path: Path, value: float, flag: str
+) -> None:
+    signals.bad = {number: (1, slice(20, 40), value) for number in (3, 6, 9)}
+    point, events = measured(signals, Held(), tmp_path / "run")
+    assert (point.valid, point.flags, point.attempts) == (False, (flag,), 3)
+    assert events == [f"a point, attempt {number}: {flag}" for number in (1, 2)]
+    assert point.fit.amplitude == pytest.approx(TRUE)
+
+
+def test_a_load_that_drifts_off_is_set_anew(signals: Signals, tmp_path: Path) -> None:
+    servo = Held(0.5)
+    point, events = measured(signals, servo, tmp_path / "run")
+    assert (servo.asked, point.valid, point.attempts, events) == ([3.0], True, 2, ["a point, attempt 1: drifted"])
+
+
+def test_a_film_without_a_finite_sample_is_named(signals: Signals, tmp_path: Path) -> None:
+    signals.bad = {3: (1, slice(None), np.nan)}
+    with pytest.raises(DeviceError, match="film 'total' on channel 2 gives no finite samples"):
+        measured(signals, Held(), tmp_path / "run")
+
+
+def test_a_fault_of_a_node_rejects_the_point(signals: Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = iter([0, 1, 1, 1])
+    monkeypatch.setattr(signals, "emergencies", lambda: next(counts))
+    assert measured(signals, Held(), tmp_path / "run")[1] == ["a point, attempt 1: fault"]
+
+
+# --- many films ----------------------------------------------------------------------------------------
+
+
+def test_a_bench_with_too_few_nodes_for_the_films_is_refused() -> None:
+    check_nodes(get_design("array_16"), 5)
+    with pytest.raises(RangeError, match=r"'array_16' has 17 films on 5 sensor nodes; the bench has 4; list them all"):
+        check_nodes(get_design("array_16"), 4)
