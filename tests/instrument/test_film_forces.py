@@ -16,7 +16,7 @@ from instrument.film_forces import film_forces
 RATE, FREQUENCY = 250.0, 10.0
 
 
-def fitted(design: Design, force: list[float], noise: float = 1e-9, seed: int = 0) -> SineFit:
+def fitted(design: Design, force: list[float], noise: float = 1e-12, seed: int = 0) -> SineFit:
     """Of films that feel so many newtons peak to peak."""
     time = np.arange(250) / RATE
     volts = np.array([film.sensitivity for film in design.films]) * np.array(force)
@@ -73,5 +73,5 @@ def test_the_stated_noise_is_the_scatter_of_repeats(name: str) -> None:
 
 def test_a_dead_base_film_is_named() -> None:
     design = get_design("different_base")
-    with pytest.raises(EstimateError, match="film 'total_2' on channel 4 gives .* too little for a ratio"):
+    with pytest.raises(EstimateError, match=r"film 'total_2' on channel 4 gives .* too little for a ratio"):
         film_forces(design, fitted(design, [0.3, 2.0, 0.3, 0.0], noise=1e-4))
