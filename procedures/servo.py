@@ -80,7 +80,7 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
     before: tuple[float, float] | None = None
     for _ in range(PRELOAD_STEPS):
         step = APPROACH_STEP
-        if before is not None and load - before[1] > 2 * calibration.resolution():
+        if before is not None and abs(load - before[1]) > 2 * calibration.resolution():
             step = (force - load) * (position - before[0]) / (load - before[1])
             step = max(-APPROACH_STEP, min(step, APPROACH_STEP))
         if position + step > travel:
