@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.errors import EstimateError
+from instrument.noise import noise_at
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,13 +42,16 @@ class SineFit:
         phase: (channels,) rad, −π to π, at time zero of the record's own time axis.
         offset: (channels,) V, at the middle of the record.
         trend: (channels,) V/s.
-        amplitude_u: (channels,) V, standard uncertainty from the residual, `samples` − 4 degrees of freedom.
+        amplitude_u: (channels,) V, standard uncertainty from `noise`, with its degrees of freedom.
             Noise only: no gain, no coherent pick-up. Linear, so for amplitudes well above it.
-        residual: (channels,) V, rms with `samples` − 4 degrees of freedom: the noise of one sample.
-        correlation: (channels, channels), of the residuals.
+        residual: (channels,) V, rms with `samples` − 4 degrees of freedom, hum and all.
+        noise: (channels,) V, of one sample, of the density that it has around the drive; `instrument.noise`.
+        correlation: (channels, channels), of the noise.
+        degrees_of_freedom: of `noise`.
         amplitude_correlation: (channels, channels), of the errors of `amplitude`.
         condition: condition number of the scaled columns; 1 is the best there is.
         samples: in each channel.
+        rate: samples a second.
     """
 
     frequency: float
@@ -57,10 +61,13 @@ class SineFit:
     trend: Floats
     amplitude_u: Floats
     residual: Floats
+    noise: Floats
     correlation: Floats
+    degrees_of_freedom: int
     amplitude_correlation: Floats
     condition: float
     samples: int
+    rate: float
 
 
 def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> SineFit:
@@ -106,7 +113,8 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     gradient = np.stack([np.cos(at_middle), -np.sin(at_middle)]) * scale[:2, np.newaxis]
     direction = np.linalg.inv(r).T[:, :2] @ gradient
     spread = np.linalg.norm(direction, axis=0)
-    correlation = _correlation(residuals)
+    step = float(np.median(np.diff(t)))
+    around = noise_at(frequency, residuals, step, COEFFICIENTS)
     turns = math.remainder(frequency * middle, 1.0)
     return SineFit(
         frequency=float(frequency),
@@ -114,12 +122,15 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         phase=np.remainder(at_middle - 2 * np.pi * turns + np.pi, 2 * np.pi) - np.pi,
         offset=level[:, 0] + offset,
         trend=trend,
-        amplitude_u=residual * spread,
+        amplitude_u=around.sigma * spread,
         residual=residual,
-        correlation=correlation,
-        amplitude_correlation=correlation * ((direction / spread).T @ (direction / spread)),
+        noise=around.sigma,
+        correlation=around.correlation,
+        degrees_of_freedom=around.degrees_of_freedom,
+        amplitude_correlation=around.correlation * ((direction / spread).T @ (direction / spread)),
         condition=condition,
         samples=t.size,
+        rate=1 / step,
     )
 
 
@@ -190,11 +201,3 @@ def _check_frequency(time: Floats, frequency: float) -> None:
             f"record of {cycles:.3g} cycles of {frequency:g} Hz is shorter than {SHORTEST_RECORD:g} cycle; "
             f"dwell {1 / frequency:g} s or more"
         )
-
-
-def _correlation(residuals: Floats) -> Floats:
-    norm = np.linalg.norm(residuals, axis=1, keepdims=True)
-    unit = np.divide(residuals, norm, out=np.zeros_like(residuals), where=norm > 0)
-    correlation: Floats = unit @ unit.T
-    np.fill_diagonal(correlation, 1.0)
-    return correlation

@@ -89,7 +89,7 @@ def test_a_change_of_unit_scales_the_amplitudes_and_nothing_else(factor: float, 
     noise = np.random.default_rng(3).normal(scale=0.1, size=(2, time.size))
     signals = np.stack([tone(time, 1.0, phase), 5 + tone(time, 0.2)]) + noise
     plain, scaled = fit_sine(time, signals, FREQUENCY), fit_sine(time, factor * signals, FREQUENCY)
-    for name in ("amplitude", "amplitude_u", "offset", "trend", "residual"):
+    for name in ("amplitude", "amplitude_u", "offset", "trend", "residual", "noise"):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(plain, name), rel=1e-9), name
     assert np.exp(1j * scaled.phase) == pytest.approx(np.exp(1j * plain.phase), abs=1e-9)
     assert scaled.correlation == pytest.approx(plain.correlation, abs=1e-9)
@@ -149,7 +149,7 @@ def test_the_uncertainty_in_phase_over_whole_cycles_is_the_textbook_formula() ->
     first, other = np.random.default_rng(2).normal(scale=0.02, size=(2, time.size))
     fit = fit_sine(time, [tone(time) + first, tone(time, 0.3) + rho * first + 0.8 * other], FREQUENCY)
     value, u = amplitude_ratio(fit, 1, 0)
-    relative = fit.residual / fit.amplitude
+    relative = fit.noise / fit.amplitude
     common = 2 * float(fit.correlation[0, 1]) * relative.prod()
     assert u / value == pytest.approx(math.sqrt(2 / time.size * ((relative**2).sum() - common)), rel=0.005)
 

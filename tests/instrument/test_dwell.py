@@ -1,0 +1,105 @@
+"""The dwell for a target: what the formula says, in whole 0.1 s, and never below the floor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from instrument.dwell import Floor, check_dwell, check_target, dwell_for, dwell_of, ratio_noise, whole_steps
+from instrument.errors import EstimateError, RangeError
+from instrument.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+
+FREQUENCY, RATE = 10.0, 250.0
+AMPLITUDES = np.array([0.3, 1.0])
+
+
+def record(duration: float, sigma: Floats, seed: int, rho: float = 0.0) -> SineFit:
+    time = np.arange(round(duration * RATE)) / RATE
+    first, other = np.random.default_rng(seed).normal(size=(2, time.size))
+    noise = np.stack([first, rho * first + math.sqrt(1 - rho**2) * other]) * sigma[:, np.newaxis]
+    return fit_sine(time, AMPLITUDES[:, np.newaxis] * np.cos(2 * np.pi * FREQUENCY * time + 1.0) + noise, FREQUENCY)
+
+
+def test_the_dwell_is_that_of_the_formula() -> None:
+    sigma = np.array([0.01, 0.02])
+    asked = dwell_for(2e-3, record(40.0, sigma, 1), 0, 1).asked
+    density = sigma * math.sqrt(2 / RATE)
+    assert asked == pytest.approx(float(((density / AMPLITUDES) ** 2).sum()) / 2e-3**2, rel=0.2)
+
+
+def test_noise_that_is_common_shortens_the_dwell() -> None:
+    alike = 0.1 * AMPLITUDES
+    plain, common = (ratio_noise(record(20.0, alike, 2, rho), 0, 1) for rho in (0.0, 0.9))
+    assert common / plain == pytest.approx(math.sqrt(0.1), rel=0.15)
+
+
+def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
+    """200 repeats: each chooses its dwell by a record of its own and is measured for that long."""
+    target, sigma = 8e-3, np.array([0.02, 0.04])
+    found, dwells = [], []
+    for seed in range(200):
+        dwell = dwell_for(target, record(2.0, sigma, 2 * seed), 0, 1)
+        found.append(amplitude_ratio(record(dwell.dwell, sigma, 2 * seed + 1), 0, 1)[0])
+        dwells.append(dwell)
+    assert np.std(found) / 0.3 == pytest.approx(target, rel=0.12)
+    assert all(each.asked <= each.dwell < each.asked + 0.1 + 1e-9 for each in dwells)
+
+
+def test_what_the_floor_leaves_is_what_the_noise_may_take() -> None:
+    found = dwell_of(0.05, 0.03, FREQUENCY, (Floor("gain scatter", 0.03), Floor("coherent", 0.0)))
+    assert found.asked == pytest.approx(0.03**2 / (0.05**2 - 0.03**2))
+    assert found.dwell == 0.6
+    assert found.u == pytest.approx(math.hypot(0.03, 0.03 / math.sqrt(0.6)))
+
+
+def test_a_quiet_point_takes_one_cycle_in_whole_steps() -> None:
+    assert dwell_of(0.1, 0.0, 10.0).dwell == 0.1
+    assert dwell_of(0.1, 0.0, 3.0).dwell == 0.4
+
+
+@pytest.mark.parametrize(("dwell", "steps"), [(0.3, 0.3), (0.1 + 0.2, 0.3), (0.3001, 0.4), (1e-9, 0.1), (7.0, 7.0)])
+def test_dwells_are_rounded_up_to_whole_tenths(dwell: float, steps: float) -> None:
+    assert whole_steps(dwell) == steps
+
+
+@pytest.mark.parametrize(
+    ("target", "part"),
+    [
+        (0.04, r"0\.04 is not above the floor of 0\.041 .*gain scatter 0\.041"),
+        (0.041, "not above the floor"),
+        (0.0, "must be above 0"),
+        (math.nan, "must be above 0"),
+        (math.inf, "must be above 0"),
+    ],
+)
+def test_a_target_that_no_dwell_reaches_is_refused_with_the_floor_named(target: float, part: str) -> None:
+    with pytest.raises(RangeError, match=part):
+        check_target(target, (Floor("gain scatter", 0.041),))
+
+
+def test_a_target_just_above_the_floor_does_not_take_for_ever() -> None:
+    with pytest.raises(RangeError, match=r"takes a dwell of .* limit 3600 s; the floor is 0\.041; ask for"):
+        dwell_of(0.041 + 1e-9, 0.1, FREQUENCY, (Floor("gain scatter", 0.041),))
+
+
+def test_a_silent_film_has_no_dwell() -> None:
+    time = np.arange(50) / RATE
+    with pytest.raises(EstimateError, match="amplitude is zero"):
+        dwell_for(0.1, fit_sine(time, np.zeros((2, 50)), FREQUENCY), 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("dwell", "frequency", "part"),
+    [
+        (0.09, 10.0, "dwell 90 ms is below one cycle of 10 Hz; dwell 100 ms"),
+        (math.nan, 10.0, "below one cycle"),
+        (1.0, 126.0, "126 Hz lies outside 0 to half the sample rate, 125 Hz"),
+        (1.0, 0.0, "outside"),
+        (1.0, math.nan, "outside"),
+    ],
+)
+def test_a_dwell_or_frequency_that_gives_no_estimate_is_refused(dwell: float, frequency: float, part: str) -> None:
+    with pytest.raises(RangeError, match=part):
+        check_dwell(dwell, frequency, RATE)
