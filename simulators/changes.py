@@ -268,7 +268,7 @@ def _conductances(leak: LeakEffect) -> tuple[float, float]:
 
 def nonlinear(case: Case, rig: Rig) -> bool:
     """Whether contact, a limit or the converter's rail changes anything up to the end of the dwell."""
-    if "adc" in case.effects:
+    if "adc" in rig.scene.effects:
         first = round(1e9 * case.settled)
         times = first + np.arange(round(case.dwell * case.rate)) * round(1e9 / case.rate)
         noise = max(sum(_errors(case, film)) for film in case.design.films)
