@@ -88,34 +88,18 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     _check_samples(t, y)
     _check_frequency(t, frequency)
 
-    middle = 0.5 * (t[0] + t[-1])
-    centred = t - middle
-    half = centred[-1]
-    angle = 2 * np.pi * frequency * centred
-    # The factors give each column an rms near 1 for many cycles. They are fixed: a column scaled by its
-    # own norm would hide a cosine sampled at its zeros.
-    scale = np.array([math.sqrt(2), math.sqrt(2), 1.0, math.sqrt(3) / half])
-    columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(centred), centred], axis=1) * scale
-    q, r = np.linalg.qr(columns)
-    condition = float(np.linalg.cond(r))
-    if not condition <= CONDITION_LIMIT:
-        raise EstimateError(
-            f"{t.size} samples over {t[-1] - t[0]:.4g} s do not determine a sine of {frequency:g} Hz: condition number "
-            f"{condition:.3g}, limit {CONDITION_LIMIT:g}; record a whole cycle or more, away from half the sample rate"
-        )
-
+    basis = sine_columns(t, frequency)
     level = y.mean(axis=1, keepdims=True)
-    scaled = np.linalg.solve(r, q.T @ (y - level).T)
-    residuals = (y - level) - (columns @ scaled).T
-    a, b, offset, trend = scaled * scale[:, np.newaxis]
+    scaled = basis.solve(y - level)
+    residuals = (y - level) - (basis.columns @ scaled).T
+    a, b, offset, trend = scaled * basis.scale[:, np.newaxis]
     at_middle = np.arctan2(-b, a)
     residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - COEFFICIENTS))
-    gradient = np.stack([np.cos(at_middle), -np.sin(at_middle)]) * scale[:2, np.newaxis]
-    direction = np.linalg.inv(r).T[:, :2] @ gradient
+    direction = basis.direction(at_middle)
     spread = np.linalg.norm(direction, axis=0)
     step = float(np.median(np.diff(t)))
     around = noise_at(frequency, residuals, step, COEFFICIENTS)
-    turns = math.remainder(frequency * middle, 1.0)
+    turns = math.remainder(frequency * basis.middle, 1.0)
     return SineFit(
         frequency=float(frequency),
         amplitude=np.hypot(a, b),
@@ -128,10 +112,74 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         correlation=around.correlation,
         degrees_of_freedom=around.degrees_of_freedom,
         amplitude_correlation=around.correlation * ((direction / spread).T @ (direction / spread)),
-        condition=condition,
+        condition=basis.condition,
         samples=t.size,
         rate=1 / step,
     )
+
+
+def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
+    """As `fit_sine`, the amplitudes (channels,) alone, in V: for thousands of records of the same times at once.
+
+    Raises:
+        EstimateError: as `fit_sine`.
+    """
+    _check_samples(time, signals)
+    _check_frequency(time, frequency)
+    basis = sine_columns(time, frequency)
+    a, b = basis.solve(signals - signals.mean(axis=1, keepdims=True))[:2] * basis.scale[:2, np.newaxis]
+    return np.asarray(np.hypot(a, b), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SineColumns:
+    """Cosine, sine, offset and trend about the middle of a record, (n, 4), scaled, and their QR factors."""
+
+    columns: Floats
+    scale: Floats
+    q: Floats
+    r: Floats
+    middle: float
+    condition: float
+
+    def solve(self, signals: Floats) -> Floats:
+        """Coefficients (4, channels) of the scaled columns, by least squares."""
+        found: Floats = np.linalg.solve(self.r, self.q.T @ signals.T)
+        return found
+
+    def direction(self, phase: Floats) -> Floats:
+        """What white noise does to amplitudes (channels,) of these phases at the middle: (4, channels).
+
+        A length is the standard deviation over that of a sample; products of two give their covariance.
+        """
+        gradient = np.stack([np.cos(phase), -np.sin(phase)]) * self.scale[:2, np.newaxis]
+        found: Floats = np.linalg.inv(self.r).T[:, :2] @ gradient
+        return found
+
+
+def sine_columns(time: Floats, frequency: float) -> SineColumns:
+    """The columns of a fit at times (n,) [s] that were checked.
+
+    Raises:
+        EstimateError: the times do not determine the sine.
+    """
+    middle = 0.5 * (time[0] + time[-1])
+    centred = time - middle
+    half = centred[-1]
+    angle = 2 * np.pi * frequency * centred
+    # The factors give each column an rms near 1 for many cycles. They are fixed: a column scaled by its
+    # own norm would hide a cosine sampled at its zeros.
+    scale = np.array([math.sqrt(2), math.sqrt(2), 1.0, math.sqrt(3) / half])
+    columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(centred), centred], axis=1) * scale
+    q, r = np.linalg.qr(columns)
+    condition = float(np.linalg.cond(r))
+    if not condition <= CONDITION_LIMIT:
+        raise EstimateError(
+            f"{time.size} samples over {time[-1] - time[0]:.4g} s do not determine a sine of {frequency:g} Hz:"
+            f" condition number {condition:.3g}, limit {CONDITION_LIMIT:g}; record a whole cycle or more, away from"
+            " half the sample rate"
+        )
+    return SineColumns(columns, scale, q, r, float(middle), condition)
 
 
 def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[float, float]:

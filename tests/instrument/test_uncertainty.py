@@ -68,6 +68,14 @@ def test_fully_correlated_inputs_cancel_to_the_last_digit() -> None:
     assert budget.u == pytest.approx(1e-12, rel=1e-3)
 
 
+def test_many_inputs_of_one_source_cancel_as_well() -> None:
+    names = tuple("abcdefg")
+    together = {(p, q): 1.0 for p in names for q in names if p < q}
+    parts = (1.0, 2.0, 3.0, 4.0, 5.0, -7.0, -8.0)
+    budget = Budget("x", 0.0, "", tuple(Component(n, 1.0, c) for n, c in zip(names, parts, strict=True)), together)
+    assert budget.u < 1e-13
+
+
 def test_three_inputs_of_one_source_add_up_plainly() -> None:
     names = ("a", "b", "c")
     together = {(p, q): 1.0 for p in names for q in names if p < q}
