@@ -15,10 +15,20 @@ from simulators import integrators
 from simulators.integrators import STATES, STIFFNESS, Measured, chain, compare
 
 
-@pytest.fixture(autouse=True)
-def a_short_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(integrators, "DURATION", 1.0)
-    monkeypatch.setattr(integrators, "TOLERANCES", {"Radau": (1e-3,), "LSODA": (1e-6, 1e-9)})
+@pytest.fixture(scope="module")
+def measured() -> list[Measured]:
+    """Of a short record, each method once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(integrators, "DURATION", 1.0)
+        patch.setattr(integrators, "REPEATED", 0.0)
+        patch.setattr(integrators, "TOLERANCES", {"Radau": (1e-3,), "LSODA": (1e-6, 1e-9)})
+        return list(compare())
+
+
+@pytest.fixture
+def shown(measured: list[Measured], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command shows these."""
+    monkeypatch.setattr(integrators, "compare", lambda: iter(measured))
 
 
 def test_the_chain_is_as_stiff_and_as_large_as_is_said() -> None:
@@ -27,9 +37,9 @@ def test_the_chain_is_as_stiff_and_as_large_as_is_said() -> None:
     assert rates.max() / rates.min() == pytest.approx(STIFFNESS, rel=1e-9)
 
 
-def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says() -> None:
+def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says(measured: list[Measured]) -> None:
     rows: dict[str, list[Measured]] = {}
-    for row in compare():
+    for row in measured:
         rows.setdefault(row.method, []).append(row)
     errors: dict[str, Any] = {method: [row.error for row in own] for method, own in rows.items()}
     assert errors["closed form"][0] < 1e-12
@@ -43,6 +53,7 @@ def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says() ->
     assert holds.error is not None and holds.error < 1e-2
 
 
+@pytest.mark.usefixtures("shown")
 def test_the_command_gives_table_plot_and_json(tmp_path: Path) -> None:
     runner = CliRunner()
     done = runner.invoke(palpate, ["accuracy", "integrators", "--json", "--out", str(tmp_path / "new")])
@@ -56,6 +67,7 @@ def test_the_command_gives_table_plot_and_json(tmp_path: Path) -> None:
     assert runner.invoke(palpate, ["accuracy", "integrators", "--quiet"]).stdout == ""
 
 
+@pytest.mark.usefixtures("shown")
 def test_a_plot_that_cannot_be_kept_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     done = CliRunner().invoke(palpate, ["accuracy", "integrators", "--out", str(tmp_path / "file"), "--json"])

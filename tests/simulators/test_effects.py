@@ -39,9 +39,9 @@ from tests.simulators.strong import STRONG, together
 
 
 def seen(
-    effects: Mapping[str, Effect], seed: int = 1, node_id: int = 1, design: str = "single"
+    effects: Mapping[str, Effect], seed: int = 1, node_id: int = 1, design: str = "single", count: int = 1000
 ) -> tuple[bytes, list[float]]:
-    """Samples and saturation flags of one second and the indicator's readings, after two load sets."""
+    """Some samples a millisecond apart with their flags, and the indicator's readings, after two load sets."""
     clock = VirtualClock()
     rig = Rig(replace(scene(), effects=effects, seed=seed, design=get_design(design)), clock)
     pressed(rig, "2", BALANCE + 7e-3, 1.0)
@@ -49,10 +49,10 @@ def seen(
     pressed(rig, "2", BALANCE + 7e-3, 2.0)
     node = SensorNode(clock, node_id, 1, rig, lambda: None)
     indicator = StrainIndicator(clock, "SIM-SI-0001", rig)
-    times = clock.now_ns() + np.arange(1, 1001) * MS
+    times = clock.now_ns() + np.arange(1, count + 1) * MS
     samples = node.sample(times, node.film_channels() @ rig.film_voltages(times), MS)
     readings = []
-    for _ in range(5):
+    for _ in range(max(count // 200, 1)):
         clock.wait(0.1)
         readings.append(indicator.read("reading_float"))
     return samples.counts.tobytes() + samples.saturation.tobytes(), readings
@@ -120,9 +120,9 @@ def test_a_16_bit_converter_gives_the_counts_that_travel_without_one() -> None:
 
 def test_the_order_of_the_effects_does_not_change_anything() -> None:
     names = list(together())
-    expected = seen(together())
-    for order in (names[::-1], names[5:] + names[:5], names[1::2] + names[::2]):
-        assert seen({name: STRONG[name] for name in order}) == expected
+    expected = seen(together(), count=100)
+    for order in (names[::-1], names[1::2] + names[::2]):
+        assert seen({name: STRONG[name] for name in order}, count=100) == expected
 
 
 def test_another_seed_changes_every_random_effect() -> None:
@@ -162,25 +162,28 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
 
 
 def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -> None:
-    def sampled(size: int) -> tuple[bytes, bytes, list[int]]:
+    period = MS // 10
+
+    def sampled(size: int, count: int) -> tuple[bytes, bytes, list[int]]:
         clock = VirtualClock()
         rig = Rig(replace(scene(), effects=together()), clock)
         pressed(rig, "1", BALANCE + 7e-3, 4.0)
         node = SensorNode(clock, 1, 1, rig, lambda: None)
-        times = 17 * MS + np.arange(1, 1001) * MS
+        times = 17 * MS + np.arange(1, count + 1) * period
         blocks = [
-            node.sample(t, node.film_channels() @ rig.film_voltages(t), MS)
-            for t in (times[i : i + size] for i in range(0, len(times), size))
+            node.sample(t, node.film_channels() @ rig.film_voltages(t), period)
+            for t in (times[i : i + size] for i in range(0, count, size))
         ]
         counts = b"".join(block.counts.tobytes() for block in blocks)
         flags = b"".join(block.saturation.tobytes() for block in blocks)
         return counts, flags, [block.counter for block in blocks]
 
-    whole = sampled(1000)
-    for size in (7, 333):
-        cut = sampled(size)
-        assert cut[:2] == whole[:2]
-        assert cut[2] == list(range(1, 1001, size))
+    whole = sampled(1000, 1000)
+    for size, count in ((1, 50), (7, 1000), (333, 1000)):
+        cut = sampled(size, count)
+        for joined, all_of_them in zip(cut[:2], whole[:2], strict=True):
+            assert joined == all_of_them[: len(all_of_them) * count // 1000]
+        assert cut[2] == list(range(1, count + 1, size))
 
 
 # --- gain scatter --------------------------------------------------------------------------------------
