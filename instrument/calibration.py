@@ -1,92 +1,31 @@
-"""Load cell: line fit of a dead-weight series, the calibration that it gives, and its file."""
+"""Load cell: the calibration that runs of dead weights give and where it may be used."""
 
 from __future__ import annotations
 
 import math
-import os
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
+from collections.abc import Sequence
+from datetime import date
+from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-import tomli_w
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from instrument.config import Config, check, read
-from instrument.errors import EstimateError, RangeError, RecordError
+from instrument.classification import (
+    Classification,
+    Run,
+    classify_astm_e74,
+    classify_iso_376,
+    lower_limit_factor,
+    quantities,
+    spread_over_positions,
+)
+from instrument.config import Config, check
+from instrument.errors import ConfigError, EstimateError, RangeError
+from instrument.interpolation import best_degree, interpolate
 
 STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
-
-
-@dataclass(frozen=True, slots=True)
-class LineFit:
-    """`reading = zero + slope·load`.
-
-    Args:
-        slope, slope_u: reading per N, with standard uncertainty.
-        zero, zero_u: reading at no load, with standard uncertainty.
-        covariance: of slope and zero.
-        residual_sd: of the readings about the line.
-        degrees_of_freedom: of `residual_sd`, points − 2.
-    """
-
-    slope: float
-    slope_u: float
-    zero: float
-    zero_u: float
-    covariance: float
-    residual_sd: float
-    degrees_of_freedom: int
-
-
-def fit_line(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float) -> LineFit:
-    """Least-squares line through readings at known loads.
-
-    Centred loads make the two columns orthogonal: they are their own QR factor, and a large load or
-    reading offset costs no digits (normal equations of the plain columns were seen 1.4 N off [M]).
-
-    Args:
-        load: (n,) N.
-        reading: (n,) in the indicator's unit.
-        reading_u: standard uncertainty that no reading is better than, such as resolution/√12. It
-            stands in for the scatter where the scatter is smaller: a series in which each reading rounds the
-            same way every time shows less scatter than error.
-
-    Raises:
-        EstimateError: shapes that differ, values that are not finite, fewer than 3 distinct loads, a negative
-            `reading_u`.
-    """
-    x = np.asarray(load, dtype=np.float64)
-    y = np.asarray(reading, dtype=np.float64)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise EstimateError(f"loads have shape {x.shape} and readings {y.shape}; both must be (n,)")
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        bad = np.flatnonzero(~(np.isfinite(x) & np.isfinite(y)))
-        raise EstimateError(f"load or reading is not finite at {', '.join(f'point {i}' for i in bad)}; repeat it")
-    if not (math.isfinite(reading_u) and reading_u >= 0):
-        raise EstimateError(f"standard uncertainty {reading_u} of a reading must be zero or more; give resolution/√12")
-    distinct = np.unique(x).size
-    if distinct < 3:
-        raise EstimateError(f"{distinct} distinct loads cannot give a line and its uncertainty; use at least 3")
-    x_mean, y_mean = float(x.mean()), float(y.mean())
-    x_centred, y_centred = x - x_mean, y - y_mean
-    length = float(np.linalg.norm(x_centred))
-    slope = float((x_centred / length) @ y_centred) / length
-    degrees_of_freedom = x.size - 2
-    residual_sd = float(np.linalg.norm(y_centred - slope * x_centred)) / math.sqrt(degrees_of_freedom)
-    u = max(residual_sd, reading_u)
-    slope_u = u / length
-    return LineFit(
-        slope=slope,
-        slope_u=slope_u,
-        zero=y_mean - slope * x_mean,
-        zero_u=math.hypot(u / math.sqrt(x.size), slope_u * x_mean),
-        covariance=-x_mean * slope_u**2,
-        residual_sd=residual_sd,
-        degrees_of_freedom=degrees_of_freedom,
-    )
 
 
 _Positive = Annotated[float, Field(gt=0)]
@@ -94,22 +33,43 @@ _Fraction = Annotated[float, Field(ge=0)]
 _Name = Annotated[str, Field(min_length=1)]
 
 
-class LoadCellCalibration(Config):
-    """`reading_mV = zero_mV + sensitivity_mV_per_N · load_N`, of one load cell with its indicator.
+class Curvature(Config):
+    """The term of second degree, mV/N², with its standard uncertainty and covariances."""
 
-    The field names are the keys of the calibration file.
+    model_config = ConfigDict(strict=True)
+
+    mV_per_N2: float
+    u: _Positive
+    with_sensitivity: float
+    with_zero: float
+
+
+class LoadCellCalibration(Config):
+    """`reading_mV = zero_mV + sensitivity_mV_per_N · load_N + curvature · load_N²`, of a cell with its indicator.
+
+    The field names are the keys of the calibration file. Fractions are the greatest over the loads, and None where
+    the runs do not tell.
 
     Args:
-        sensitivity_mV_per_N, sensitivity_u: slope of the line, with standard uncertainty.
+        sensitivity_mV_per_N, sensitivity_u: slope at no load, with standard uncertainty.
         zero_mV, zero_u: reading at no load, with standard uncertainty.
         covariance: mV²/N, of sensitivity and zero.
+        degrees_of_freedom: of these uncertainties.
+        curvature: of a cell for which a line does not do.
+        least_N, greatest_N: the calibrated range.
         linearity: largest deviation of a mean reading from the line, as a fraction of the span.
         reversibility: largest difference of loading and unloading at one load, as a fraction of the span.
+        reversibility_of_reading: v of ISO 376, which goes with the deflection at the load.
+        repeatability, reproducibility, interpolation, zero_return, creep: b', b, fc, f0 and c of ISO 376.
         resolution_mV: smallest step of the indicator.
+        lower_limit_factor_N: of ASTM E74.
+        astm_e74, iso_376: class "AA" or "A", "00" to "2", or "not classifiable".
+        gage_factor: that the indicator was set to.
         device: serial number of the load cell.
         simulated: whether the readings come from a simulated bench.
         source: where the readings are to be found.
         created: date and time, ISO 8601.
+        expires: last day on which it may be used, ISO 8601; None: nobody said.
     """
 
     model_config = ConfigDict(strict=True)
@@ -119,13 +79,28 @@ class LoadCellCalibration(Config):
     zero_mV: float
     zero_u: _Positive
     covariance: float
+    degrees_of_freedom: Annotated[int, Field(ge=1)]
+    least_N: float
+    greatest_N: float
     linearity: _Fraction
     reversibility: _Fraction
+    reversibility_of_reading: _Fraction
+    repeatability: _Fraction | None = None
+    reproducibility: _Fraction | None = None
+    interpolation: _Fraction
+    zero_return: _Fraction | None = None
+    creep: _Fraction | None = None
     resolution_mV: _Positive
+    lower_limit_factor_N: _Fraction
+    astm_e74: Classification
+    iso_376: Classification
+    gage_factor: _Positive
     device: _Name
     simulated: bool
     source: _Name
     created: _Name
+    expires: _Name | None = None
+    curvature: Curvature | None = None
 
     @field_validator("covariance")
     @classmethod
@@ -135,137 +110,213 @@ class LoadCellCalibration(Config):
             raise ValueError(f"{value:g} exceeds sensitivity_u · zero_u = {bound:g} in size")
         return value
 
+    @field_validator("greatest_N")
+    @classmethod
+    def _is_a_range(cls, value: float, info: ValidationInfo) -> float:
+        least = info.data.get("least_N", -math.inf)
+        if not value > least:
+            raise ValueError(f"{value:g} N is not above least_N = {least:g} N")
+        return value
+
+    @field_validator("expires")
+    @classmethod
+    def _is_a_date(cls, value: str | None) -> str | None:
+        if value is not None:
+            try:
+                date.fromisoformat(value)
+            except ValueError:
+                raise ValueError(f"{value!r} is not a date such as 2027-11-21") from None
+        return value
+
+    @model_validator(mode="after")
+    def _are_covariances(self) -> Self:
+        if self.curvature is not None:
+            u = np.array([self.zero_u, self.sensitivity_u, self.curvature.u])
+            if not np.linalg.eigvalsh(self._covariance() / np.outer(u, u)).min() >= -1e-9:
+                raise ValueError("covariances of zero, sensitivity and curvature cannot be: one is too large")
+        return self
+
+    def _covariance(self) -> npt.NDArray[np.float64]:
+        """Of zero, sensitivity and, where it has one, curvature."""
+        matrix = np.array([[self.zero_u**2, self.covariance], [self.covariance, self.sensitivity_u**2]])
+        if self.curvature is None:
+            return matrix
+        column = np.array([self.curvature.with_zero, self.curvature.with_sensitivity])
+        return np.block([[matrix, column[:, np.newaxis]], [column, np.array([self.curvature.u**2])]])
+
     def load(self, reading_mV: float) -> tuple[float, float]:
         """Load in N that gives this reading, and its standard uncertainty in N.
 
-        The uncertainty holds the line (with covariance) and the indicator's resolution over √12; scatter of
+        The uncertainty holds the curve (with covariances) and the indicator's resolution over √12; scatter of
         the reading itself is the reader's to add.
 
         Raises:
-            EstimateError: the reading is not finite.
+            EstimateError: the reading is not finite, or beyond the vertex of a curved calibration.
         """
         if not math.isfinite(reading_mV):
             raise EstimateError(f"reading {reading_mV} mV is not finite, so it has no load; repeat it")
-        load = (reading_mV - self.zero_mV) / self.sensitivity_mV_per_N
-        line = self.zero_u**2 + (load * self.sensitivity_u) ** 2 + 2 * load * self.covariance
-        return load, math.sqrt(max(line, 0.0) + self.resolution_mV**2 / 12) / self.sensitivity_mV_per_N
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
+        net = reading_mV - self.zero_mV
+        slope_squared = self.sensitivity_mV_per_N**2 + 4 * bend * net
+        if not slope_squared > 0:
+            raise EstimateError(f"reading {reading_mV:g} mV is beyond the vertex of the calibration; reduce the load")
+        slope = math.sqrt(slope_squared)
+        load = 2 * net / (self.sensitivity_mV_per_N + slope)
+        covariance = self._covariance()
+        powers = load ** np.arange(len(covariance))
+        curve = float(powers @ covariance @ powers)
+        return load, math.sqrt(max(curve, 0.0) + self.resolution_mV**2 / 12) / slope
 
     def reading(self, load_N: float) -> float:
         """Reading in mV that this load gives."""
-        return self.zero_mV + self.sensitivity_mV_per_N * load_N
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
+        return self.zero_mV + (self.sensitivity_mV_per_N + bend * load_N) * load_N
 
     def resolution(self) -> float:
         """Load in N of the smallest step of the indicator."""
         return self.resolution_mV / self.sensitivity_mV_per_N
 
+    def covers(self, load_N: float) -> bool:
+        """Whether a load lies in the calibrated range."""
+        slack = 1e-9 * self.greatest_N
+        return self.least_N - slack <= load_N <= self.greatest_N + slack
+
+    def check_range(self, load_N: float) -> None:
+        """Raises RangeError where a load in N lies outside the calibrated range."""
+        if not self.covers(load_N):
+            raise RangeError(
+                f"load {load_N:g} N lies outside the {self.least_N:.4g} to {self.greatest_N:.4g} N that the load cell "
+                f"is calibrated for ({self.source}); take a load inside, calibrate with other weights "
+                "(palpate calibrate load-cell --loads), or accept what the fit says out there with --extrapolate"
+            )
+
+    def check_use(self, device: str, simulated: bool, gage_factor: float, today: date) -> None:
+        """Raises ConfigError where it is not that of this cell and indicator as they are set, or has expired."""
+        made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with device {self.device}"
+        if self.simulated != simulated or self.device != device:
+            raise ConfigError(f"{made}, not for this bench's {device}; calibrate again")
+        if abs(self.gage_factor - gage_factor) > 1e-6 * gage_factor:
+            raise ConfigError(
+                f"{made} at gage factor {self.gage_factor:g}, this bench's is {gage_factor:g}; set gage_factor in the "
+                "bench file back, or run palpate calibrate load-cell"
+            )
+        if self.expires is not None and today > date.fromisoformat(self.expires):
+            raise ConfigError(f"{made} and expired on {self.expires}; run palpate calibrate load-cell")
+
 
 def calibrate_load_cell(
     load_N: npt.ArrayLike,
-    loading_mV: npt.ArrayLike,
-    unloading_mV: npt.ArrayLike,
+    runs: Sequence[Run],
     resolution_mV: float,
     *,
+    degree: int | None = None,
+    creep_mV: float | None = None,
+    gage_factor: float,
     device: str,
     simulated: bool,
     source: str,
     created: str,
+    expires: str | None = None,
 ) -> LoadCellCalibration:
-    """Calibration from a series of dead weights put on and taken off again.
+    """Calibration from runs of dead weights put on and taken off again.
 
-    The line goes through the mean reading at each load, since repeats at one load share its rounding.
-    The span is that of the line between the least and the greatest load.
+    The curve goes through the mean reading at each load, since repeats at one load share its rounding. The span is
+    that of the line between the least and the greatest load. The spread of the sensitivity over several positions
+    of the cell counts towards its uncertainty, since nobody knows in which the cell is used.
 
     Args:
-        load_N: (k,) N.
-        loading_mV: (k, repeats) mV, row by row at `load_N`, weights put on.
-        unloading_mV: (k, repeats) mV, row by row at `load_N` (same order), weights taken off.
+        load_N: (k,) N, increasing.
+        runs: readings (k,) each.
         resolution_mV: smallest step of the indicator.
-        device, simulated, source, created: as in `LoadCellCalibration`.
+        degree: of the curve; None: 2 where an F-test finds it better than 1.
+        creep_mV: change of the reading from 30 s to 300 s under the greatest load.
+        gage_factor, device, simulated, source, created, expires: as in `LoadCellCalibration`.
 
     Raises:
-        EstimateError: as `fit_line`; shapes that do not match; a sensitivity not above three of its standard
-            uncertainties.
+        EstimateError: as `interpolate`; loads that do not increase; shapes that do not match; no run; a sensitivity
+            not above three of its standard uncertainties.
         RangeError: resolution not positive.
         ConfigError: an empty text.
     """
     load = np.asarray(load_N, dtype=np.float64)
-    up = np.asarray(loading_mV, dtype=np.float64)
-    down = np.asarray(unloading_mV, dtype=np.float64)
-    if any(series.ndim != 2 or series.shape[0] != load.size or series.shape[1] == 0 for series in (up, down)):
-        raise EstimateError(
-            f"{load.size} loads, but loading readings of shape {up.shape} and unloading readings of shape "
-            f"{down.shape}; both must be ({load.size}, repeats)"
-        )
+    shapes = [series.shape for run in runs for series in (run.loading_mV, run.unloading_mV)]
+    if not runs or any(shape != load.shape for shape in shapes):
+        raise EstimateError(f"{load.size} loads, but readings of shapes {shapes}; each must be ({load.size},)")
+    if not (np.diff(load) > 0).all():
+        raise EstimateError(f"loads {load} N must increase, each once; put the weights in order")
     if not (math.isfinite(resolution_mV) and resolution_mV > 0):
         raise RangeError(f"resolution {resolution_mV} mV must be positive: it is the indicator's smallest step")
-    up_mean, down_mean = up.mean(axis=1), down.mean(axis=1)
-    mean = 0.5 * (up_mean + down_mean)
-    line = fit_line(load, mean, resolution_mV / math.sqrt(12))
-    if not line.slope > 3 * line.slope_u:
+    mean, reading_u = np.mean([run.mean_mV() for run in runs], axis=0), resolution_mV / math.sqrt(12)
+    line = interpolate(load, mean, reading_u)
+    if degree is None:
+        degree = best_degree(load, mean, reading_u)
+    curve = line if degree == 1 else interpolate(load, mean, reading_u, degree)
+    sensitivity = float(curve.coefficients[1])
+    sensitivity_u = math.hypot(math.sqrt(curve.covariance[1, 1]), spread_over_positions(load, runs))
+    if not sensitivity > 3 * sensitivity_u:
         raise EstimateError(
-            f"sensitivity {line.slope:.4g} mV/N with standard uncertainty {line.slope_u:.2g} mV/N is not above "
+            f"sensitivity {sensitivity:.4g} mV/N with standard uncertainty {sensitivity_u:.2g} mV/N is not above "
             "three of them; check the weights, the bridge and its polarity"
         )
-    span = line.slope * float(np.ptp(load))
-    fields = {
-        "sensitivity_mV_per_N": line.slope,
-        "sensitivity_u": line.slope_u,
-        "zero_mV": line.zero,
-        "zero_u": line.zero_u,
-        "covariance": line.covariance,
-        "linearity": float(np.abs(mean - (line.zero + line.slope * load)).max()) / span,
-        "reversibility": float(np.abs(up_mean - down_mean).max()) / span,
+    span = float(line.coefficients[1] * np.ptp(load))
+    found = quantities(load, runs, curve, resolution_mV, creep_mV)
+    factor = lower_limit_factor(load, runs, curve)
+    up_less_down = np.mean([run.loading_mV - run.unloading_mV for run in runs], axis=0)
+    fields: dict[str, Any] = {
+        "sensitivity_mV_per_N": sensitivity,
+        "sensitivity_u": sensitivity_u,
+        "zero_mV": float(curve.coefficients[0]),
+        "zero_u": math.sqrt(curve.covariance[0, 0]),
+        "covariance": float(curve.covariance[0, 1]),
+        "degrees_of_freedom": curve.degrees_of_freedom,
+        "least_N": float(load[0]),
+        "greatest_N": float(load[-1]),
+        "linearity": float(np.abs(mean - line.reading(load)).max()) / span,
+        "reversibility": float(np.abs(up_less_down).max()) / span,
+        "reversibility_of_reading": _greatest(found["reversibility"]),
+        **{
+            name: _greatest(found[name])
+            for name in ("repeatability", "reproducibility", "interpolation", "zero_return", "creep")
+        },
         "resolution_mV": float(resolution_mV),
+        "lower_limit_factor_N": factor,
+        "astm_e74": classify_astm_e74(load, 2 * load.size * len(runs), factor, resolution_mV / sensitivity),
+        "iso_376": classify_iso_376(load, found),
+        "gage_factor": gage_factor,
         "device": device,
         "simulated": simulated,
         "source": source,
         "created": created,
+        "expires": expires,
     }
+    if curve.coefficients.size == 3:
+        fields["curvature"] = {
+            "mV_per_N2": float(curve.coefficients[2]),
+            "u": math.sqrt(curve.covariance[2, 2]),
+            "with_sensitivity": float(curve.covariance[1, 2]),
+            "with_zero": float(curve.covariance[0, 2]),
+        }
     return check(fields, LoadCellCalibration, "load cell calibration")
+
+
+def _greatest(values: npt.NDArray[np.float64] | None) -> float | None:
+    return None if values is None else float(values.max())
 
 
 THESIS_LOAD_CELL = calibrate_load_cell(
     np.arange(140.0, 741.0, 100.0) * 1e-3 * STANDARD_GRAVITY,
-    [[16.0], [26.0], [36.0], [47.0], [56.0], [67.0], [77.0]],
-    [[16.0], [26.0], [36.0], [46.0], [57.0], [66.0], [76.0]],
+    [
+        Run(
+            0.0,
+            np.array([16.0, 26.0, 36.0, 47.0, 56.0, 67.0, 77.0]),
+            np.array([16.0, 26.0, 36.0, 46.0, 57.0, 66.0, 76.0]),
+        )
+    ],
     1.0,
+    gage_factor=8.98,
     device="thesis load cell",
     simulated=False,
     source="thesis Table 5.1",
     created="not recorded",
 )
 """10.306 ± 0.056 mV/N, zero 1.81 mV, resolution 1 mV: thesis Table 5.1 [T]. Serves until a bench has its own."""
-
-
-def read_calibration(path: Path) -> LoadCellCalibration:
-    """The calibration in a TOML file.
-
-    Raises:
-        ConfigError: no such file, not TOML, or keys that are unknown, missing or invalid: all of them at once.
-    """
-    return read(path, LoadCellCalibration)
-
-
-def write_calibration(path: Path, calibration: LoadCellCalibration) -> None:
-    """Write a calibration as TOML; after a crash the file is the old one or the new one, never a part.
-
-    Raises:
-        RecordError: the folder is missing, full or read-only.
-    """
-    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
-    try:
-        try:
-            with draft.open("wb") as file:
-                tomli_w.dump(calibration.model_dump(), file)
-                file.flush()
-                os.fsync(file.fileno())
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        raise RecordError(f"{path}: cannot write the calibration: {error.strerror}; choose another folder") from error

@@ -21,3 +21,6 @@ class Operator(Protocol):
 
     def place_weight(self, mass: float) -> None:
         """Put dead weights of `mass` kg in all on the load cell; 0 takes them off."""
+
+    def turn_load_cell(self, degrees: float) -> None:
+        """Turn the load cell about its axis to this position, without load."""

@@ -31,6 +31,11 @@ class SimulatedOperator:
         with self._clock.lock:
             self._rig.place_weight(mass)
 
+    def turn_load_cell(self, degrees: float) -> None:
+        self._clock.wait(MOUNTING)
+        with self._clock.lock:
+            self._rig.turn_load_cell(degrees)
+
     def _under_the_probe(self, put: Callable[[], None]) -> None:
         self._clock.wait(MOUNTING)
         with self._clock.lock:

@@ -90,7 +90,7 @@ class StrainIndicator(SimulatedDevice):
     def _gross(self) -> float:
         """Displayed reading in mV before zero and tare."""
         update = self.clock.now_ns() // UPDATE_NS
-        sensitivity = self._cell.sensitivity if self._cell else IDEAL_SENSITIVITY
+        sensitivity = self._cell.in_position(self._rig.cell_position) if self._cell else IDEAL_SENSITIVITY
         ideal: float = 1e3 * self._detected() * sensitivity * GAGE_FACTOR / self.settings["gage_factor"]
         return self._cell.display(ideal, self._stream, update) if self._cell else ideal
 
@@ -104,7 +104,8 @@ class StrainIndicator(SimulatedDevice):
     def _load(self) -> float:
         now = self.clock.now_ns()
         if self.contract.choice("mode", self.settings["mode"]) == "track":
-            return self._rig.filtered_cell_force(now)
+            standing = self._rig.filtered_cell_force(now)
+            return self._cell.crept(standing, self._rig.placed, now) if self._cell else standing
         count = max(2, math.ceil(self.settings["filter"] * DETECTOR_RATE))
         window = now - np.arange(count) * (1_000_000_000 // DETECTOR_RATE)
         force = self._rig.cell_force(window[::-1])

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -19,7 +19,8 @@ import click
 from drivers.bench import Bench
 from drivers.clock import Clock, WallClock
 from instrument.bench import BenchDescription, read_bench
-from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration, read_calibration
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
+from instrument.calibration_file import read_calibration
 from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
@@ -88,6 +89,9 @@ class ConsoleOperator:
     def place_weight(self, mass: float) -> None:
         _ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
 
+    def turn_load_cell(self, degrees: float) -> None:
+        _ask(f"Turn the load cell about its axis to {degrees:g} degrees")
+
 
 def _described(sample: Sample) -> str:
     return f"{sample.name} ({sample.material}, {show(sample.thickness, 'm')})"
@@ -139,7 +143,7 @@ def open_session(
             check(description)
         opening = stack.enter_context(ExitStack())
         opened = opening.enter_context(Bench(description, clock, operator))
-        calibration = THESIS_LOAD_CELL if calibrating else _calibration(opened)
+        calibration = THESIS_LOAD_CELL if calibrating else _calibration(opened, started.date())
         header = {
             "procedure": procedure,
             "simulated": opened.simulated,
@@ -206,7 +210,7 @@ def calibration_path(serial: str) -> Path:
     return store() / "calibrations" / f"load_cell-{name}.toml"
 
 
-def _calibration(bench: Bench) -> LoadCellCalibration:
+def _calibration(bench: Bench, today: date) -> LoadCellCalibration:
     """The stored calibration of this bench's indicator; a simulated one that has none takes the thesis' own."""
     path = calibration_path(bench.indicator.serial)
     if not path.exists():
@@ -214,11 +218,11 @@ def _calibration(bench: Bench) -> LoadCellCalibration:
             raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
         return THESIS_LOAD_CELL
     calibration = read_calibration(path)
-    if calibration.simulated != bench.simulated or calibration.device != (bench.indicator.serial or "unknown"):
-        raise ConfigError(
-            f"{path}: was made {'on a simulated bench' if calibration.simulated else 'on hardware'} with device "
-            f"{calibration.device}, not for this bench's {bench.indicator.serial or 'unknown'}; calibrate again"
-        )
+    gage_factor = bench.description.strain_indicator.gage_factor
+    try:
+        calibration.check_use(bench.indicator.serial or "unknown", bench.simulated, gage_factor, today)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
     return calibration
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Volts, VoltsPerNewton
+from instrument.quantity import Seconds, Volts, VoltsPerNewton
 from simulators.effects.effect import Bound, Case, Effect, Kind
 from simulators.randomness import Stream
 
 
 class LoadCell(Effect):
-    """What the display makes of the load: zero offset, noise, and steps of one count.
+    """What the display makes of the load: zero offset, noise, and steps of one count; creep and position where asked.
 
     The offset is the display's own, behind its detector: it stands in static and in peak-to-peak readings.
     """
@@ -28,6 +30,24 @@ class LoadCell(Effect):
     noise: Volts = Field(default=0.3e-3, ge=0, le=0.1)
     # decimals of the display: Table 5.1 has none [T]
     decimals: int = Field(default=0, ge=0, le=4, strict=True)
+    # of the load of dead weights, that comes with the time constant; ISO 376 class 2 allows 0.2 % [S]
+    creep: float = Field(default=0.0, ge=-0.1, le=0.1, strict=True)
+    creep_time: Seconds = Field(default=100.0, ge=1, le=10_000)  # [A]
+    # of the sensitivity, times the sine of the cell's position about its axis; class 2 allows 0.4 % in all [S]
+    position_spread: float = Field(default=0.0, ge=0, le=0.1, strict=True)
+
+    def crept(self, force: float, placed: Sequence[tuple[int, float]], now_ns: int) -> float:
+        """The force [N] that the cell feels, `placed` being when dead weights changed [ns] and by how much [N]."""
+        if not self.creep:
+            return force
+        late = (change * -math.expm1((then - now_ns) * 1e-9 / self.creep_time) for then, change in placed)
+        return force + self.creep * math.fsum(late)
+
+    def in_position(self, degrees: float) -> float:
+        """Sensitivity of the cell turned about its axis [V/N]."""
+        if not self.position_spread:
+            return self.sensitivity
+        return self.sensitivity * (1 + self.position_spread * math.sin(math.radians(degrees)))
 
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
         """The reading in mV at display update number `update` of a bridge that should read `ideal_mV`."""

@@ -5,20 +5,23 @@ from __future__ import annotations
 import errno
 import math
 import os
+from datetime import date
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from instrument.calibration import (
     THESIS_LOAD_CELL,
+    Curvature,
     LoadCellCalibration,
     calibrate_load_cell,
-    fit_line,
-    read_calibration,
-    write_calibration,
 )
+from instrument.calibration_file import read_calibration, write_calibration
+from instrument.classification import Classification, Run
 from instrument.errors import ConfigError, EstimateError, RangeError, RecordError
+from instrument.interpolation import best_degree, interpolate
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies
@@ -29,21 +32,26 @@ MEANS_MV = np.array([16, 26, 36, 46.5, 56.5, 66.5, 76.5])
 
 
 def calibrate(
-    load: object = (1.0, 2.0, 3.0),
-    loading: object = ((12.0,), (22.0,), (32.0,)),
-    unloading: object = ((12.0,), (22.0,), (32.0,)),
+    load: npt.ArrayLike = (1.0, 2.0, 3.0),
+    loading: npt.ArrayLike = (12.0, 22.0, 32.0),
+    unloading: npt.ArrayLike = (12.0, 22.0, 32.0),
     resolution: float = 1.0,
     device: str = "LC-1",
+    degree: int | None = None,
+    further: tuple[Run, ...] = (),
 ) -> LoadCellCalibration:
+    """Of one run at 0 degrees, and further ones."""
     return calibrate_load_cell(
-        np.array(load),
-        np.array(loading),
-        np.array(unloading),
+        load,
+        [Run(0.0, np.array(loading), np.array(unloading)), *further],
         resolution,
+        degree=degree,
+        gage_factor=8.98,
         device=device,
         simulated=True,
         source="run 1",
         created="2020-01-01T00:00:00Z",
+        expires="2021-01-01",
     )
 
 
@@ -65,32 +73,71 @@ def test_the_thesis_cell_is_linear_to_a_third_of_a_percent_and_reversible_to_one
     assert THESIS_LOAD_CELL.reversibility == pytest.approx(1 / span)
 
 
-def test_the_line_and_its_covariance_are_those_of_an_independent_fit() -> None:
-    load = np.array([0.5, 1.0, 1.0, 2.5, 7.0])
-    reading = np.array([8.0, 11.0, 13.0, 28.0, 70.0])
-    line = fit_line(load, reading, 0.01)
-    (slope, zero), covariance = np.polyfit(load, reading, 1, cov=True)
-    assert (line.slope, line.zero) == pytest.approx((slope, zero))
-    found = [[line.slope_u**2, line.covariance], [line.covariance, line.zero_u**2]]
-    assert np.array(found) == pytest.approx(covariance)
-    assert line.residual_sd == pytest.approx(np.std(reading - zero - slope * load) * math.sqrt(5 / 3))
-    assert line.degrees_of_freedom == 3
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_curve_and_its_covariance_are_those_of_an_independent_fit(degree: int) -> None:
+    load = np.array([0.5, 1.0, 1.0, 2.5, 7.0, 8.0])
+    reading = np.array([8.0, 11.0, 13.0, 28.0, 70.0, 85.0])
+    curve = interpolate(load, reading, 0.01, degree)
+    coefficients, covariance = np.polyfit(load, reading, degree, cov=True)
+    assert curve.coefficients == pytest.approx(coefficients[::-1])
+    assert curve.covariance == pytest.approx(covariance[::-1, ::-1])
+    assert curve.reading(load) == pytest.approx(np.polyval(coefficients, load))
+    assert curve.residual_sd == pytest.approx(
+        np.std(reading - np.polyval(coefficients, load)) * math.sqrt(6 / (5 - degree))
+    )
+    assert curve.degrees_of_freedom == 5 - degree
 
 
 def test_readings_that_round_alike_are_no_better_than_the_resolution() -> None:
-    line = fit_line([1, 2, 3, 4], [10, 20, 30, 40], 1 / math.sqrt(12))
+    line = interpolate([1, 2, 3, 4], [10, 20, 30, 40], 1 / math.sqrt(12))
     assert line.residual_sd == pytest.approx(0, abs=1e-12)
-    assert line.slope_u == pytest.approx(1 / math.sqrt(12 * 5))
+    assert math.sqrt(line.covariance[1, 1]) == pytest.approx(1 / math.sqrt(12 * 5))
 
 
 def test_a_line_far_from_the_origin_survives_where_normal_equations_lose_it() -> None:
     load = 1e8 + np.arange(7.0)
     reading = 10 * (load - 1e8) + 1.8
-    assert fit_line(load, reading, 0.1).slope == pytest.approx(10, rel=1e-12)
+    assert interpolate(load, reading, 0.1).coefficients[1] == pytest.approx(10, rel=1e-12)
     n, sx, sy, sxx, sxy = load.size, load.sum(), reading.sum(), load @ load, load @ reading
     with np.errstate(divide="ignore", invalid="ignore"):
         naive = (n * sxy - sx * sy) / (n * sxx - sx * sx)
     assert not abs(naive - 10) < 0.1
+
+
+def test_a_second_degree_is_taken_where_the_cell_is_curved_and_seldom_elsewhere() -> None:
+    rng = np.random.default_rng(5)
+    readings = 10 * WEIGHTS_N + rng.normal(size=(300, 7))
+    taken = sum(best_degree(WEIGHTS_N, reading, 0.01) == 2 for reading in readings)
+    assert 0 < taken <= 9  # 3 expected at 1 %
+    assert best_degree(WEIGHTS_N, 10 * WEIGHTS_N + 0.05 * WEIGHTS_N**2, 0.01) == 2
+    assert best_degree(WEIGHTS_N, 10 * WEIGHTS_N + 0.05 * WEIGHTS_N**2, 1.0) == 1
+    assert best_degree([1, 2, 3], [1, 4, 9], 0.0) == 1
+
+
+def test_a_curved_calibration_reads_back_its_loads_and_covers_them() -> None:
+    rng = np.random.default_rng(3)
+    load = np.linspace(1, 10, 10)
+    covered = 0
+    for _ in range(100):
+        true = 2 + 10 * load + 0.1 * load**2
+        calibration = calibrate(load, *(true + rng.normal(size=(2, 10))), resolution=0.01, degree=2)
+        assert calibration.curvature is not None
+        assert calibration.load(calibration.reading(4.2))[0] == pytest.approx(4.2, rel=1e-12)
+        value, u = calibration.load(2 + 10 * 4.2 + 0.1 * 4.2**2)
+        covered += abs(value - 4.2) <= 2.365 * u  # 95 %, 7 degrees of freedom
+    assert 89 <= covered <= 99
+    with pytest.raises(EstimateError, match="beyond the vertex"):
+        calibrate(load, *(2 * [10 * load - 0.4 * load**2]), degree=2).load(100.0)
+
+
+def test_positions_that_differ_make_the_sensitivity_as_uncertain_as_they_differ() -> None:
+    load = np.arange(1.0, 9.0)
+    runs = tuple(Run(position, s * load, s * load) for position, s in ((120.0, 11.0), (240.0, 9.0)))
+    alone, turned = (calibrate(load, 10 * load, 10 * load, 1e-3, further=further) for further in ((), runs))
+    assert turned.sensitivity_mV_per_N == pytest.approx(alone.sensitivity_mV_per_N)
+    assert turned.sensitivity_u == pytest.approx(1.0, rel=1e-3)
+    assert turned.reproducibility == pytest.approx(0.2)
+    assert alone.reproducibility is None
 
 
 def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
@@ -99,8 +146,8 @@ def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
     sensitivity, load = 0, 0
     for _ in range(1000):
         noise = rng.normal(scale=5.0, size=(2, 7, 3))
-        up, down = np.rint(1.81 + 10.306 * WEIGHTS_N[:, np.newaxis] + noise)
-        calibration = calibrate(WEIGHTS_N, up, down)
+        up, down = np.rint(1.81 + 10.306 * WEIGHTS_N[:, np.newaxis] + noise).mean(axis=2)
+        calibration = calibrate(WEIGHTS_N, up, down, degree=1)
         error = calibration.sensitivity_mV_per_N - 10.306
         sensitivity += abs(error) <= student * calibration.sensitivity_u
         force = rng.uniform(1.5, 7.0)
@@ -110,11 +157,9 @@ def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
     assert 930 <= load <= 970
 
 
-def test_repeats_and_their_order_do_not_move_the_line_but_drift_between_series_shows() -> None:
-    calibration = calibrate(
-        [3.0, 1.0, 2.0], [[33.0, 31.0], [11.0, 13.0], [22.0, 22.0]], [[34.0, 34.0], [12.0, 12.0], [22.0, 22.0]]
-    )
-    # means 33, 12, 22 mV: slope 10.5, deviations 1/6, −1/3, 1/6; loading and unloading differ by 2 mV at 3 N
+def test_drift_between_loading_and_unloading_shows() -> None:
+    calibration = calibrate([1.0, 2.0, 3.0], [12.0, 22.0, 32.0], [12.0, 22.0, 34.0])
+    # means 12, 22, 33 mV: slope 10.5, deviations 1/6, −1/3, 1/6; loading and unloading differ by 2 mV at 3 N
     assert calibration.sensitivity_mV_per_N == pytest.approx(10.5)
     assert calibration.linearity == pytest.approx((1 / 3) / 21)
     assert calibration.reversibility == pytest.approx(2 / 21)
@@ -161,21 +206,54 @@ def test_readings_that_do_not_determine_a_line_are_refused(
     load: list[float], reading: list[float], u: float, message: str
 ) -> None:
     with pytest.raises(EstimateError, match=message):
-        fit_line(load, reading, u)
+        interpolate(load, reading, u)
 
 
-@pytest.mark.parametrize("readings", [((12.0,), (12.0,), (12.0,)), ((32.0,), (22.0,), (12.0,))])
-def test_a_bridge_that_is_dead_or_reversed_is_refused(readings: object) -> None:
+@pytest.mark.parametrize("readings", [(12.0, 12.0, 12.0), (32.0, 22.0, 12.0)])
+def test_a_bridge_that_is_dead_or_reversed_is_refused(readings: tuple[float, ...]) -> None:
     with pytest.raises(
         EstimateError, match="is not above three of them; check the weights, the bridge and its polarity"
     ):
         calibrate(loading=readings, unloading=readings)
 
 
-@pytest.mark.parametrize("series", [(12.0, 22.0, 32.0), ((12.0,), (22.0,)), ((), (), ())])
-def test_a_series_that_does_not_match_the_loads_is_refused(series: object) -> None:
-    with pytest.raises(EstimateError, match=r"3 loads, but .* both must be \(3, repeats\)"):
-        calibrate(unloading=series)
+def test_a_series_that_does_not_match_the_loads_is_refused() -> None:
+    with pytest.raises(EstimateError, match=r"3 loads, but readings of shapes .* each must be \(3,\)"):
+        calibrate(unloading=(12.0, 22.0))
+
+
+@pytest.mark.parametrize("load", [(1.0, 1.0, 2.0), (3.0, 2.0, 1.0)])
+def test_loads_that_do_not_increase_are_refused(load: tuple[float, ...]) -> None:
+    with pytest.raises(EstimateError, match="must increase, each once"):
+        calibrate(load)
+
+
+@pytest.mark.parametrize(("load", "inside"), [(1.3729310, True), (7.256921, True), (1.37, False), (7.26, False)])
+def test_loads_outside_the_calibrated_range_are_refused(load: float, inside: bool) -> None:
+    assert THESIS_LOAD_CELL.covers(load) is inside
+    if inside:
+        THESIS_LOAD_CELL.check_range(load)
+    else:
+        with pytest.raises(RangeError, match=r"outside the 1\.373 to 7\.257 N .*--extrapolate"):
+            THESIS_LOAD_CELL.check_range(load)
+
+
+@pytest.mark.parametrize(
+    ("device", "simulated", "gage_factor", "today", "message"),
+    [
+        ("LC-2", True, 8.98, date(2020, 6, 1), "with device LC-1, not for this bench's LC-2; calibrate again"),
+        ("LC-1", False, 8.98, date(2020, 6, 1), "was made on a simulated bench"),
+        ("LC-1", True, 2.0, date(2020, 6, 1), r"at gage factor 8\.98, this bench's is 2; set gage_factor"),
+        ("LC-1", True, 8.98, date(2021, 1, 2), "expired on 2021-01-01; run palpate calibrate load-cell"),
+    ],
+)
+def test_a_calibration_is_refused_where_it_does_not_belong(
+    device: str, simulated: bool, gage_factor: float, today: date, message: str
+) -> None:
+    calibration = calibrate()
+    calibration.check_use("LC-1", True, 8.98, date(2021, 1, 1))
+    with pytest.raises(ConfigError, match=message):
+        calibration.check_use(device, simulated, gage_factor, today)
 
 
 @pytest.mark.parametrize("resolution", [0.0, -1.0, math.inf])
@@ -214,8 +292,20 @@ def test_a_calibration_comes_back_from_its_file_bit_by_bit(
         zero_mV=zero,
         zero_u=values[2],
         covariance=correlation * values[1] * values[2],
+        degrees_of_freedom=5,
+        least_N=-values[0],
+        greatest_N=values[1],
         linearity=values[3],
         reversibility=values[4],
+        reversibility_of_reading=values[2],
+        interpolation=values[3],
+        creep=values[0],
+        lower_limit_factor_N=values[5],
+        astm_e74=Classification(name="A", least_N=values[0], greatest_N=values[1]),
+        iso_376=Classification(name="not classifiable", reason=text),
+        gage_factor=values[1],
+        expires="2020-02-29",
+        curvature=Curvature(mV_per_N2=zero, u=values[3], with_sensitivity=0.0, with_zero=0.0),
         resolution_mV=values[5],
         device=text,
         simulated=simulated,
@@ -240,6 +330,13 @@ def test_a_calibration_comes_back_from_its_file_bit_by_bit(
         ("simulated = false", "simulated = 0", r"simulated: Input should be a valid boolean \(got 0\)"),
         ("covariance = -", "covariance = -9", r"covariance: -90\.0134 exceeds sensitivity_u · zero_u = 0\.0146682"),
         ("simulated = false", "simulated = ", "is not TOML"),
+        ("least_N = 1.3", "least_N = 9.3", r"greatest_N: 7\.25692 N is not above least_N = 9\.372"),
+        ('"thesis Table 5.1"', '"a"\nexpires = "soon"', "expires: 'soon' is not a date such as 2027-11-21"),
+        (
+            "[astm_e74]",
+            "[curvature]\nmV_per_N2 = 1.0\nu = 1.0\nwith_zero = 0.5\nwith_sensitivity = 0.0\n[astm_e74]",
+            "covariances of zero, sensitivity and curvature cannot be",
+        ),
     ],
 )
 def test_a_wrong_calibration_file_is_refused_by_file_key_and_problem(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -10,32 +13,38 @@ import pytest
 from scipy.stats import chi2
 
 from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL, read_calibration, write_calibration
-from instrument.errors import DeviceError
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.calibration_file import read_calibration, write_calibration
+from instrument.errors import DeviceError, RangeError
 from procedures import load_cell
-from procedures.load_cell import LoadCellResult
+from procedures.load_cell import LoadCellResult, LoadCellSettings
 from procedures.record import Recorder
 from procedures.run import Run
 from simulators.bench import SimulatedBench
+from simulators.effects.load_cell import LoadCell
 from simulators.scene import Scene
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of, silent
 
-CREATED = "2025-03-14T15:09:26+00:00"
+CREATED = datetime(2025, 3, 14, 15, 9, 26, tzinfo=UTC)
 FILE = Path("runs") / "calibrations" / "load_cell-SIM-SI-0001.toml"
 ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 RESULT = {
     "simulated", "run", "seed", "bench_seconds", "wall_seconds", "sensitivity_mV_per_N", "sensitivity_u", "zero_mV",
-    "linearity", "reversibility", "resolution", "points",
+    "linearity", "reversibility", "resolution", "points", "repeatability", "reproducibility", "zero_return", "creep",
+    "interpolation", "least_N", "greatest_N", "expires", "lower_limit_factor_N", "astm_e74", "iso_376", "certificate",
 }  # fmt: skip
 
 
-def calibrate(scene: Scene, folder: Path) -> LoadCellResult:
+THESIS_SERIES = LoadCellSettings()
+
+
+def calibrate(scene: Scene, folder: Path, settings: LoadCellSettings = THESIS_SERIES) -> LoadCellResult:
     with (
         SimulatedBench(scene) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
         Recorder.create(folder, HEADER) as record,
     ):
-        return load_cell.run(bench, record, silent, CREATED)
+        return load_cell.run(bench, settings, record, silent, CREATED)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +84,7 @@ def test_linearity_and_reversibility_are_fractions_of_the_span(calibrated: list[
         mean = {
             p["load_gf"]: [q["reading_mV"] for q in result.points if q["load_gf"] == p["load_gf"]]
             for p in result.points
+            if p["load_gf"]
         }
         deviations = [sum(y) / 2 - c.reading(1e-3 * gf * 9.80665) for gf, y in mean.items()]
         assert summary["linearity"] == pytest.approx(max(map(abs, deviations)) / span)
@@ -91,7 +101,8 @@ def test_weights_go_up_and_down_as_in_table_5_1_and_every_reading_is_kept(
     up = [140.0, 240.0, 340.0, 440.0, 540.0, 640.0, 740.0]
     points = calibrated[0].points
     assert [(p["direction"], p["load_gf"]) for p in points] == [
-        *(("loading", gf) for gf in up), *(("unloading", gf) for gf in up[::-1]),
+        ("zero_before", 0.0), *(("loading", gf) for gf in up), *(("unloading", gf) for gf in up[::-1]),
+        ("zero_after", 0.0),
     ]  # fmt: skip
     assert all(len(p["readings_mV"]) == 10 for p in points)
     assert all(p["reading_mV"] == pytest.approx(sum(p["readings_mV"]) / 10) for p in points)
@@ -120,8 +131,112 @@ def test_a_reading_that_is_not_valid_ends_the_calibration(
 
     monkeypatch.setattr(sim.indicator, "read", sick)
     with Recorder.create(tmp_path / "run", HEADER) as record, pytest.raises(DeviceError, match=message):
-        load_cell.run(bench, record, silent, CREATED)
-    assert [p["load_gf"] for p in Run.open(tmp_path / "run").points()] == [140.0, 240.0]
+        load_cell.run(bench, THESIS_SERIES, record, silent, CREATED)
+    assert [p["load_gf"] for p in Run.open(tmp_path / "run").points()] == [0.0, 140.0, 240.0]
+
+
+# --- runs, positions, creep ----------------------------------------------------------------------------
+
+GOOD_CELL = """
+name = "good cell"
+purpose = "A load cell that creeps and depends on its position."
+design = "single"
+
+[effects.load_cell]
+zero = "0 mV"
+noise = "0 mV"
+decimals = 4
+creep = 0.0004
+creep_time = "50 s"
+position_spread = 0.0005
+"""
+ISO_SERIES = LoadCellSettings(tuple(range(1, 9)), runs=2, positions=(120.0, 240.0), creep=True, valid_days=30)
+
+
+def test_a_cell_that_creeps_and_depends_on_its_position_is_found_out_and_classified(tmp_path: Path) -> None:
+    cell = calibrate(scene_of(GOOD_CELL, tmp_path), tmp_path / "run", ISO_SERIES).calibration
+    # of the sensitivity: sin 120° less sin 240°
+    assert cell.reproducibility == pytest.approx(0.0005 * math.sqrt(3), rel=0.1)
+    assert cell.creep == pytest.approx(0.0004 * (math.exp(-0.6) - math.exp(-6)), rel=0.03)
+    assert cell.sensitivity_u == pytest.approx(10.306 * 0.0005 * math.sqrt(3 / 2), rel=0.02)
+    assert cell.repeatability is not None
+    assert 0 < cell.repeatability < 5e-4
+    assert (cell.iso_376.name, cell.iso_376.greatest_N) == ("0.5", 8.0)
+    assert cell.astm_e74.reason == "ASTM E74 asks for 30 readings at 10 loads, not 64 at 8"
+    assert cell.expires == "2025-04-13"
+
+
+def test_a_cell_without_creep_and_positions_is_the_same_bit_for_bit() -> None:
+    off, cell = LoadCell(creep=0.0, position_spread=0.0), LoadCell()
+    assert off == cell
+    assert cell.crept(3.0, [(0, 3.0)], 10**9) == 3.0
+    assert cell.in_position(120.0) == cell.sensitivity
+    assert LoadCell(position_spread=0.01).in_position(0.0) == cell.sensitivity
+
+
+def test_creep_comes_with_its_time_constant_and_goes_with_the_weight() -> None:
+    cell = LoadCell.model_validate({"creep": 0.01, "creep_time": "50 s"})
+    on, off = (0, 4.0), (10**12, -4.0)
+    assert cell.crept(4.0, [on], 0) == 4.0
+    assert cell.crept(4.0, [on], 50 * 10**9) == pytest.approx(4 + 0.04 * (1 - math.exp(-1)))
+    assert cell.crept(0.0, [on, off], off[0] + 50 * 10**9) == pytest.approx(0.04 * math.exp(-1))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--loads", "140 gf, 240 gf"), "2 loads cannot give a curve of degree 1 and its uncertainty; use at least 3"),
+        (("--loads", "1 N, 2 N, 3 N", "--degree", "2"), "3 loads cannot give a curve of degree 2"),
+        (("--loads", "0 gf:300 gf:100 gf"), "loads must be above zero"),
+        (("--loads", "1 N, 2 N, 2 N"), "increasing and distinct"),
+        (("--loads", "1 N, 2 N, 30 N"), "load 30 N is not above 0 and up to the bench's force limit of 10 N"),
+        (("--runs", "0"), "0 runs give no reading"),
+        (("--positions", "0,120,0"), "must be distinct, from 0 to below 360 degrees"),
+        (("--positions", "0,north"), "'north' is not a quantity"),
+        (("--valid-days", "800"), "800 days are outside 1 to 791"),
+    ],
+)
+def test_a_series_that_gives_no_calibration_is_refused_before_anything_is_made(
+    palpate: Palpate, arguments: tuple[str, ...], message: str
+) -> None:
+    said = palpate("calibrate", "load-cell", *arguments)
+    assert said.status == 2
+    assert message in said.complaint
+    assert not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+@pytest.mark.parametrize("change", [{"loads": (2.0, 1.0, 3.0)}, {"loads": (-1.0, 1.0, 3.0)}, {"positions": ()}])
+def test_settings_that_no_option_can_give_are_refused_too(change: dict[str, Any]) -> None:
+    with pytest.raises(RangeError):
+        load_cell.check(LoadCellSettings(**{**asdict(THESIS_SERIES), **change}), 10.0)
+
+
+# --- certificate ---------------------------------------------------------------------------------------
+
+
+def test_the_certificate_holds_the_readings_the_results_and_says_simulated(palpate: Palpate) -> None:
+    result = palpate("calibrate", "load-cell", "--json").object
+    markdown = Path(result["certificate"]).read_text(encoding="utf-8")
+    page = (Path(result["run"]) / "certificate.html").read_text(encoding="utf-8")
+    k = 2.571  # 95 %, 5 degrees of freedom
+    for text in (markdown, page):
+        assert "SIMULATED" in text
+        assert "SIM-SI-0001" in text
+        assert result["expires"] in text
+        assert "not classifiable" in text
+        assert f"{result['sensitivity_mV_per_N']:.5g}" in text
+        assert f"{k * result['sensitivity_u']:.2g}" in text
+    for point in result["points"]:
+        readings = " ".join(f"{value:g}" for value in point["readings_mV"])
+        assert f"{point['load_gf']:g} | {point['load_N']:.5f} | {point['reading_mV']:.4f} | {readings} |" in markdown
+
+
+def test_nothing_in_a_certificate_is_taken_for_markup(palpate: Palpate) -> None:
+    result = palpate("calibrate", "load-cell", "--out", "<b>&|day", "--json").object
+    page = (Path(result["run"]) / "certificate.html").read_text(encoding="utf-8")
+    assert "<b>" not in page
+    assert "&lt;b&gt;&amp;|day" in page
+    assert "&lt;b&gt;&amp;&#124;day |" in Path(result["certificate"]).read_text(encoding="utf-8")
 
 
 # --- from the command line to the next sweep -----------------------------------------------------------
@@ -133,7 +248,8 @@ def test_the_command_gives_the_public_names_and_stores_the_calibration(palpate: 
     assert result["calibration_file"] == str(FILE)
     stored = tomllib.loads(FILE.read_text(encoding="utf-8"))
     assert stored["sensitivity_mV_per_N"] == result["sensitivity_mV_per_N"]
-    assert (stored["device"], stored["simulated"]) == ("SIM-SI-0001", True)
+    assert (stored["device"], stored["simulated"], stored["gage_factor"]) == ("SIM-SI-0001", True, 8.98)
+    assert (stored["least_N"], stored["greatest_N"]) == (pytest.approx(1.372931), pytest.approx(7.256921))
     assert stored["source"] == Path(result["run"]).name
     assert (Path(result["run"]) / "calibration.toml").read_bytes() == FILE.read_bytes()
 
@@ -175,9 +291,11 @@ def test_a_store_of_ones_own_is_used(palpate: Palpate, tmp_path: Path, monkeypat
     [
         ({"simulated": False}, "made on hardware"),
         ({"device": "SI-0042"}, "with device SI-0042, not for this bench's SIM-SI-0001"),
+        ({"gage_factor": 2.0}, "at gage factor 2, this bench's is 8.98"),
+        ({"expires": "2024-02-29"}, "expired on 2024-02-29; run palpate calibrate load-cell"),
     ],
 )
-def test_a_calibration_of_another_device_or_of_hardware_is_refused(
+def test_a_calibration_that_does_not_belong_to_the_bench_or_has_expired_is_refused(
     palpate: Palpate, changed: dict[str, Any], message: str
 ) -> None:
     FILE.parent.mkdir(parents=True)
