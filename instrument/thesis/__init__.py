@@ -85,8 +85,10 @@ STRESS = (
     " times larger"
 )
 COPIED = "not independent readings: one film's millivolts are a constant times the other's"
-SINGLE_TABLES = {f"A2.{8 + sample}": str(sample) for sample in range(1, 7)}
-COMMON_BASE_TABLES = {f"A2.{14 + sample}": str(sample) for sample in range(1, 7)}
+# By sample.
+COMPRESSION_TABLES = {"1": "5.2", "6": "5.3"}
+SINGLE_TABLES = {str(sample): f"A2.{8 + sample}" for sample in range(1, 7)}
+COMMON_BASE_TABLES = {str(sample): f"A2.{14 + sample}" for sample in range(1, 7)}
 
 # Number -> title, key, doubt.
 _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
@@ -151,14 +153,14 @@ _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "neither the object's modulus nor the unit of x is printed: the rows mirror about the middle and peak at"
             " the teeth if they stand 1 mm apart. The films are headed PVDF 2 (total), 1 (right) and 3 (left)",
         ),
-        **{number: (f"single sensor on sample {sample}", LOAD, COPIED) for number, sample in SINGLE_TABLES.items()},
+        **{number: (f"single sensor on sample {sample}", LOAD, COPIED) for sample, number in SINGLE_TABLES.items()},
         **{
             number: (
                 f"two sensors on a common base on sample {sample}",
                 LOAD,
                 f"{COPIED}, and those of the single sensor's tables",
             )
-            for number, sample in COMMON_BASE_TABLES.items()
+            for sample, number in COMMON_BASE_TABLES.items()
         },
     }
 )

@@ -16,6 +16,7 @@ from procedures.cli.reproduce import reproduce
 from procedures.cli.runs import runs
 from procedures.cli.scene import scene
 from procedures.cli.sweep import sweep
+from procedures.cli.test import test
 
 
 @click.group(
@@ -30,7 +31,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, runs, contracts, model, scene, reproduce, accuracy):
+for group in (sweep, calibrate, test, runs, contracts, model, scene, reproduce, accuracy):
     palpate.add_command(group)
 
 

@@ -1,0 +1,66 @@
+"""palpate test."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import click
+
+from procedures.cli.options import Choice, Output, bench_options
+
+
+@click.group()
+def test() -> None:
+    """Test a sample on the bench, without the sensor."""
+
+
+@test.command(
+    epilog="Examples:\n\n  palpate test modulus --sample 1\n\n  palpate test modulus --sample 6 --strain '20 %'"
+    " --steps 20 --budget\n\n  palpate test modulus --sample 2 --bench lab.toml --json"
+)
+@click.option("--sample", required=True, help="Rubber sample, by number.")
+@click.option("--strain", default="30 %", show_default=True, help="Largest strain.")
+@click.option("--steps", default=10, show_default=True, help="Equal steps to it, and back.")
+@click.option("--extrapolate", is_flag=True, help="Allow loads above the load cell's calibrated range.")
+@click.option("--budget", is_flag=True, help="Print the uncertainty budgets.")
+@bench_options
+def modulus(
+    sample: str, strain: str, steps: int, extrapolate: bool, budget: bool, choice: Choice, output: Output
+) -> None:
+    """Compress a sample with the micro-positioner and find its Young modulus (thesis 5.3, Tables 5.2 and 5.3).
+
+    A rigid support takes the sensor's place. Pressed bare it gives what suspension and load cell yield, which is
+    corrected; with the sample on it stress and strain, tangent and secant modulus, loading and unloading, each with
+    its standard uncertainty. Loads below the calibrated range are marked.
+    """
+    from instrument.quantity import parse
+    from procedures import modulus as procedure
+    from procedures.cli.session import conduct
+    from procedures.report.budget import print_budgets
+    from procedures.report.modulus import plot_modulus, print_modulus
+
+    settings = procedure.ModulusSettings(sample, parse(strain, ""), steps, extrapolate)
+    session, result, outcome = conduct(
+        procedure.PROCEDURE,
+        choice,
+        output,
+        asdict(settings),
+        lambda bench: procedure.check(settings, bench.force_limit),
+        lambda session, progress: procedure.run(session.bench, session.calibration, settings, session.record, progress),
+    )
+    plot = plot_modulus(result, session.bench.simulated, session.record.folder)
+    if output.as_json:
+        points = [asdict(p) for p in result.compression.points]
+        output.json(
+            {
+                **outcome,
+                "points": points,
+                **result.summary(),
+                "budgets": [found.summary() for found in result.results()],
+                "plot": str(plot),
+            }
+        )
+    elif output.for_people:
+        print_modulus(result, outcome, plot)
+        if budget:
+            print_budgets((found.budget for found in result.results()), session.bench.simulated)

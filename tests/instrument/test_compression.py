@@ -1,0 +1,88 @@
+"""Readings of a bare support and of a pad on it give the pad's modulus, whatever yields beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from instrument import propagation
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.compression import Series, compress
+from instrument.errors import EstimateError
+from tests.procedures.conftest import IDEAL_CALIBRATION
+
+MODULUS, THICKNESS, AREA = 60e3, 3e-3, 1e-4
+COMPLIANCE, SUPPORT = 1.2e-3, 12e-3
+POSITIONS = np.linspace(9.4e-3, 13e-3, 8)
+
+
+def pushed(positions: np.ndarray, yielding: float, contact: float, noise: float = 0.0, seed: int = 0) -> Series:
+    """Displays of a cell of 10.306 mV/N behind something that yields [m/N], in steps of 1 mV where there is noise."""
+    ideal = 10.306 * (positions - contact)[:, np.newaxis] / yielding + np.zeros(10)
+    if not noise:
+        return Series(positions, ideal)
+    return Series(positions, np.rint(1.81 + ideal + np.random.default_rng(seed).normal(0, noise, ideal.shape)))
+
+
+def three(noise: float = 0.0, seed: int = 0) -> tuple[Series, Series, Series]:
+    pad = COMPLIANCE + THICKNESS / (MODULUS * AREA)
+    bare = pushed(SUPPORT + np.linspace(0.5e-3, 6e-3, 8), COMPLIANCE, SUPPORT, noise, 3 * seed)
+    up = pushed(POSITIONS, pad, SUPPORT - THICKNESS, noise, 3 * seed + 1)
+    return bare, up, pushed(POSITIONS[::-1], pad, SUPPORT - THICKNESS, noise, 3 * seed + 2)
+
+
+def test_modulus_thickness_and_compliance_come_back_exactly() -> None:
+    found = compress(*three(), IDEAL_CALIBRATION, AREA, 0.0)
+    for value, true in (
+        (found.tangent, MODULUS), (found.secant, MODULUS), (found.unloading, MODULUS), (found.thickness, THICKNESS),
+        (found.compliance, COMPLIANCE),
+    ):  # fmt: skip
+        assert value.budget.value == pytest.approx(true, rel=1e-9)
+    assert found.energy_loss == pytest.approx(0, abs=1e-9)
+    assert found.linearity == pytest.approx(0, abs=1e-9)
+
+
+def test_each_point_has_stress_strain_and_secant_modulus() -> None:
+    for point in compress(*three(), IDEAL_CALIBRATION, AREA, 0.0).points:
+        assert point.stress_Pa == pytest.approx(point.load_N / AREA)
+        assert point.stress_Pa / point.strain == pytest.approx(MODULUS, rel=1e-9)
+        assert point.secant_modulus_Pa == pytest.approx(MODULUS, rel=1e-9)
+        assert point.extrapolated == (point.load_N < IDEAL_CALIBRATION.least_N)
+
+
+def test_the_stated_uncertainty_is_the_spread_of_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise and steps of the display alone: calibration and area are the same in each repeat, and known."""
+    monkeypatch.setattr(propagation, "TRIALS", 2000)
+    known = THESIS_LOAD_CELL.model_copy(
+        update={"sensitivity_mV_per_N": 10.306, "zero_mV": 1.81, "sensitivity_u": 1e-9, "zero_u": 1e-9, "covariance": 0}
+    )
+    found = [compress(*three(0.4, seed), known, AREA, 0.0).tangent for seed in range(12)]
+    total = sum(((each.value - MODULUS) / each.u) ** 2 for each in found)
+    assert chi2.ppf(0.001, len(found)) < total < chi2.ppf(0.999, len(found))
+
+
+def test_area_and_calibration_count_in_the_budget() -> None:
+    found = compress(*three(0.4), THESIS_LOAD_CELL, AREA, 0.05 * AREA).tangent
+    parts = {row["name"]: row["contribution"] for row in found.budget.rows()}
+    assert parts["area"] == pytest.approx(-0.05 * found.budget.value, rel=0.01)
+    assert parts["sensitivity"] != 0
+    assert found.u > 0.05 * MODULUS
+
+
+def test_work_that_is_not_given_back_shows_as_loss() -> None:
+    bare, up, down = three()
+    lower = Series(down.positions, down.displays - 4 * (down.displays < down.displays.max()))
+    assert compress(bare, up, lower, IDEAL_CALIBRATION, AREA, 0.0).energy_loss > 0.05
+
+
+def test_a_series_without_contact_is_refused() -> None:
+    bare, up, down = three()
+    with pytest.raises(EstimateError, match=r"loading: 2 loads are above .* N, .* 3 are needed; compress further"):
+        compress(bare, Series(up.positions[:2], up.displays[:2]), down, IDEAL_CALIBRATION, AREA, 0.0)
+
+
+def test_a_pad_that_is_no_softer_than_the_bench_is_refused() -> None:
+    bare, up, down = three()
+    with pytest.raises(EstimateError, match="the pad must be the softer: check which of them was under the probe"):
+        compress(up, bare, down, IDEAL_CALIBRATION, AREA, 0.0)

@@ -1,0 +1,148 @@
+"""A sample is compressed on the rigid support, and its modulus is that of the scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.bench import Bench
+from instrument import propagation
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
+from instrument.errors import RangeError, SafetyError, UnreachableError
+from instrument.sample import SAMPLES, get_sample
+from procedures import modulus
+from procedures.modulus import ModulusResult, ModulusSettings
+from procedures.record import Recorder
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Palpate, scene_of, silent
+
+RESULT = {
+    "simulated", "run", "sample", "tangent_modulus_Pa", "tangent_modulus_u", "secant_modulus_Pa", "secant_modulus_u",
+    "unloading_modulus_Pa", "unloading_modulus_u", "thickness_m", "thickness_u", "bench_compliance_m_per_N",
+    "bench_compliance_u", "linearity", "energy_loss", "thesis_modulus_Pa", "points", "budgets", "plot",
+}  # fmt: skip
+THREE = ModulusSettings("1", strain=0.3, steps=3)
+
+
+def compressed(
+    bench: Bench, folder: Path, settings: ModulusSettings = THREE, calibration: LoadCellCalibration = THESIS_LOAD_CELL
+) -> ModulusResult:
+    with Recorder.create(folder, HEADER) as record:
+        result = modulus.run(bench, calibration, settings, record, silent)
+        record.finish("complete", result.summary())
+    return result
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer displays and trials than anybody would take."""
+    monkeypatch.setattr(modulus, "DISPLAYS", 4)
+    monkeypatch.setattr(propagation, "TRIALS", 2000)
+
+
+def test_the_modulus_is_that_of_the_sample_and_every_step_is_kept(bench: Bench, tmp_path: Path) -> None:
+    result = compressed(bench, tmp_path / "run")
+    c, sample = result.compression, get_sample("1")
+    for found, true in (
+        (c.tangent, sample.modulus), (c.secant, sample.modulus), (c.unloading, sample.modulus),
+        (c.thickness, sample.thickness),
+    ):  # fmt: skip
+        assert abs(found.value - true) < 3 * found.u
+        assert found.u < 0.1 * true
+    run = Run.open(tmp_path / "run")
+    assert run.summary == result.summary()
+    assert [p["series"] for p in run.points()] == [*3 * ["bare"], *3 * ["loading"], *3 * ["unloading"]]
+    assert [p.strain for p in c.points if p.direction == "loading"] == pytest.approx([0.1, 0.2, 0.3], abs=0.04)
+
+
+def test_a_creeping_sample_reads_stiffer_and_does_not_give_all_its_work_back(tmp_path: Path) -> None:
+    creeping = '\n[effects.viscoelastic]\nmaterial = "soft_tissue"\n'
+    with (
+        SimulatedBench(scene_of(IDEAL_SCENE + creeping, tmp_path)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        c = compressed(bench, tmp_path / "run", calibration=IDEAL_CALIBRATION).compression
+    assert c.tangent.value > 1.1 * get_sample("1").modulus
+    assert c.energy_loss > 0.02
+
+
+def test_a_travel_that_ends_before_is_refused_before_the_sample_is_pressed(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), modulus=160e3))
+    bench.positioner.set_limits(0.0, 18.5e-3)
+    with pytest.raises(UnreachableError, match=r"needs the positioner at 20\.\d+ mm, which ends at 18.5 mm; ask for a"):
+        compressed(bench, tmp_path / "run", ModulusSettings("1", strain=0.6, steps=3, extrapolate=True))
+    assert {p["series"] for p in Run.open(tmp_path / "run").points()} == {"bare"}
+
+
+def test_more_force_than_the_limit_sends_the_probe_home(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = sim.indicator.read
+
+    def stiff(name: str) -> float:
+        return read(name) + 100 * (sim.rig.position > 12.5e-3 and name in ("reading", "reading_float"))
+
+    monkeypatch.setattr(modulus, "preload", lambda *_: 1.0 if bench.positioner.move(12e-3) is None else 0.0)
+    monkeypatch.setattr(modulus.np, "linspace", lambda *_: modulus.np.array([12.2e-3, 12.4e-3, 12.6e-3]))
+    monkeypatch.setattr(sim.indicator, "read", stiff)
+    with pytest.raises(SafetyError, match=r"more than the bench's force limit of 10 N; the probe is home again"):
+        compressed(bench, tmp_path / "run")
+    assert sim.rig.position == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--sample", "9"), "unknown sample '9'"),
+        (("--sample", "1", "--strain", "0"), "strain 0 is outside 0 to 0.6; give one inside, such as 30 %"),
+        (("--sample", "1", "--strain", "70 %"), "strain 0.7 is outside 0 to 0.6"),
+        (("--sample", "1", "--strain", "1 N"), "'1 N' is in N where a plain number belongs"),
+        (("--sample", "1", "--steps", "2"), "2 steps do not give a line with its uncertainty; take 3 to 100"),
+    ],
+)
+def test_what_cannot_be_tested_is_one_error_before_anything_moves(
+    palpate: Palpate, arguments: tuple[str, ...], message: str
+) -> None:
+    said = palpate("test", "modulus", *arguments)
+    assert said.status == 2
+    assert message in said.complaint
+    assert not list(Path("runs").glob("*"))
+
+
+def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(
+        RangeError, match=r"takes about 3.38 N, above the bench's force limit of 2 N; strains up to 0.18"
+    ):
+        modulus.check(THREE, force_limit=2.0)
+    monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), thickness=30e-3))
+    with pytest.raises(RangeError, match="is 30 mm thick, beyond the positioner's travel of 25 mm; test a thinner pad"):
+        modulus.check(THREE, force_limit=10.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        (replace(THREE, strain=0.02), UnreachableError, "gives about 225 mN, below 4 steps of the strain indicator"),
+        (replace(THREE, strain=0.6), RangeError, r"lies outside the 1.373 to 5 N that the load cell is calibrated for"),
+    ],
+)
+def test_a_load_that_cannot_be_read_is_refused(
+    bench: Bench, tmp_path: Path, settings: ModulusSettings, error: type[Exception], message: str
+) -> None:
+    narrow = THESIS_LOAD_CELL.model_copy(update={"greatest_N": 5.0})
+    with pytest.raises(error, match=message):
+        compressed(bench, tmp_path / "run", settings, narrow)
+    assert bench.positioner.position() == 0
+
+
+def test_the_command_gives_the_public_names(palpate: Palpate) -> None:
+    result = palpate("test", "modulus", "--sample", "6", "--steps", "3", "--json").object
+    assert result.keys() >= RESULT
+    assert result["thesis_modulus_Pa"] == get_sample("6").modulus
+    assert {b["budget"]["quantity"] for b in result["budgets"]} >= {"tangent modulus", "secant modulus", "thickness"}
+    assert {p["direction"] for p in result["points"]} == {"loading", "unloading"}
