@@ -20,6 +20,7 @@ from drivers.bench import Bench
 from drivers.sensor_node import SensorNode, acquire
 from instrument.contracts.sensor_node import RANGE_VOLTS, RANGES, place
 from instrument.design import Design
+from instrument.dwell import Dwell
 from instrument.errors import DeviceError, EstimateError, RangeError
 from instrument.estimate import SineFit, fit_sine
 from procedures.record import Recorder
@@ -38,7 +39,7 @@ LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than tw
 CLIPPED, NOT_FINITE, UNSETTLED, FAULT, DRIFTED = "clipped", "not finite", "unsettled", "fault", "drifted"
 
 Floats = npt.NDArray[np.float64]
-DwellChoice = Callable[[SineFit], float]
+DwellChoice = Callable[[SineFit], Dwell]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +68,7 @@ class FilmPoint:
         load_N, load_u: by the load cell after the dwell, peak to peak; `indicator_mV` is its reading.
         fit: of all films in the design's order, by the good samples alone where they suffice.
         dwell, settling: that the attempt took [s].
+        predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
         attempts: how many there were.
         flags: why the last one is not to be used; empty: it is.
     """
@@ -77,6 +79,7 @@ class FilmPoint:
     fit: SineFit
     record: FilmRecord
     dwell: float
+    predicted_u: float | None
     settling: float
     attempts: int
     flags: tuple[str, ...]
@@ -240,7 +243,7 @@ def measure(
 def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int) -> FilmPoint:
     short, settling, settled = films.settle(servo.watch)
     heard = films.emergencies()
-    duration = dwell(short) if callable(dwell) else dwell
+    duration, predicted_u = (dwell, None) if isinstance(dwell, float) else _chosen(dwell(short))
     record = films.acquire(duration)
     reading = servo.read()
     films.bench.amplifier.check()
@@ -259,10 +262,15 @@ def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellCh
         fit=films.fit(record),
         record=record,
         dwell=duration,
+        predicted_u=predicted_u,
         settling=settling,
         attempts=attempt,
         flags=tuple(flag for flag, raised in faults.items() if raised),
     )
+
+
+def _chosen(dwell: Dwell) -> tuple[float, float]:
+    return dwell.dwell, dwell.u
 
 
 def _agree(before: SineFit, after: SineFit, gap: float) -> bool:

@@ -5,42 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from typing import Any
-
-import numpy as np
 
 from drivers.bench import Bench
 from instrument.calibration import LoadCellCalibration
-from instrument.contracts import signal_generator
 from instrument.design import Design
-from instrument.errors import EstimateError, RangeError, UnreachableError
-from instrument.estimate import fit_sine
+from instrument.dwell import Dwell, dwell_of
+from instrument.errors import UnreachableError
+from instrument.estimate import SineFit
 from instrument.film_forces import ToothPoint, film_forces
-from instrument.quantity import parse, show
+from instrument.quantity import show
 from instrument.sample import get_sample
-from procedures.films import SAMPLES_PER_CYCLE, FilmPoint, Films, check_nodes, measure
+from procedures.films import DwellChoice, FilmPoint, Films, measure
+from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
+from procedures.pause import NOBODY, Pause, pause_here
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, preload
 
-PROCEDURE = "sweep-loads"
-PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
-FREQUENCIES = (0.5, 100.0)  # Hz
-FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
-LARGEST_DWELL = 3600.0  # s
-LARGEST_COUNT = 1000  # loads
 SMALLEST_LOAD = 2.0  # steps of the indicator
 
 Progress = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class SweepSettings:
-    """What to sweep: names of samples, loads in N peak to peak, dwell in s, frequency in Hz."""
-
-    samples: tuple[str, ...]
-    loads: tuple[float, ...]
-    dwell: float
-    frequency: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +33,8 @@ class LoadPoint:
     """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
 
     Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
-    has each tooth's own. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why.
+    has each tooth's own. `relative_u` is `force_ratio_u` to `force_ratio`, beside what was predicted of it where the
+    dwell was chosen at the point. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why.
     """
 
     sample: str
@@ -65,8 +51,10 @@ class LoadPoint:
     noise_u: float
     condition: float
     valid: bool
-    dwell_s: float = math.nan
-    settling_s: float = math.nan
+    dwell_s: float | None = None
+    relative_u: float | None = None
+    relative_u_predicted: float | None = None
+    settling_s: float | None = None
     attempts: int = 1
     flags: tuple[str, ...] = ()
     teeth: tuple[ToothPoint, ...] = ()
@@ -74,13 +62,17 @@ class LoadPoint:
 
 @dataclass(frozen=True, slots=True)
 class SampleMean:
-    """Mean over the valid load sets of a sample, beside the thesis' own mean (None where it has none)."""
+    """Mean over the valid load sets of a sample, beside the thesis' own mean (None where it has none).
+
+    `teeth`: of each tooth to its base, where there are several.
+    """
 
     sample: str
     force_ratio: float | None
     force_ratio_u: float | None
     valid_points: int
     thesis_force_ratio: float | None
+    teeth: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,72 +86,6 @@ class SweepResult:
         return {"samples": [asdict(s) for s in self.samples], "softness_order": self.softness_order}
 
 
-def parse_loads(text: str) -> tuple[float, ...]:
-    """Loads in N from "1.5 N:4 N:0.5 N" (first, last, step; the last is included) or "1.5 N, 2 N".
-
-    Raises:
-        QuantityError: not a force. RangeError: empty, not positive, not increasing, or over 1000 loads.
-    """
-    parts = text.split(":")
-    if len(parts) == 3:
-        first, last, step = (parse(part, "N") for part in parts)
-        if not (step > 0 and last >= first):
-            raise RangeError(f"loads {text!r}: give first:last:step with last >= first and step > 0")
-        steps = (last - first) / step * (1 + 1e-12) + 1e-9
-        if not steps < LARGEST_COUNT:
-            raise RangeError(f"loads {text!r}: more than {LARGEST_COUNT} loads; take a larger step")
-        loads = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
-    elif len(parts) == 1:
-        loads = tuple(parse(part, "N") for part in text.split(","))
-    else:
-        raise RangeError(f"loads {text!r}: give first:last:step, such as '1.5 N:4 N:0.5 N', or a list with commas")
-    if not all(load > 0 for load in loads) or list(loads) != sorted(set(loads)):
-        raise RangeError(f"loads {text!r}: loads must be above zero, increasing and distinct")
-    return loads
-
-
-def preload_for(loads: Sequence[float]) -> float:
-    """Static force in N under which the largest load, N peak to peak, never lifts the probe."""
-    return PRELOAD_MARGIN * max(loads) / 2
-
-
-def check(settings: SweepSettings, design: Design, force_limit: float, nodes: int) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
-
-    Raises:
-        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate, a sensor whose
-            films the bench's sensor nodes cannot take.
-        UnknownName: an unknown sample.
-    """
-    check_nodes(design, nodes)
-    for sample in settings.samples:
-        get_sample(sample)
-    largest = max(settings.loads)
-    peak = preload_for(settings.loads) + largest / 2
-    if peak > force_limit:
-        most = force_limit / (0.5 + PRELOAD_MARGIN / 2)
-        raise RangeError(
-            f"load {largest:g} N peak to peak takes a peak force of {peak:.3g} N with its preload, above the bench's "
-            f"force limit of {force_limit:g} N; loads up to {most:.3g} N are possible"
-        )
-    if not FREQUENCIES[0] <= settings.frequency <= FREQUENCIES[1]:
-        raise RangeError(f"frequency {settings.frequency:g} Hz is outside {FREQUENCIES[0]:g} to {FREQUENCIES[1]:g} Hz")
-    steps = round(settings.frequency / FREQUENCY_STEP)
-    if abs(settings.frequency - steps * FREQUENCY_STEP) > 1e-6 * FREQUENCY_STEP:
-        raise RangeError(
-            f"frequency {settings.frequency:.10g} Hz lies between the generator's steps of {FREQUENCY_STEP:g} Hz; "
-            f"take {steps * FREQUENCY_STEP:.10g} Hz"
-        )
-    if not 0 < settings.dwell <= LARGEST_DWELL:
-        raise RangeError(f"dwell {settings.dwell:g} s is outside 0 to {LARGEST_DWELL:g} s")
-    rate = SAMPLES_PER_CYCLE * settings.frequency
-    time = np.arange(round(settings.dwell * rate)) / rate
-    try:
-        fit_sine(time, np.sin(2 * np.pi * settings.frequency * time)[np.newaxis], settings.frequency)
-    except EstimateError as error:
-        raise RangeError(f"dwell {settings.dwell:g} s at {settings.frequency:g} Hz: {error}") from None
-
-
 def run(
     bench: Bench,
     design: Design,
@@ -167,54 +93,76 @@ def run(
     settings: SweepSettings,
     record: Recorder,
     progress: Progress,
+    pause: Pause = NOBODY,
 ) -> SweepResult:
     """Sweep all loads over all samples. Each point is durable before `progress` hears of it.
 
     Raises:
-        RangeError, UnknownName: as `check`; the outputs have stayed off.
+        RangeError, UnknownName: as `check`, or a load beyond the calibration; the outputs have stayed off.
         UnreachableError: a load too small for the indicator; the outputs have stayed off.
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
+        RangeError: the noise of a point asks for too long a dwell; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    smallest = SMALLEST_LOAD * calibration.resolution()
-    if min(settings.loads) < smallest:
-        raise UnreachableError(
-            f"load {min(settings.loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
-            f"ask for {show(smallest, 'N', 3)} or more"
-        )
-    total = len(settings.samples) * len(settings.loads)
+    check_resolved(settings.loads, calibration)
+    steps = plan(settings, design).steps
     points: list[LoadPoint] = []
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
     bench.positioner.home()
     check_zero(bench, calibration)
-    for name in settings.samples:
+    for name, of_sample in groupby(steps, lambda step: step.sample):
         sample = get_sample(name)
-        progress(len(points), total, f"mount sample {name}")
+        progress(len(points), len(steps), f"mount sample {name}")
         bench.rest()
         bench.positioner.home()
         bench.operator.mount(sample)
         preloaded = preload(bench, calibration, preload_for(settings.loads))
         bench.drive()
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
-        for load in settings.loads:
-            progress(len(points), total, f"sample {name}, {show(load, 'N')}")
-            servo.set(load)
-            what = f"sample {name}, {show(load, 'N')}"
-            measured = measure(films, servo, load, settings.dwell, record, what)
-            point = _point(design, name, load, measured)
+        for step in of_sample:
+            what = f"sample {name}, {show(step.load_N, 'N')}"
+            progress(len(points), len(steps), what)
+            pause_here(pause, bench, record)
+            servo.set(step.load_N)
+            measured = measure(films, servo, step.load_N, _dwell(settings, design), record, what)
+            point = _point(design, step, measured)
             record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
             points.append(point)
-            progress(len(points), total, f"sample {name}, {show(load, 'N')}")
+            progress(len(points), len(steps), what)
     bench.rest()
     bench.positioner.home()
     return evaluate(points, design)
 
 
-def _point(design: Design, sample: str, load: float, measured: FilmPoint) -> LoadPoint:
+def check_resolved(loads: Sequence[float], calibration: LoadCellCalibration) -> None:
+    """Refuse loads [N] that the indicator does not resolve. Raises UnreachableError."""
+    smallest = SMALLEST_LOAD * calibration.resolution()
+    if min(loads) < smallest:
+        raise UnreachableError(
+            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
+            f"ask for {show(smallest, 'N', 3)} or more"
+        )
+
+
+def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:
+    """As it was asked for, or chosen by the noise of a short record."""
+    if settings.tolerance is None:
+        return settings.dwell
+    target = settings.tolerance
+
+    def choose(short: SineFit) -> Dwell:
+        forces = film_forces(design, short)
+        noise = forces.noise_u / forces.force_ratio * math.sqrt(short.samples / short.rate)
+        return dwell_of(target, noise, short.frequency, floor_of(design))
+
+    return choose
+
+
+def _point(design: Design, step: LoadStep, measured: FilmPoint) -> LoadPoint:
     forces = film_forces(design, measured.fit)
     return LoadPoint(
-        sample=sample,
-        load_N=load,
+        sample=step.sample,
+        load_N=step.load_N,
         indicator_mV=measured.indicator_mV,
         load_measured_N=measured.load_N,
         load_measured_u=measured.load_u,
@@ -228,6 +176,8 @@ def _point(design: Design, sample: str, load: float, measured: FilmPoint) -> Loa
         condition=measured.fit.condition,
         valid=measured.valid,
         dwell_s=measured.dwell,
+        relative_u=forces.force_ratio_u / forces.force_ratio,
+        relative_u_predicted=measured.predicted_u,
         settling_s=measured.settling,
         attempts=measured.attempts,
         flags=measured.flags,
@@ -251,6 +201,9 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
                 force_ratio_u=math.sqrt(math.fsum(p.force_ratio_u**2 for p in valid)) / n if n else None,
                 valid_points=n,
                 thesis_force_ratio=design.thesis_force_ratio.get(name),
+                teeth=tuple(
+                    math.fsum(t.force_ratio for t in same) / n for same in zip(*(p.teeth for p in valid), strict=True)
+                ),
             )
         )
     known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]

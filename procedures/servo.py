@@ -104,6 +104,11 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
     )
 
 
+def window(frequency: float) -> float:
+    """Over which the indicator takes a peak-to-peak value: three cycles of a frequency in Hz [s]."""
+    return min(10.0, max(0.5, 3 / frequency))
+
+
 class LoadServo:
     """Sets peak-to-peak loads by the generator's amplitude, and learns the stack's response on the way."""
 
@@ -113,7 +118,7 @@ class LoadServo:
         self.calibration = calibration
         self._frequency = frequency
         self._preloaded = preloaded
-        self._window = min(10.0, max(0.5, 3 / frequency))
+        self._window = window(frequency)
         self._amplitude = 0.0
         self._volts_per_newton: float | None = None
         bench.indicator.peak_to_peak(self._window)

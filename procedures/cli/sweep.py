@@ -8,51 +8,84 @@ import click
 
 from procedures.cli.options import Choice, Output, bench_options
 
+DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
+EXTRAPOLATE = click.option("--extrapolate", is_flag=True, help="Let loads pass that lie outside the calibrated range.")
+
 
 @click.group()
 def sweep() -> None:
-    """Sweep a quantity and record the sensor's answer."""
+    """Sweep a quantity and record the sensor's answer. At a terminal `p` pauses between points, Ctrl-C stops."""
 
 
 @sweep.command(
     epilog="Examples:\n\n  palpate sweep loads\n\n  palpate sweep loads --samples 1,3 --loads '2 N, 3 N' --dwell '2 s'"
+    "\n\n  palpate sweep loads --scene thesis_common_base --tolerance '6 %'"
     "\n\n  palpate sweep loads --model column --seed 7 --json\n\n  palpate sweep loads --bench lab.toml --out first-day"
 )
 @click.option("--samples", default="1-6", show_default=True, help="Rubber samples, in order.")
 @click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@click.option("--dwell", help="Time over which each point is averaged (default: 1 s).")
+@click.option("--tolerance", help="Instead: relative standard uncertainty of a point, by which its dwell is chosen.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
 @click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
+@EXTRAPOLATE
+@DRY_RUN
 @bench_options
 def loads(
-    samples: str, loads: str, dwell: str, frequency: str, model: str | None, choice: Choice, output: Output
+    samples: str,
+    loads: str,
+    dwell: str | None,
+    tolerance: str | None,
+    frequency: str,
+    model: str | None,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
 ) -> None:
     """Load each sample with each load set and measure the force ratio.
 
-    For every point: load, indicator reading, both film voltages, both forces and the force ratio with its
-    standard uncertainty; then the mean ratio and the softness order beside the thesis' own.
+    For every point: load, indicator reading, film voltages, forces and the force ratio with its standard uncertainty,
+    those of each tooth where there are several; then the mean ratio and the softness order beside the thesis' own.
     """
-    from instrument.designs import get_design
+    from instrument.errors import UsageError
     from instrument.quantity import parse
     from instrument.sample import parse_samples
-    from procedures import load_sweep
+    from procedures import load_plan, load_sweep
+    from procedures.cli.keys import keyboard
     from procedures.cli.session import conduct
+    from procedures.cli.target import target_of
     from procedures.report.load_sweep import plot_sweep, print_sweep
+    from procedures.report.plan import print_plan
 
-    settings = load_sweep.SweepSettings(
-        parse_samples(samples), load_sweep.parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz")
+    if dwell is not None and tolerance is not None:
+        raise UsageError("--dwell and --tolerance: the one is chosen by the other; give one of them")
+    settings = load_plan.SweepSettings(
+        parse_samples(samples),
+        load_plan.parse_loads(loads),
+        parse(dwell or "1 s", "s"),
+        parse(frequency, "Hz"),
+        None if tolerance is None else parse(tolerance, ""),
+        extrapolate,
     )
-    session, result, outcome = conduct(
-        load_sweep.PROCEDURE,
-        choice,
-        output,
-        asdict(settings),
-        lambda bench: load_sweep.check(settings, get_design(bench.design), bench.force_limit, len(bench.can.nodes)),
-        lambda session, progress: load_sweep.run(
-            session.bench, session.design, session.calibration, settings, session.record, progress
-        ),
-        model=model,
-    )
+    target = target_of(choice)
+    load_plan.check(settings, target.design, target.force_limit, target.nodes)
+    if dry_run:
+        plan = load_plan.plan(settings, target.design)
+        output.json(plan.summary()) if output.as_json else print_plan(plan)
+        return
+    with keyboard() as pause:
+        session, result, outcome = conduct(
+            load_plan.PROCEDURE,
+            choice,
+            output,
+            asdict(settings),
+            lambda _: None,
+            lambda session, progress: load_sweep.run(
+                session.bench, session.design, session.calibration, settings, session.record, progress, pause
+            ),
+            model=model,
+        )
     plot = plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
     if output.as_json:
         output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})

@@ -5,26 +5,32 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from instrument.design import Design
 from procedures.load_sweep import SweepResult
 from procedures.report.figure import MARKERS, new_figure, save
-from procedures.report.text import STAMP, new_table, number, print_all, stamped, where
+from procedures.report.text import STAMP, new_table, number, percent, print_all, stamped, where
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
     """Points, means beside the thesis' own, softness order, and where everything lies."""
+    chosen = any(p.relative_u_predicted is not None for p in result.points)
     points = new_table(
         stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
         "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u",
-        "valid",
+        *(("dwell\ns", "u to be\n%", "u\n%") if chosen else ()), "valid",
     )  # fmt: skip
     for p in result.points:
         points.add_row(
             p.sample, f"{p.load_N:g}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
             f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
-            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", "yes" if p.valid else "NO",
+            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}",
+            *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
+            "yes" if p.valid else " ".join(("NO", *p.flags)),
         )  # fmt: skip
     means = new_table(
         stamped(outcome["simulated"], "Mean force ratio"),
@@ -43,12 +49,27 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         )  # fmt: skip
     swept = set(result.softness_order)
     thesis_order = [name for name in design.thesis_softness_order if name in swept]
+    compared = f"   (thesis: {' > '.join(thesis_order)})" if thesis_order else ""
+    repeated = sum(p.attempts - 1 for p in result.points)
     print_all(
         points,
+        *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
-        f"softness order, hard to soft: {' > '.join(result.softness_order)}   (thesis: {' > '.join(thesis_order)})",
+        f"softness order, hard to soft: {' > '.join(result.softness_order)}{compared}",
+        *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )
+
+
+def _teeth(result: SweepResult, simulated: bool) -> Table:
+    """Mean ratio of each tooth, a row a sample."""
+    count = max(len(s.teeth) for s in result.samples)
+    teeth = new_table(
+        stamped(simulated, "Mean force ratio of each tooth to its base"), "sample", *(str(i + 1) for i in range(count))
+    )
+    for s in result.samples:
+        teeth.add_row(s.sample, *(f"{tooth:.4f}" for tooth in s.teeth))
+    return teeth
 
 
 def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
@@ -76,7 +97,8 @@ def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Pat
         )
     )
     right.errorbar(place, ratio, ratio_u, fmt="o", capsize=3, label="this run")
-    right.plot(place, thesis, "k_", ms=16, label="thesis, Tables A2.9-A2.14")
+    if design.thesis_force_ratio:
+        right.plot(place, thesis, "k_", ms=16, label="thesis, mean of its tables")
     right.set(xlabel="sample", ylabel="mean force ratio", ylim=(0, None))
     right.set_xticks(list(place), [s.sample for s in shown])
     right.legend(fontsize=8)

@@ -56,5 +56,9 @@ def short(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
 
+def percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.2f}"
+
+
 def number(value: object) -> str:
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -21,7 +21,8 @@ from instrument.sample import Sample
 from procedures import load_sweep
 from procedures.cli import main, session
 from procedures.cli.options import Output
-from procedures.load_sweep import Progress, SweepResult, SweepSettings
+from procedures.load_plan import SweepSettings
+from procedures.load_sweep import Progress, SweepResult
 from procedures.record import Recorder
 from simulators.bench import SimulatedBench
 from simulators.clock import NEVER

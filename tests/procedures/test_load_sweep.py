@@ -19,7 +19,8 @@ from instrument.estimate import amplitude_ratio, fit_sine
 from instrument.load import Load
 from instrument.models.response import response
 from instrument.sample import SAMPLES
-from procedures.load_sweep import LoadPoint, evaluate, parse_loads
+from procedures.load_plan import parse_loads
+from procedures.load_sweep import LoadPoint, evaluate
 from procedures.run import Run
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene

@@ -1,0 +1,55 @@
+"""The key `p` at a terminal: pause, and go on."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import click
+
+from procedures.pause import NOBODY, Pause
+
+KEY = b"p"
+
+
+class Keyboard:
+    """Meets `procedures.pause.Pause`; the terminal passes each key on at once."""
+
+    def __init__(self, terminal: int) -> None:
+        self._terminal = terminal
+
+    def asked(self) -> bool:
+        """Whether `p` is among the keys that were pressed since."""
+        keys = b""
+        while select.select([self._terminal], [], [], 0)[0]:
+            read = os.read(self._terminal, 1024)
+            if not read:
+                break
+            keys += read
+        return KEY in keys.lower()
+
+    def wait(self) -> None:
+        click.echo("paused, outputs are off; press p to go on, Ctrl-C to stop", err=True)
+        while (key := os.read(self._terminal, 1)).lower() != KEY:
+            if not key:
+                return
+
+
+@contextmanager
+def keyboard() -> Iterator[Pause]:
+    """The keyboard where someone sits at it; else nobody."""
+    if not sys.stdin.isatty():
+        yield NOBODY
+        return
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        yield Keyboard(terminal)
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

@@ -1,0 +1,162 @@
+"""`palpate sweep loads`: sensors of several teeth, dwell by tolerance, plans, pauses."""
+
+from __future__ import annotations
+
+import os
+import pty
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.bench import Bench
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.designs import get_design
+from procedures import load_sweep
+from procedures.cli.keys import Keyboard
+from procedures.load_plan import SweepSettings, parse_loads, plan
+from procedures.record import Recorder
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs, silent
+
+SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
+
+
+# --- several teeth -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("design", ["common_base", "different_base"])
+def test_an_array_gives_the_thesis_means_and_each_tooth(palpate: Palpate, design: str) -> None:
+    found = palpate(*SMALL, "--scene", f"thesis_{design}").object
+    assert found["softness_order"] == ["1", "2"]
+    for mean in found["samples"]:
+        assert mean["thesis_force_ratio"] == get_design(design).thesis_force_ratio[mean["sample"]]
+        assert mean["force_ratio"] == pytest.approx(mean["thesis_force_ratio"], abs=3 * mean["force_ratio_u"])
+    for point in found["points"]:
+        teeth = point["teeth"]
+        bases = 1 if design == "common_base" else 2
+        assert [tooth["tooth"] for tooth in teeth] == [1, 2]
+        assert point["force_rigid_N"] == pytest.approx(sum(tooth["force_N"] for tooth in teeth))
+        assert point["force_ratio"] == pytest.approx(sum(tooth["force_ratio"] for tooth in teeth) / bases)
+    (first, _) = Run.open(Path(found["run"])).points()
+    assert first["teeth"] == found["points"][0]["teeth"]
+
+
+def test_the_nodes_of_an_array_are_recorded_together(palpate: Palpate) -> None:
+    found = palpate(*SMALL, "--scene", "array_16").object
+    waveforms = [w for w in Run.open(Path(found["run"])).waveforms() if w.point_id == 1]
+    assert [w.name for w in waveforms] == [film.name for film in get_design("array_16").films]
+    assert {(w.rate, w.samples.size) for w in waveforms} == {(250.0, 50)}
+    assert [len(s["teeth"]) for s in found["samples"]] == [16, 16]
+
+
+# --- refused before anything starts ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("more", [("--tolerance", "1 %"), ("--frequency", "200 Hz"), ("--loads", "9.5 N")])
+def test_what_is_refused_starts_no_bench_and_leaves_no_folder(
+    palpate: Palpate, benches: Benches, more: tuple[str, str]
+) -> None:
+    spoken = palpate("sweep", "loads", *more)
+    assert (spoken.status, bool(spoken.complaint)) == (2, True)
+    assert benches == []
+    assert list(Path().iterdir()) == []
+
+
+def test_dwell_and_tolerance_exclude_each_other(palpate: Palpate) -> None:
+    said = palpate("sweep", "loads", "--dwell", "1 s", "--tolerance", "5 %").complaint
+    assert said.startswith("--dwell and --tolerance")
+
+
+# --- dwell by tolerance ----------------------------------------------------------------------------------
+
+
+def test_a_tolerance_chooses_the_dwell_by_the_points_own_noise(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "loud.toml"
+    scene.write_text(
+        'name = "loud"\npurpose = "noise"\ndesign = "single"\n[effects.white_noise]\ndensity = "40 µV/√Hz"\n'
+    )
+    arguments = ("sweep", "loads", "--samples", "2", "--loads", "1.5 N, 4 N", "--tolerance", "6 %", "--json")
+    small, large = palpate(*arguments, "--scene", str(scene)).object["points"]
+    assert small["dwell_s"] > 4 * large["dwell_s"]
+    for point in (small, large):
+        assert point["dwell_s"] == pytest.approx(round(point["dwell_s"], 1))
+        assert 0.041 < point["relative_u_predicted"] <= 0.06
+        assert point["relative_u"] == pytest.approx(point["force_ratio_u"] / point["force_ratio"])
+        assert point["relative_u"] == pytest.approx(point["relative_u_predicted"], rel=0.15)
+
+
+# --- plans -----------------------------------------------------------------------------------------------
+
+
+def test_a_dry_run_prints_the_plan_and_sends_nothing(palpate: Palpate, benches: Benches) -> None:
+    found = palpate("sweep", "loads", "--dry-run", "--json").object
+    assert [(p["sample"], p["load_N"]) for p in found["points"]] == [
+        (sample, load) for sample in "123456" for load in parse_loads("1.5 N:4 N:0.5 N")
+    ]
+    assert (found["dry_run"], benches, list(Path().iterdir())) == (True, [], [])
+    assert "36 points, about 10 min" in palpate("sweep", "loads", "--dry-run").out
+
+
+def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str, Any]) -> None:
+    points = default_sweep["points"]
+    settings = SweepSettings(tuple("123456"), parse_loads("1.5 N:4 N:0.5 N"), 1.0, 10.0)
+    expected = plan(settings, get_design("single"))
+    assert expected.seconds == pytest.approx(default_sweep["bench_seconds"], rel=0.1)
+    assert [(s.sample, s.load_N, s.dwell_s) for s in expected.steps] == [
+        (p["sample"], p["load_N"], p["dwell_s"]) for p in points
+    ]
+    for step, point in zip(expected.steps, points, strict=True):
+        assert step.force_ratio_u == pytest.approx(point["relative_u"], rel=0.05)
+
+
+# --- pauses ----------------------------------------------------------------------------------------------
+
+
+class Once:
+    """Asks for a pause before the second point, and looks at the outputs meanwhile."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self._sim = sim
+        self._points = 0
+        self.seen: list[tuple[bool, bool, float]] = []
+
+    def asked(self) -> bool:
+        self._points += 1
+        return self._points == 2
+
+    def wait(self) -> None:
+        self.seen.append(outputs(self._sim))
+        self._sim.clock.wait(600.0)
+
+
+def test_a_pause_switches_off_and_the_load_is_set_anew(sim: SimulatedBench, bench: Bench, tmp_path: Path) -> None:
+    settings = SweepSettings(("1",), (2.0, 3.0), 0.2, 10.0)
+    pause = Once(sim)
+    with Recorder.create(tmp_path / "run", HEADER) as record:
+        result = load_sweep.run(bench, get_design("single"), THESIS_LOAD_CELL, settings, record, silent, pause)
+        record.finish("complete", result.summary())
+    assert pause.seen == [OFF]
+    assert [(p.load_N, p.valid) for p in result.points] == [(2.0, True), (3.0, True)]
+    assert result.points[1].load_measured_N == pytest.approx(3.0, abs=0.12)
+    assert [event["kind"] for event in Run.open(tmp_path / "run").events()] == ["paused", "resumed"]
+
+
+def test_the_key_p_asks_for_a_pause_and_ends_it(capsys: pytest.CaptureFixture[str]) -> None:
+    mine, terminal = pty.openpty()
+    try:
+        os.set_blocking(mine, False)
+        keyboard = Keyboard(terminal)
+        assert not keyboard.asked()
+        os.write(mine, b"x\n")
+        assert not keyboard.asked()
+        os.write(mine, b"xp\n")
+        assert keyboard.asked()
+        assert not keyboard.asked()
+        os.write(mine, b"P\n")
+        keyboard.wait()
+        assert "press p to go on" in capsys.readouterr().err
+    finally:
+        os.close(mine)
+        os.close(terminal)
