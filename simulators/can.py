@@ -178,8 +178,8 @@ class CanSegment:
         active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
         streams = []
         if active:
-            films = self._rig.film_voltages(time_ns)
             period = self._sync_period_ns or int(1e6)
+            films = self._rig.film_voltages(time_ns, period)
             streams = [node.sample(time_ns, node.film_channels() @ films, period) for node in active]
         frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
         if self._timing is not None and send_sync:

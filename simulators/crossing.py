@@ -122,17 +122,17 @@ class Watch:
         """
         gap = self._steady.gap(start_ns, state)
         system = self._steady.system
-        if system.modes is None:
+        if system.motion.modes is None:
             terms, sizes = np.abs(self._rows) @ np.abs(gap), np.full(len(self._rows), np.inf)
         else:
-            weights = self._shapes * (system.modes[2] @ gap)[self._fastest]
+            weights = self._shapes * (system.motion.modes[2] @ gap)[self._fastest]
             terms = sizes = np.abs(weights).sum(axis=1)
         slack = ROUNDING * (self._terms + terms)
         end_ns, failed = NEVER, None
         limit_ns = start_ns + self._ahead_ns
         for k in np.flatnonzero(~(self._mean + slack + self._least >= sizes)):
             transient: Transient
-            if system.modes is None:
+            if system.motion.modes is None:
                 transient = functools.partial(self._by_powers, self._rows[k], gap)
             else:
                 transient = functools.partial(self._by_modes, [complex(w) for w in weights[k]])
@@ -150,21 +150,21 @@ class Watch:
     @functools.cached_property
     def _fastest(self) -> list[int]:
         """Numbers of the modes, the fastest first; of a pair the one that turns forward, which counts for both."""
-        assert self._steady.system.modes is not None
-        rates = self._steady.system.modes[0]
+        assert self._steady.system.motion.modes is not None
+        rates = self._steady.system.motion.modes[0]
         return [int(k) for k in np.argsort(-np.abs(rates), kind="stable") if rates[k].imag >= 0]
 
     @functools.cached_property
     def _rates(self) -> list[complex]:
-        assert self._steady.system.modes is not None
-        return [complex(rate) for rate in self._steady.system.modes[0][self._fastest]]
+        assert self._steady.system.motion.modes is not None
+        return [complex(rate) for rate in self._steady.system.motion.modes[0][self._fastest]]
 
     @functools.cached_property
     def _shapes(self) -> Complexes:
         """What each output sees of each mode (g, s)."""
-        assert self._steady.system.modes is not None
+        assert self._steady.system.motion.modes is not None
         twice = [2.0 if rate.imag else 1.0 for rate in self._rates]
-        shapes: Complexes = (self._rows @ self._steady.system.modes[1])[:, self._fastest] * twice
+        shapes: Complexes = (self._rows @ self._steady.system.motion.modes[1])[:, self._fastest] * twice
         return shapes
 
     def _by_modes(self, weights: list[complex], elapsed_ns: int) -> list[Part]:
@@ -179,7 +179,7 @@ class Watch:
     def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
         """Where modes are too nearly parallel: all of the transient as one part, by bounds that need no modes."""
         a = self._steady.system.a
-        state = self._steady.system.decay(gap, np.array([elapsed_ns]))[:, 0]
+        state = self._steady.system.motion.decay(gap, np.array([elapsed_ns]))[:, 0]
         reach, growth, energy = self._bounds
         bend = np.abs(row @ a @ a) @ growth @ np.abs(state)
         size = math.inf

@@ -77,7 +77,7 @@ class Cycle:
         begin_ns = self.start_ns + elapsed_ns
         state = self._state.copy()
         if number:
-            state[self._listeners] += self._lag - self._alone.free(self._lag, np.array([elapsed_ns]))[:, 0]
+            state[self._listeners] += self._lag - self._alone.motion.free(self._lag, np.array([elapsed_ns]))[:, 0]
         lived = []
         for stay in self._stays:
             end_ns = min(stay.end_ns + self._period + elapsed_ns, begin_ns + self._period)
@@ -109,8 +109,8 @@ def recurrence(
         return None
     period_ns = now.time_ns - before.time_ns
     turn = np.array([period_ns])
-    once = np.array([alone.free(column, turn)[:, 0] for column in np.eye(len(listeners))]).T
-    change = alone.free((state - was)[listeners], turn)[:, 0]
+    once = np.array([alone.motion.free(column, turn)[:, 0] for column in np.eye(len(listeners))]).T
+    change = alone.motion.free((state - was)[listeners], turn)[:, 0]
     try:
         lag = np.linalg.solve(np.eye(len(listeners)) - once, change) if listeners else change
     except np.linalg.LinAlgError:  # a listener that forgets nothing has no state to settle at

@@ -194,8 +194,8 @@ def _stepped(system: StateSpace, formula: Formula, step_ns: int, stride: int) ->
     """Every `stride`th step. In the modes' coordinates, where a step is nine multiplications: the fastest there is."""
     from scipy.signal import lfilter
 
-    assert system.modes is not None
-    rates, shapes, inverse = system.modes
+    assert system.motion.modes is not None
+    rates, shapes, inverse = system.motion.modes
     u = DRIVE.at(np.arange(0, round(DURATION * SECOND) + 1, step_ns))
     step = step_ns / SECOND
     factors, before, after = formula(rates * step)

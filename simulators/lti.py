@@ -10,10 +10,11 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from simulators.free_motion import FreeMotion, free_motion, real_product
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -24,8 +25,6 @@ POINTS = 1024  # of a period, where a waveform is sampled
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
 HERTZ = 10**9  # one hertz in units of frequency
 SECOND = 10**9  # one second in nanoseconds
-# Above this condition number the modes are too nearly parallel to carry the transient to ten digits.
-PARALLEL = 1e5
 
 
 @dataclass(frozen=True)
@@ -57,21 +56,13 @@ class Periodic:
         turns: Complexes = np.exp(2j * np.pi * np.outer(self.order, self.phase(time_ns) / CYCLE))
         return turns
 
-    def summed(self, phasors: Complexes, time_ns: Times) -> Floats:
-        """Sums of its harmonics with other phasors (p, k), shape (p, n)."""
-        count = self._different(time_ns)
+    def summed(self, phasors: Complexes, time_ns: Times, step_ns: int = 0) -> Floats:
+        """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
+        count = len(time_ns)
+        if step_ns:  # after so many times the phases are those of the first times again
+            count = min(count, CYCLE // math.gcd(self.frequency * step_ns, CYCLE))
         sums = real_product(phasors, self.turns(time_ns[:count]))
         return sums if count == len(time_ns) else np.tile(sums, -(-len(time_ns) // count))[:, : len(time_ns)]
-
-    def _different(self, time_ns: Times) -> int:
-        """After how many times the phases are those of the first times again."""
-        count = len(time_ns)
-        if count < 2:
-            return count
-        step = int(time_ns[1] - time_ns[0])
-        if (np.diff(time_ns) != step).any():
-            return count
-        return min(count, CYCLE // math.gcd(self.frequency * step, CYCLE))
 
     def restarted(self, time_ns: int) -> Periodic:
         """The same function of time, counted from `time_ns`."""
@@ -193,42 +184,9 @@ class StateSpace:
         return columns * rest
 
     @functools.cached_property
-    def modes(self) -> tuple[Complexes, Complexes, Complexes] | None:
-        """Rates (s,), shapes (s, s) and their inverse; None where they are too nearly parallel to be told apart."""
-        if not self.order:
-            return np.zeros(0, complex), np.zeros((0, 0), complex), np.zeros((0, 0), complex)
-        from scipy.linalg import matrix_balance
-
-        # In units in which rows and columns are alike: metres beside amperes are not nearly parallel.
-        balanced, (units, _) = matrix_balance(self.a, permute=False, separate=True)
-        rates, shapes = np.linalg.eig(balanced)
-        if np.linalg.cond(shapes) > PARALLEL:
-            return None
-        inverse = np.linalg.inv(shapes) / units
-        return rates.astype(complex), (units[:, np.newaxis] * shapes).astype(complex), inverse.astype(complex)
-
-    def free(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """exp(A t) x, shape (s, n)."""
-        if self.modes is None:
-            return self.decay(x, elapsed_ns)
-        rates, shapes, inverse = self.modes
-        return _decaying(shapes * (inverse @ x), rates, elapsed_ns)
-
-    def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
-        from scipy.linalg import expm
-
-        answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)
-        for bit in range(int(elapsed_ns.max(initial=0)).bit_length()):
-            if bit == len(self._powers):
-                self._powers.append(expm(self.a * (1e-9 * 2.0**bit)))
-            used = (elapsed_ns >> bit) & 1 == 1
-            answer[:, used] = real_product(self._powers[bit], answer[:, used])
-        return answer
-
-    @functools.cached_property
-    def _powers(self) -> list[Floats]:
-        return []
+    def motion(self) -> FreeMotion:
+        """How it moves without inputs."""
+        return free_motion(self.a)
 
     def _parts(self) -> tuple[Floats, Floats, Floats, Floats]:
         return self.a, self.b, self.c, self.d
@@ -265,7 +223,7 @@ class Steady:
 
     def state(self, start_ns: int, x0: Floats, time_ns: Times) -> Floats:
         """State (s, n) at times after `start_ns`, where it is `x0` (s,)."""
-        return self._periodic(time_ns) + self.system.free(self.gap(start_ns, x0), time_ns - start_ns)
+        return self._periodic(time_ns) + self.system.motion.free(self.gap(start_ns, x0), time_ns - start_ns)
 
     def gap(self, start_ns: int, x0: Floats) -> Floats:
         """What the state `x0` (s,) is off from the periodic one."""
@@ -297,55 +255,14 @@ class Trace:
     start_ns: int
     gap: Floats
 
-    def at(self, time_ns: Times) -> Floats:
-        """Values (p, n) at times from the start on."""
+    def at(self, time_ns: Times, step_ns: int = 0) -> Floats:
+        """Values (p, n) at times from the start on. `step_ns`: between any two times, which is faster; 0: none."""
         value = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
         for base, phasors in self.parts:
-            value += base.summed(phasors, time_ns)
+            value += base.summed(phasors, time_ns, step_ns)
         if self.rows.any() and self.gap.any():
-            elapsed_ns = time_ns - self.start_ns
-            if self.system.modes is None:
-                value += real_product(self.rows, self.system.decay(self.gap, elapsed_ns))
-            else:
-                value += _decaying(self._weights, self.system.modes[0], elapsed_ns)
+            value += self.system.motion.seen(self.rows, self.gap, time_ns - self.start_ns, step_ns)
         return value
-
-    @functools.cached_property
-    def _weights(self) -> Complexes:
-        """Of the modes in the rows, at the start (p, s)."""
-        assert self.system.modes is not None
-        _, shapes, inverse = self.system.modes
-        weights: Complexes = (self.rows @ shapes) * (inverse @ self.gap)
-        return weights
-
-
-def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:
-    """Real part of weights @ rows; weights (..., k), rows (k, n), result (..., n).
-
-    Summed row by row: a BLAS product rounds a column otherwise when it stands in a block of another length,
-    and the same samples must be the same bytes whatever blocks they are asked for in.
-    """
-    total = np.zeros((*weights.shape[:-1], rows.shape[1]))
-    for k, row in enumerate(rows):
-        weight = weights[..., k, np.newaxis]
-        total += weight.real * row.real - weight.imag * row.imag
-    return total
-
-
-def _decaying(weights: Complexes, rates: Complexes, elapsed_ns: Times) -> Floats:
-    """Real part of weights @ exp(rates t), for weights (p, s) of modes of a real matrix; shape (p, n)."""
-    total = np.zeros((len(weights), len(elapsed_ns)))
-    elapsed = 1e-9 * elapsed_ns
-    for weight, rate in zip(weights.T[..., np.newaxis], rates, strict=True):
-        if not weight.any() or rate.imag < 0:  # the other of the pair counts for both
-            continue
-        left = np.exp(rate.real * elapsed)
-        if rate.imag == 0:
-            total += weight.real * left
-        else:
-            angle = rate.imag * elapsed
-            total += 2 * left * (weight.real * np.cos(angle) - weight.imag * np.sin(angle))
-    return total
 
 
 def gain(matrix: Floats) -> StateSpace:

@@ -116,23 +116,23 @@ class Path:
         self._stretches: list[Stretch] = []
         self._enter(mode, start_ns, state)
 
-    def outputs(self, time_ns: Times, rows: slice) -> Floats:
-        """Some of the outputs (rows, n) at ascending times from the change on."""
+    def outputs(self, time_ns: Times, rows: slice, step_ns: int = 0) -> Floats:
+        """Some of the outputs (rows, n) at ascending times from the change on, all `step_ns` apart or 0."""
 
         def row(system: StateSpace) -> Rows:
             return system.c[rows], system.d[rows]
 
-        return self._collect(time_ns, lambda stay, times: stay.trace("outputs", rows, row).at(times))
+        return self._collect(time_ns, lambda stay, times: stay.trace("outputs", rows, row).at(times, step_ns))
 
-    def rates(self, time_ns: Times, rows: slice) -> Floats:
-        """Rates of some of the outputs (rows, n) [1/s] at ascending times from the change on."""
+    def rates(self, time_ns: Times, rows: slice, step_ns: int = 0) -> Floats:
+        """Rates of some of the outputs (rows, n) [1/s] at ascending times from the change on, all `step_ns` apart."""
 
         def row(system: StateSpace) -> Rows:
             # Of the inputs, the first alone changes; the last is its rate.
             direct = np.outer(system.d[rows, 0], [0.0] * (len(self._inputs) - 1) + [1.0])
             return system.c[rows] @ system.a, system.c[rows] @ system.b + direct
 
-        return self._collect(time_ns, lambda stay, times: stay.trace("rates", rows, row).at(times))
+        return self._collect(time_ns, lambda stay, times: stay.trace("rates", rows, row).at(times, step_ns))
 
     def states(self, time_ns: Times) -> Floats:
         """State (s, n) at ascending times from the change on."""

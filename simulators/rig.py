@@ -125,13 +125,16 @@ class Rig:
 
     # --- what can be seen ------------------------------------------------------------------------------
 
-    def film_rates(self, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """Rates of the amplifier outputs, shape (films, n), V/s, at times since the present settings."""
-        return self._paths[-1].rates(time_ns, slice(0, len(self._films)))
+    def film_rates(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
+        """Rates of the amplifier outputs, shape (films, n), V/s; times as of the voltages."""
+        return self._paths[-1].rates(time_ns, slice(0, len(self._films)), step_ns)
 
-    def film_voltages(self, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """Amplifier outputs, shape (films, n), V, at times since the present settings."""
-        return self._paths[-1].outputs(time_ns, slice(0, len(self._films)))
+    def film_voltages(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
+        """Amplifier outputs, shape (films, n), V, at ascending times since the present settings.
+
+        step_ns: between any two times, which is faster and may round otherwise; 0 where they have none.
+        """
+        return self._paths[-1].outputs(time_ns, slice(0, len(self._films)), step_ns)
 
     def cell_force(self, time_ns: npt.NDArray[np.int64]) -> Floats:
         """Force on the load cell, N, shape (n,), at ascending times of the last 12 s."""

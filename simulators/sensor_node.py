@@ -90,7 +90,7 @@ class SensorNode:
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
         """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
-        rates = functools.cache(lambda: self.film_channels() @ self._rig.film_rates(time_ns))
+        rates = functools.cache(lambda: self.film_channels() @ self._rig.film_rates(time_ns, period_ns))
         for name, effect in self._added.items():
             streams = [Stream(self._rig.scene.seed, name, self.id, channel, period_ns) for channel in range(CHANNELS)]
             volts = volts + [

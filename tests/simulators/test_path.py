@@ -198,7 +198,7 @@ def test_modes_that_are_parallel_are_followed_without_them() -> None:
     """Critically damped in the air: its modes are one."""
     damping = 2 * math.sqrt(3000.0 * 0.03)
     free, _ = bouncer(stiffness=5e4, damping=damping)
-    assert free.system.modes is None
+    assert free.system.motion.modes is None
     path = driven(free, sine(8.0), np.zeros(2))
 
     def slope(t: float, z: Floats) -> list[float]:

@@ -1,0 +1,143 @@
+"""How a linear system moves by itself: exp(A t), by its modes, or by powers where these are too nearly parallel."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Complexes = npt.NDArray[np.complex128]
+Times = npt.NDArray[np.int64]
+
+# Above this condition number the modes are too nearly parallel to carry the transient to ten digits.
+PARALLEL = 1e5
+BLOCK = 1024  # samples that are found together
+GONE = 1e-150  # of its beginning, below which a mode is nothing: products of two such still are ordinary numbers
+KEPT = 64  # systems
+
+
+class FreeMotion:
+    """x' = A x from any state; `a` is (s, s). What was worked out for a matrix serves all systems that have it."""
+
+    def __init__(self, a: Floats) -> None:
+        self._a = a
+        self._powers: list[Floats] = []
+        self._steps: dict[int, Floats] = {}
+
+    @functools.cached_property
+    def modes(self) -> tuple[Complexes, Complexes, Complexes] | None:
+        """Rates (s,), shapes (s, s) and their inverse; None where they are too nearly parallel to be told apart."""
+        if not len(self._a):
+            return np.zeros(0, complex), np.zeros((0, 0), complex), np.zeros((0, 0), complex)
+        from scipy.linalg import matrix_balance
+
+        # In units in which rows and columns are alike: metres beside amperes are not nearly parallel.
+        balanced, (units, _) = matrix_balance(self._a, permute=False, separate=True)
+        rates, shapes = np.linalg.eig(balanced)
+        if np.linalg.cond(shapes) > PARALLEL:
+            return None
+        inverse = np.linalg.inv(shapes) / units
+        return rates.astype(complex), (units[:, np.newaxis] * shapes).astype(complex), inverse.astype(complex)
+
+    @functools.cached_property
+    def _rates(self) -> Complexes:
+        """Of the modes that are real or turn forward; the other of a pair is its conjugate."""
+        assert self.modes is not None
+        rates: Complexes = self.modes[0][self.modes[0].imag >= 0]
+        return rates
+
+    def seen(self, rows: Floats, x: Floats, elapsed_ns: Times, step_ns: int) -> Floats:
+        """rows @ exp(A t) x, shape (p, n). `step_ns`: between any two times; 0 where they have none."""
+        if self.modes is None:
+            return real_product(rows, self.decay(x, elapsed_ns))
+        rates, shapes, inverse = self.modes
+        weights = ((rows @ shapes) * (inverse @ x))[:, rates.imag >= 0]
+        weights *= np.where(self._rates.imag > 0, 2.0, 1.0)
+        if step_ns:
+            return self._on_grid(weights, int(elapsed_ns[0]), len(elapsed_ns), step_ns)
+        return _decaying(weights, self._rates, elapsed_ns)
+
+    def free(self, x: Floats, elapsed_ns: Times) -> Floats:
+        """exp(A t) x, shape (s, n)."""
+        return self.seen(np.eye(len(x)), x, elapsed_ns, 0)
+
+    def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
+        """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
+        from scipy.linalg import expm
+
+        answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)
+        for bit in range(int(elapsed_ns.max(initial=0)).bit_length()):
+            if bit == len(self._powers):
+                self._powers.append(expm(self._a * (1e-9 * 2.0**bit)))
+            used = (elapsed_ns >> bit) & 1 == 1
+            answer[:, used] = real_product(self._powers[bit], answer[:, used])
+        return answer
+
+    def _on_grid(self, weights: Complexes, first_ns: int, count: int, step_ns: int) -> Floats:
+        """Blocks of samples, counted from the first one after the start, as products of what a mode is at a block's
+        beginning and what it does within a block: the same bytes whatever part of a block is asked for."""
+        number, rest_ns = divmod(first_ns, step_ns)
+        blocks = np.arange(number // BLOCK, (number + count - 1) // BLOCK + 1)
+        elapsed = 1e-9 * (rest_ns + step_ns * BLOCK * blocks)
+        heads = weights * np.exp(np.outer(elapsed, self._rates))[:, np.newaxis]
+        heads[np.abs(heads) < GONE] = 0.0
+        if not heads.any():
+            return np.zeros((len(weights), count))
+        found = _parts(heads, self._rates, axis=2) @ self._within(step_ns)
+        start = number - int(blocks[0]) * BLOCK
+        return found.transpose(1, 0, 2).reshape(len(weights), -1)[:, start : start + count]
+
+    def _within(self, step_ns: int) -> Floats:
+        """What the modes do in a block, (parts, BLOCK)."""
+        if step_ns not in self._steps:
+            turns = np.exp(np.outer(self._rates, 1e-9 * step_ns * np.arange(BLOCK)))
+            turns[np.abs(turns) < GONE] = 0.0
+            self._steps[step_ns] = _parts(turns.conj(), self._rates, axis=0)
+        return self._steps[step_ns]
+
+
+def _parts(modes: Complexes, rates: Complexes, axis: int) -> Floats:
+    """Real parts of all modes and imaginary parts of those that turn, along the axis of the modes."""
+    return np.concatenate([modes.real, modes.imag.compress(rates.imag > 0, axis)], axis)
+
+
+def free_motion(a: Floats) -> FreeMotion:
+    """Of a matrix (s, s); the same object for an equal one."""
+    return _known(a.tobytes(), len(a))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _known(a: bytes, size: int) -> FreeMotion:
+    return FreeMotion(np.frombuffer(a).reshape(size, size))
+
+
+def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:
+    """Real part of weights @ rows; weights (..., k), rows (k, n), result (..., n).
+
+    Summed row by row: a BLAS product rounds a column otherwise when it stands in a block of another length,
+    and the same samples must be the same bytes whatever blocks they are asked for in.
+    """
+    total = np.zeros((*weights.shape[:-1], rows.shape[1]))
+    for k, row in enumerate(rows):
+        weight = weights[..., k, np.newaxis]
+        total += weight.real * row.real - weight.imag * row.imag
+    return total
+
+
+def _decaying(weights: Complexes, rates: Complexes, elapsed_ns: Times) -> Floats:
+    """Real part of weights @ exp(rates t), weights (p, s), shape (p, n)."""
+    total = np.zeros((len(weights), len(elapsed_ns)))
+    elapsed = 1e-9 * elapsed_ns
+    for weight, rate in zip(weights.T[..., np.newaxis], rates, strict=True):
+        if not weight.any():
+            continue
+        left = np.exp(rate.real * elapsed)
+        if rate.imag == 0:
+            total += weight.real * left
+        else:
+            angle = rate.imag * elapsed
+            total += left * (weight.real * np.cos(angle) - weight.imag * np.sin(angle))
+    return total
