@@ -15,9 +15,10 @@ from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
 from instrument.models.curve import ratio_curve
 from instrument.models.parameter_sets import get_parameter_set
-from instrument.models.parameters import round_parameters
+from instrument.models.parameters import round_parameters, solid_parameters
 from instrument.models.ratio import Answer, Question, ask
 from instrument.models.response import MODELS
+from instrument.models.surface import has_many_teeth
 from instrument.sample import SAMPLES
 from instrument.thesis import read_table
 
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 
 CURVES = ("column", "beam", "surface", "axisymmetric")
 SECTION_REFINEMENT = 4  # a pressure at a point takes a finer mesh than a force
+SOLID_REFINEMENT, MANY_TEETH_REFINEMENT = 1, 0  # what takes seconds
 CURVE_TOLERANCE = 1e-3  # less than the width of a line
 SOFTER, HARDER = 0.1, 1e4  # ends of the curves, over the modulus of the ring
 LARGEST = 0.12  # greatest displacement drawn, over the height of the picture
@@ -32,7 +34,7 @@ LARGEST = 0.12  # greatest displacement drawn, over the height of the picture
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A body in the plane of a section: points on a grid, and their displacements for 1 N [m]."""
+    """A piece of a body in the plane of a section: points on a grid, and their displacements for 1 N [m]."""
 
     x: Array
     z: Array
@@ -42,21 +44,39 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The plane through the axis of a tooth, for 1 N; the tooth's axis is at x = 0.
+    """The plane through the axes of teeth, for 1 N.
 
     Attributes:
-        bodies: by name; the half at x >= 0.
-        x: places on the sensor's face [m], where the object touches it.
+        across: what x is.
+        bodies: by name, all pieces.
+        x: places on the sensor's face [m], where the object touches it; ascending.
         pressure: there, compression positive [Pa].
-        tooth: radius of the tooth [m].
+        teeth: ends of each along x [m].
+        edges: where a contact ends, and the pressure is singular [m].
         mean: pressure on the object [Pa].
     """
 
-    bodies: Mapping[str, Body]
+    across: str
+    bodies: Mapping[str, tuple[Body, ...]]
     x: Array
     pressure: Array
-    tooth: float
+    teeth: tuple[tuple[float, float], ...]
+    edges: Array
     mean: float
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """Greatest displacement of each body [m]."""
+        return {
+            name: max(float(np.hypot(piece.right, piece.up).max()) for piece in pieces)
+            for name, pieces in self.bodies.items()
+        }
+
+    @property
+    def height(self) -> float:
+        """Of all bodies [m]."""
+        pieces = [piece for body in self.bodies.values() for piece in body]
+        return float(max(piece.z.max() for piece in pieces) - min(piece.z.min() for piece in pieces))
 
 
 def _round_section(design: Design, load: Load) -> Section:
@@ -64,13 +84,55 @@ def _round_section(design: Design, load: Load) -> Section:
 
     parameters = round_parameters(design, load)
     solution = axisymmetric.solve(parameters, SECTION_REFINEMENT)
-    bodies = {name: Body(f.radius, f.height, f.radial, f.axial) for name, f in solution.fields.items()}
-    area = math.pi * parameters.sensed_radius**2
-    return Section(bodies, solution.face.radius, solution.face.pressure, solution.face.reach, 1 / area)
+    bodies = {name: _both_sides(Body(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()}
+    tooth, end = parameters.tooth_radius, min(parameters.sensed_radius, parameters.ring_outer_radius)
+    return Section(
+        across="radius",
+        bodies=bodies,
+        x=solution.face.radius,
+        pressure=solution.face.pressure,
+        teeth=((-tooth, tooth),),
+        edges=np.array([tooth, parameters.ring_inner_radius, end]),
+        mean=1 / (math.pi * parameters.sensed_radius**2),
+    )
+
+
+def _both_sides(half: Body) -> tuple[Body, ...]:
+    """A body of revolution from its half at x >= 0: one piece where it reaches the axis, or two."""
+    other = Body(-half.x[::-1], half.z[::-1], -half.right[::-1], half.up[::-1])
+    if half.x.min() > 0:
+        return other, half
+    pairs = ((other.x, half.x), (other.z, half.z), (other.right, half.right), (other.up, half.up))
+    return (Body(*(np.concatenate([left[:-1], right]) for left, right in pairs)),)
+
+
+def _solid_section(design: Design, load: Load) -> Section:
+    from instrument.models import solid_section
+
+    parameters = solid_parameters(design, load)
+    refinement = MANY_TEETH_REFINEMENT if has_many_teeth(parameters) else SOLID_REFINEMENT
+    found = solid_section.section(parameters, refinement)
+    axes = (np.arange(parameters.columns) + 0.5) * parameters.cell_length
+    radii = np.array([parameters.tooth_radius, parameters.ring_inner_radius])
+    if parameters.ring_outline == "round":
+        radii = np.append(radii, parameters.ring_outer_radius)
+    edges = np.concatenate([(axes[:, None] + np.array([-1, 1])[:, None, None] * radii).ravel(), [0, parameters.length]])
+    return Section(
+        across="place along the sensor",
+        bodies={
+            name: tuple(Body(piece.x, piece.z, piece.along, piece.up) for piece in pieces)
+            for name, pieces in found.bodies.items()
+        },
+        x=found.x,
+        pressure=found.pressure,
+        teeth=tuple((axis - parameters.tooth_radius, axis + parameters.tooth_radius) for axis in axes.tolist()),
+        edges=np.unique(edges),
+        mean=1 / parameters.load_area,
+    )
 
 
 # Of the models that know what happens inside the sensor.
-SECTIONS: Mapping[str, Callable[[Design, Load], Section]] = {"axisymmetric": _round_section}
+SECTIONS: Mapping[str, Callable[[Design, Load], Section]] = {"axisymmetric": _round_section, "solid": _solid_section}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +155,8 @@ class Picture:
     @property
     def scale(self) -> float:
         """Of the displacements in the drawing: 1, 2 or 5 times a power of ten."""
-        bodies = self.sections[0].bodies.values()
-        largest = max(float(np.hypot(body.right, body.up).max()) for body in bodies)
-        height = max(float(body.z.max()) for body in bodies)
-        wanted = LARGEST * height / largest
+        section = self.sections[0]
+        wanted = LARGEST * section.height / max(section.largest.values())
         power = 10.0 ** math.floor(math.log10(wanted))
         return next(step for step in (5 * power, 2 * power, power) if step <= wanted)
 
@@ -118,9 +178,7 @@ class Picture:
             "deformation": {
                 "sensed_modulus_Pa": self.answers[0].sensed_modulus,
                 "scale": self.scale,
-                "largest_displacement_m": {
-                    name: float(np.hypot(body.right, body.up).max()) for name, body in self.sections[0].bodies.items()
-                },
+                "largest_displacement_m": self.sections[0].largest,
             }
             if self.sections
             else None,

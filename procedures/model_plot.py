@@ -17,9 +17,11 @@ from procedures.run import storing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from instrument.models.response import Response
+
 Array = NDArray[np.float64]
 
-EDGE = 0.1  # of the tooth's radius: nearer to an edge the pressure is not looked at for the scale
+EDGE = 0.05  # of a tooth's width: nearer to an edge the pressure is not looked at for the scale
 LABELLED = ("object", "ring", "tooth")  # bodies that are thick enough
 THESIS_STYLES = ("k.", "r^")
 
@@ -65,22 +67,21 @@ def draw(picture: Picture, file: Path) -> None:
 
 def _draw_deformation(picture: Picture, axes: Axes) -> None:
     section, scale = picture.sections[0], picture.scale
-    sizes = {name: 1e6 * np.hypot(body.right, body.up) for name, body in section.bodies.items()}
-    largest = max(float(size.max()) for size in sizes.values())
-    for name, body in section.bodies.items():
-        for side in (1, -1):
-            x, z = 1e3 * side * (body.x + scale * body.right), 1e3 * (body.z + scale * body.up)
-            image = axes.pcolormesh(x, z, sizes[name], shading="gouraud", cmap="viridis", vmin=0, vmax=largest)
-            axes.plot(_outline(1e3 * side * body.x), _outline(1e3 * body.z), color="0.5", lw=0.6, ls="--")
+    largest = 1e6 * max(section.largest.values())
+    for name, pieces in section.bodies.items():
+        for piece in pieces:
+            x, z = 1e3 * (piece.x + scale * piece.right), 1e3 * (piece.z + scale * piece.up)
+            size = 1e6 * np.hypot(piece.right, piece.up)
+            image = axes.pcolormesh(x, z, size, shading="gouraud", cmap="viridis", vmin=0, vmax=largest)
+            axes.plot(_outline(1e3 * piece.x), _outline(1e3 * piece.z), color="0.5", lw=0.6, ls="--")
             axes.plot(_outline(x), _outline(z), color="k", lw=0.8)
         if name in LABELLED:
-            # The middle of a body that reaches the axis lies on it.
-            middle = 0.0 if body.x.min() == 0 else (body.x.min() + body.x.max()) / 2
-            height = (body.z.min() + body.z.max()) / 2
+            widest = max(pieces, key=lambda piece: float(np.ptp(piece.x)))
+            middle, height = ((side.min() + side.max()) / 2 for side in (widest.x, widest.z))
             axes.annotate(name, (1e3 * middle, 1e3 * height), ha="center", va="center", color="w")
     axes.figure.colorbar(image, ax=axes, label="displacement for 1 N (µm)", shrink=0.8)
     modulus = show(picture.answers[0].sensed_modulus, "Pa")
-    axes.set(aspect="equal", xlabel="radius (mm)", ylabel="height (mm)")
+    axes.set(aspect="equal", xlabel=f"{section.across} (mm)", ylabel="height (mm)")
     axes.set_title(f"object of {modulus}, displacements × {scale:g}; dashed: unloaded", fontsize=10)
 
 
@@ -92,25 +93,31 @@ def _outline(values: Array) -> Array:
 def _draw_pressure(picture: Picture, axes: Axes) -> None:
     highest = 0.0
     for answer, section in zip(picture.answers, picture.sections, strict=True):
-        gap = int(np.searchsorted(section.x, section.tooth))
         pressure = np.where(section.pressure > 0, section.pressure, np.nan) / 1e3
+        breaks = np.searchsorted(section.x, section.edges)
         axes.plot(
-            np.insert(1e3 * section.x, gap, np.nan), np.insert(pressure, gap, np.nan), lw=1.2,
-            label=f"{show(answer.sensed_modulus, 'Pa')}: tooth takes {100 * answer.response.force_ratio:.1f} %",
+            np.insert(1e3 * section.x, breaks, np.nan), np.insert(pressure, breaks, np.nan), lw=1.2,
+            label=f"{show(answer.sensed_modulus, 'Pa')}: {_taken(answer.response)}",
         )  # fmt: skip
-        edges = np.array([section.tooth, section.x[gap], section.x[-1]])
-        far = np.abs(section.x[:, None] - edges).min(axis=1) > EDGE * section.tooth
+        far = np.abs(section.x[:, None] - section.edges).min(axis=1) > EDGE * np.ptp(section.teeth[0])
         highest = max(highest, float(section.pressure[far].max()) / 1e3)
     section = picture.sections[0]
-    axes.axvspan(0, 1e3 * section.tooth, color="C7", alpha=0.2, lw=0)
+    for start, end in section.teeth:
+        axes.axvspan(1e3 * start, 1e3 * end, color="C7", alpha=0.2, lw=0)
     axes.axhline(section.mean / 1e3, color="k", lw=0.8, ls="--", label="mean over the object")
     axes.set(
-        yscale="log", xlim=(0, None), ylim=(section.mean / 5e4, 4 * highest),
-        xlabel="radius (mm); shaded: tooth", ylabel="pressure on the sensor's face for 1 N (kPa)",
+        yscale="log", xlim=(0, 1e3 * section.edges[-1]), ylim=(section.mean / 5e4, 4 * highest),
+        xlabel=f"{section.across} (mm); shaded: {'tooth' if len(section.teeth) == 1 else 'teeth'}",
+        ylabel="pressure on the sensor's face for 1 N (kPa)",
     )  # fmt: skip
     axes.set_title("singular at the edges and clipped there; tension is not shown", fontsize=10)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
+
+
+def _taken(response: Response) -> str:
+    who = "tooth takes" if len(response.tooth_forces) == 1 else "teeth take"
+    return f"{who} {100 * response.force_ratio:.1f} %"
 
 
 def _draw_ratio(picture: Picture, axes: Axes) -> None:

@@ -166,7 +166,7 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
 
 @model.command(
     epilog="Examples:\n\n  palpate model plot --sensed-modulus '24 kPa, 100 kPa, 1 MPa' --out sensor.png"
-    "\n\n  palpate model plot --design common_base --model column --sensed-modulus '100 kPa'"
+    "\n\n  palpate model plot --design common_base --model solid --sensed-modulus '100 kPa'"
 )
 @click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
 @click.option("--out", type=FILE_NAME, metavar="FILE.png", help="Where the picture goes (default: new in runs/plots/).")
@@ -175,8 +175,8 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
 def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
     """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
 
-    The section is that of the first modulus, for 1 N. Only the axisymmetric model knows one: for any other the
-    force ratio is drawn alone.
+    The section is that of the first modulus, for 1 N. The axisymmetric and the solid model know one: for any other
+    the force ratio is drawn alone.
     """
     from instrument.quantity import parse
     from procedures import model_picture, model_plot

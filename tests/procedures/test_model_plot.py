@@ -10,7 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from instrument.models.ratio import Question
+from instrument.designs import get_design
+from instrument.models import solid_system
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.ratio import Answer, Question
+from instrument.models.response import response
+from instrument.models.solid_mesh import Resolution
 from procedures import model_picture, model_plot
 from procedures.model_picture import Picture
 from tests.procedures.conftest import Palpate
@@ -56,17 +61,21 @@ def labels(axes: Axes) -> list[str]:
 def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: Picture, panels: list[Axes]) -> None:
     deformed = panels[0]
     meshes = [item for item in deformed.collections if isinstance(item, QuadMesh)]
-    assert len(meshes) == 2 * len(picture.sections[0].bodies) == 4
-    largest = max(float(np.hypot(body.right, body.up).max()) for body in picture.sections[0].bodies.values())
+    bodies = picture.sections[0].bodies
+    # The object reaches the axis, the ring does not.
+    assert {name: len(pieces) for name, pieces in bodies.items()} == {"object": 1, "ring": 2}
+    assert len(meshes) == 3
+    for pieces in bodies.values():
+        assert min(piece.x.min() for piece in pieces) == -max(piece.x.max() for piece in pieces)
+    largest = max(picture.sections[0].largest.values())
     assert max(float(np.max(mesh.get_array())) for mesh in meshes) == pytest.approx(1e6 * largest)  # type: ignore[arg-type]
     assert {text.get_text() for text in deformed.texts} == {"object", "ring"}
     assert f"100 kPa, displacements × {picture.scale:g}" in deformed.get_title()
 
 
 def test_the_largest_displacement_stays_small_in_the_drawing(picture: Picture) -> None:
-    bodies = picture.sections[0].bodies
-    largest = max(float(np.hypot(body.right, body.up).max()) for body in bodies.values())
-    assert 0.04 < picture.scale * largest / max(float(body.z.max()) for body in bodies.values()) <= 0.12
+    section = picture.sections[0]
+    assert 0.04 < picture.scale * max(section.largest.values()) / section.height <= 0.12
     digits = picture.scale / 10 ** np.floor(np.log10(picture.scale))
     assert digits == pytest.approx(min((1, 2, 5), key=lambda step: abs(step - digits)))
 
@@ -80,7 +89,7 @@ def test_the_pressure_is_broken_over_the_gap_and_says_what_the_tooth_takes(
     for line, section in zip(pressure.get_lines(), picture.sections, strict=False):
         x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
         gap = int(np.flatnonzero(np.isnan(x))[0])
-        assert x[gap - 1] < 1e3 * section.tooth < 1.5 <= x[gap + 1]
+        assert x[gap - 1] < 1e3 * section.teeth[0][1] < 1.5 <= x[gap + 2]
         assert np.nanmin(y) > 0
     taken = [f"tooth takes {100 * answer.response.force_ratio:.1f} %" for answer in picture.answers]
     assert [label.split(": ")[1] for label in labels(pressure)[:2]] == taken
@@ -108,6 +117,37 @@ def test_the_data_are_those_of_the_picture(picture: Picture) -> None:
     assert len(data["curves"]["column, physical parameters"]["force_ratio"]) == 200
     assert len(data["thesis"]["thesis, finite elements (A2.1)"]["force_ratio"]) == 48
     assert all(0 < ratio < 1 for ratio in data["thesis"]["thesis, finite elements (A2.1)"]["force_ratio"][:40])
+
+
+def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPatch, few_curves: None) -> None:
+    smallest = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
+    monkeypatch.setattr(solid_system, "RESOLUTIONS", (smallest,))
+    monkeypatch.setattr(model_picture, "SOLID_REFINEMENT", 0)
+    saved: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: saved.append(figure))
+    sensor, load = get_design("common_base"), PHYSICAL.load(1e6)
+    section = model_picture.SECTIONS["solid"](sensor, load)
+    answer = Answer(1e6, response(sensor, load, "column"), 0.0)
+    question = Question("common_base", "solid")
+    model_plot.draw(Picture(question, [answer], [section], {}, {}), Path("sensor.png"))
+    deformed, pressure, *_ = (axes for axes in saved[0].axes if axes.get_label() != "<colorbar>")
+
+    assert {name: len(pieces) for name, pieces in section.bodies.items()} == {
+        "lower plate": 1, "base film": 1, "upper plate": 1, "tooth film": 2, "tooth": 2, "ring": 4, "object": 1,
+    }  # fmt: skip
+    assert np.array(section.teeth) == pytest.approx(np.array([[4.6e-3, 7.4e-3], [16.6e-3, 19.4e-3]]))
+    # Symmetric about the middle, and harder on the teeth than beside them.
+    assert section.x + section.x[::-1] == pytest.approx(np.full(len(section.x), 24e-3))
+    assert section.pressure == pytest.approx(section.pressure[::-1])
+    on_teeth = np.abs(section.x % 12e-3 - 6e-3) < 1.4e-3
+    assert section.pressure[on_teeth].min() > section.mean > np.median(section.pressure[~on_teeth])
+    assert (deformed.get_xlabel(), pressure.get_xlim()) == ("place along the sensor (mm)", (0, 24))
+    assert "teeth take" in labels(pressure)[0]
+    # Nothing is drawn across what the object does not touch: gaps around the teeth, and between the rings.
+    x = np.asarray(pressure.get_lines()[0].get_xdata())
+    for start, end in ((4.5, 4.6), (7.4, 7.5), (11.0, 13.0), (16.5, 16.6), (19.4, 19.5)):
+        after = int(np.flatnonzero(x >= end)[0])
+        assert np.isnan(x[after - 1]) and not ((x > start) & (x < end)).any()
 
 
 def test_a_model_that_does_not_know_the_sensor_has_no_curve(few_curves: None) -> None:
