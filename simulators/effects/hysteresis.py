@@ -13,18 +13,19 @@ from simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
 
 
 class Hysteresis(HysteresisEffect):
-    """Prandtl-Ishlinskii: the force x and, on top of it, weights times plays z <- max(x - r, min(x + r, z))."""
+    """Prandtl-Ishlinskii: the force x and, on top of it, weights times plays z <- max(x - r, min(x + r, z)).
+
+    As it comes it raises the ratio of the thesis' samples by 0.6 to 1.8 % at 3 N [M].
+    """
 
     kind: ClassVar[Kind] = "hysteresis"
     cancels_in_ratio: ClassVar[bool] = False
 
-    # weights 0.025 [A]; radii spread over the forces of the load sets [A]
+    # weight 0.025 [A]; a radius about half the force on the tooth at 3 N [A]
     weights: tuple[Annotated[float, Field(ge=-1, le=1, strict=True)], ...] = Field(
-        default=(0.025, 0.025, 0.025), min_length=1, max_length=8
+        default=(0.025,), min_length=1, max_length=8
     )
-    radii: tuple[Annotated[Newtons, Field(ge=1e-6, le=1e6)], ...] = Field(
-        default=(0.05, 0.1, 0.2), min_length=1, max_length=8
-    )
+    radii: tuple[Annotated[Newtons, Field(ge=1e-6, le=1e6)], ...] = Field(default=(0.15,), min_length=1, max_length=8)
     # the films that it acts on; on both alike it would cancel in the ratio [A]
     path: Literal["rigid", "total"] = "rigid"
 

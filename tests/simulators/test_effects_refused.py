@@ -31,7 +31,7 @@ WRONG = {
     "shares without times": ("viscoelastic", "g = [0.3]", ["g and tau belong together"]),
     "a share that is no number": ("viscoelastic", 'g = [nan]\ntau = ["1 s"]', ["g.0", "nan"]),
     "an unknown material": ("viscoelastic", 'material = "bone"', ["material", "'rubber' or 'soft_tissue'", "bone"]),
-    "weights without radii": ("hysteresis", "weights = [0.1]", ["1 weights and 3 radii"]),
+    "weights without radii": ("hysteresis", "weights = [0.1, 0.2]", ["2 weights and 1 radii"]),
     "a slope below zero": ("hysteresis", 'weights = [-0.6, -0.6]\nradii = ["1 N", "2 N"]', ["slope of -0.2", "raise"]),
     "a radius of nothing": ("hysteresis", 'weights = [0.1]\nradii = ["0 N"]', ["radii.0", "greater than or equal to"]),
     "glue that amplifies": ("glue_clamping", "factor = 1.5", ["factor", "less than or equal to 1", "1.5"]),
