@@ -19,6 +19,12 @@ class Operator(Protocol):
         The positioner is at its home position.
         """
 
+    def press_tooth(self, tooth: int) -> None:
+        """Stand a pin on one tooth of the sensor, by its number from 0, so that the probe presses that tooth alone.
+
+        The positioner is at its home position.
+        """
+
     def place_weight(self, mass: float) -> None:
         """Put dead weights of `mass` kg in all on the load cell; 0 takes them off."""
 

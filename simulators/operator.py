@@ -26,6 +26,9 @@ class SimulatedOperator:
     def lay_on_support(self, sample: Sample | None) -> None:
         self._under_the_probe(lambda: self._rig.lay_on_support(sample))
 
+    def press_tooth(self, tooth: int) -> None:
+        self._under_the_probe(lambda: self._rig.press_tooth(tooth))
+
     def place_weight(self, mass: float) -> None:
         self._clock.wait(PLACING)
         with self._clock.lock:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.calibration import STANDARD_GRAVITY
+from instrument.design import Film
 from instrument.load import Load
 from instrument.models.response import Response, response
 from instrument.sample import Sample
@@ -38,6 +39,7 @@ from simulators.scene import Scene
 
 BRIDGE_TAU = 0.1  # s, of the indicator's filter as it comes
 SUPPORT_STIFFNESS = 1e6  # N/m, of the rigid support with the load cell below it [A]
+PIN_STIFFNESS = 1e3  # N/m, of the rubber tip of the pin that presses one tooth [A]
 
 
 class Rig:
@@ -53,6 +55,7 @@ class Rig:
         self._sample: Sample | None = None
         self._response: Response | None = None
         self._on_support = False
+        self._tooth: int | None = None
         self.position = 0.0
         self.cell_position = 0.0  # degrees
         self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
@@ -85,14 +88,19 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        self._sample, self._on_support = sample, False
+        self._sample, self._on_support, self._tooth = sample, False, None
         scene = self.scene
         self._response = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
         self._begin()
 
     def lay_on_support(self, sample: Sample | None) -> None:
         """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
-        self._sample, self._on_support, self._response = sample, True, None
+        self._sample, self._on_support, self._response, self._tooth = sample, True, None, None
+        self._begin()
+
+    def press_tooth(self, tooth: int) -> None:
+        """A pin stands on one tooth of the sensor, by its number from 0, which takes all the force."""
+        self._sample, self._on_support, self._response, self._tooth = None, False, None, tooth
         self._begin()
 
     def place_weight(self, mass: float) -> None:
@@ -248,6 +256,8 @@ class Rig:
             compliance = 0.0 if pad is None else pad.thickness / (pad.modulus * pad.area)
             whole = compliance + 1 / SUPPORT_STIFFNESS
             return Stack(0.0, 1 / whole, object_share=compliance / whole)
+        if self._tooth is not None:
+            return Stack(PIN_STIFFNESS, 0.0, object_share=1.0)
         if self._response is None or self._sample is None:
             return Stack(0.0, 0.0, 0.0)
         ring = self.scene.design.ring
@@ -260,7 +270,7 @@ class Rig:
         hysteresis = next((e for e in self.scene.effects.values() if isinstance(e, HysteresisEffect)), None)
         shares = np.zeros((len(self._films), 4))
         for number, film in enumerate(self._films):
-            part = 0.0 if self._on_support else len(film.teeth) / len(self.scene.design.teeth)
+            part = self._part(film)
             played = part if hysteresis is not None and film.kind == hysteresis.path else 0.0
             shares[number] = (part, part if film.kind == "total" else 0.0, played, 0.0)
         matrix = np.diag([film.sensitivity for film in self._films])
@@ -272,6 +282,14 @@ class Rig:
             if isinstance(effect, SourceEffect):
                 signals = signals.plus(effect.source(self.scene.design))
         return signals
+
+    def _part(self, film: Film) -> float:
+        """Of the force on all teeth, what those of a film take."""
+        if self._on_support:
+            return 0.0
+        if self._tooth is not None:
+            return float(self._tooth in film.teeth)
+        return len(film.teeth) / len(self.scene.design.teeth)
 
     def _amplifiers(self) -> list[StateSpace]:
         """One for each film."""

@@ -36,7 +36,18 @@ from simulators.scene import Scene, read_scene
 
 DEFAULT_SCENE = "thesis_single"
 PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
-Check = Callable[[BenchDescription], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What is known of a bench before it is opened: its sensor, its force limit in N, how many sensor nodes it has."""
+
+    design: Design
+    force_limit: float
+    nodes: int
+
+
+Check = Callable[[Target], None]
 
 
 class Result(Protocol):
@@ -86,6 +97,9 @@ class ConsoleOperator:
         laid = "bare" if sample is None else f"with sample {_described(sample)} on it"
         _ask(f"Put the rigid support in the sensor's place, {laid}")
 
+    def press_tooth(self, tooth: int) -> None:
+        _ask(f"Stand the pin on tooth {tooth + 1} alone, under the probe")
+
     def place_weight(self, mass: float) -> None:
         _ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
 
@@ -124,23 +138,17 @@ def open_session(
         BenchError: a device cannot be opened or identified. RecordError: the folder cannot be written.
     """
     started, wall_start = datetime.now(UTC), time.monotonic()
-    chosen: Scene | None = None
-    if choice.bench is not None:
-        given = {"--scene": choice.scene, "--seed": choice.seed, "--model": model}
-        if extra := [option for option, value in given.items() if value is not None]:
-            raise UsageError(f"{', '.join(extra)}: only a simulated bench has it; leave it out or leave out --bench")
-        description = read_bench(choice.bench)
-        check(description)
-    else:
-        chosen = _scene(choice.scene, choice.seed, model)
+    given, chosen = _chosen(choice, model)
+    check(_target(given, chosen))
     with ExitStack() as stack:
         folder = stack.enter_context(result_folder(choice.out, procedure, started))
         clock: Clock = WallClock()
         operator: Operator = ConsoleOperator()
+        description = given
         if chosen is not None:
             simulated = stack.enter_context(SimulatedBench(chosen))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
-            check(description)
+        assert description is not None
         opening = stack.enter_context(ExitStack())
         opened = opening.enter_context(Bench(description, clock, operator))
         calibration = THESIS_LOAD_CELL if calibrating else _calibration(opened, started.date())
@@ -224,6 +232,28 @@ def _calibration(bench: Bench, today: date) -> LoadCellCalibration:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     return calibration
+
+
+def target_of(choice: Choice, model: str | None = None) -> Target:
+    """Of the bench that a command will open. Raises UsageError, ConfigError, UnknownName as `open_session`."""
+    return _target(*_chosen(choice, model))
+
+
+def _target(description: BenchDescription | None, scene: Scene | None) -> Target:
+    if description is not None:
+        return Target(get_design(description.design), description.force_limit, len(description.can.nodes))
+    assert scene is not None
+    return Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes)
+
+
+def _chosen(choice: Choice, model: str | None) -> tuple[BenchDescription | None, Scene | None]:
+    """The bench file, or the scene where none is given."""
+    if choice.bench is None:
+        return None, _scene(choice.scene, choice.seed, model)
+    given = {"--scene": choice.scene, "--seed": choice.seed, "--model": model}
+    if extra := [option for option, value in given.items() if value is not None]:
+        raise UsageError(f"{', '.join(extra)}: only a simulated bench has it; leave it out or leave out --bench")
+    return read_bench(choice.bench), None
 
 
 def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
