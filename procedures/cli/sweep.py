@@ -53,8 +53,7 @@ def loads(
     from instrument.sample import parse_samples
     from procedures import load_plan, load_sweep
     from procedures.cli.keys import keyboard
-    from procedures.cli.session import conduct
-    from procedures.cli.target import target_of
+    from procedures.cli.session import Target, conduct, target_of
     from procedures.report.load_sweep import plot_sweep, print_sweep
     from procedures.report.plan import print_plan
 
@@ -68,9 +67,13 @@ def loads(
         None if tolerance is None else parse(tolerance, ""),
         extrapolate,
     )
-    target = target_of(choice)
-    load_plan.check(settings, target.design, target.force_limit, target.nodes)
+
+    def check(target: Target) -> None:
+        load_plan.check(settings, target.design, target.force_limit, target.nodes)
+
     if dry_run:
+        target = target_of(choice, model)
+        check(target)
         plan = load_plan.plan(settings, target.design)
         output.json(plan.summary()) if output.as_json else print_plan(plan)
         return
@@ -80,7 +83,7 @@ def loads(
             choice,
             output,
             asdict(settings),
-            lambda _: None,
+            check,
             lambda session, progress: load_sweep.run(
                 session.bench, session.design, session.calibration, settings, session.record, progress, pause
             ),
