@@ -43,7 +43,8 @@ class FrequencyError(DriveEffect):
         if nonlinear(case, rig) or nonlinear(case, tuned):
             return BEYOND
         was = gains(tuned, case.frequency)
-        factors, left = gains(rig, true) / was, (left_over(case, rig) + left_over(case, tuned)) / abs(was)
+        became = gains(rig, true)
+        factors, left = became / was, (left_over(case, rig) + left_over(case, tuned)) / abs(was)
         # What is added keeps its phase while the drive's own runs away.
         turned = min(2.0, 2 * np.pi * abs(true - case.frequency) * (case.settled + case.dwell))
         whole = [
@@ -53,6 +54,6 @@ class FrequencyError(DriveEffect):
         if any(isinstance(e, Additive | HysteresisEffect) or name == "adc" for name, e in case.effects.items()):
             return bound_of(case, whole)
         # The films share the frequency, so their fits differ by the phase between them alone.
-        reach = ((most / least) ** 2 - 1) * float(np.ptp(np.angle(factors)))
+        reach = ((most / least) ** 2 - 1) * float(np.ptp(np.angle(became / became[0])))
         apart = [Change(f, reach * abs(f) + rest / least) for f, rest in zip(factors, left, strict=True)]
         return Bound(bound_of(case, whole).force, bound_of(case, apart).ratio)

@@ -6,7 +6,7 @@ import math
 import os
 from dataclasses import replace
 
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
 from instrument.sample import SAMPLES
@@ -60,6 +60,7 @@ def changed(without: Scene, with_it: Scene, question: Question) -> Bound | None:
     deadline=None,
     derandomize=not EXAMPLES,
     suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.reuse, Phase.generate] if EXAMPLES else list(Phase),
 )
 def test_the_bound_of_an_effect_holds_in_random_scenes(
     name: str, others: frozenset[str], sample: str, load: float, frequency: float, seed: int, strong: bool
@@ -83,6 +84,14 @@ def test_no_bound_of_a_converter_is_given_where_warming_drives_a_film_to_its_rai
     change = changed(without, with_it, question)
     assert change is not None and change.force > 0.4
     assert bounded("adc", without, with_it, question) == Bound(math.inf, math.inf)
+
+
+def test_films_of_unlike_phase_are_fitted_unlike_by_a_frequency_that_is_not_theirs() -> None:
+    """Beside a voltage amplifier, over a single cycle."""
+    question = Question("1", 2.0, 2.0, dwell=0.5)
+    without, with_it = scenes("frequency_error", frozenset({"voltage_amplifier"}), 0, strong=True)
+    change, bound = changed(without, with_it, question), bounded("frequency_error", without, with_it, question)
+    assert change is not None and 0.01 < change.ratio < bound.ratio < 0.1
 
 
 def test_beside_a_limit_that_acts_no_bound_is_given() -> None:
