@@ -34,7 +34,8 @@ class LoadPoint:
 
     Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
     has each tooth's own. `relative_u` is `force_ratio_u` to `force_ratio`, beside what was predicted of it where the
-    dwell was chosen at the point. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why.
+    dwell was chosen at the point. `extrapolated`: the load lies outside the calibrated range. Not `valid`: after the
+    last of its `attempts` it is flagged still; `flags` say why.
     """
 
     sample: str
@@ -58,6 +59,7 @@ class LoadPoint:
     attempts: int = 1
     flags: tuple[str, ...] = ()
     teeth: tuple[ToothPoint, ...] = ()
+    extrapolated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +107,7 @@ def run(
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
     check_resolved(settings.loads, calibration)
+    check_calibrated(settings.loads, calibration, settings.extrapolate)
     steps = plan(settings, design).steps
     points: list[LoadPoint] = []
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
@@ -125,7 +128,7 @@ def run(
             pause_here(pause, bench, record)
             servo.set(step.load_N)
             measured = measure(films, servo, step.load_N, _dwell(settings, design), record, what)
-            point = _point(design, step, measured)
+            point = _point(design, calibration, step, measured)
             record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
             points.append(point)
             progress(len(points), len(steps), what)
@@ -144,6 +147,13 @@ def check_resolved(loads: Sequence[float], calibration: LoadCellCalibration) -> 
         )
 
 
+def check_calibrated(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
+    """Refuse loads [N] outside the calibrated range, unless that is allowed. Raises RangeError."""
+    if not extrapolate:
+        for load in loads:
+            calibration.check_range(load)
+
+
 def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:
     """As it was asked for, or chosen by the noise of a short record."""
     if settings.tolerance is None:
@@ -158,7 +168,7 @@ def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:
     return choose
 
 
-def _point(design: Design, step: LoadStep, measured: FilmPoint) -> LoadPoint:
+def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, measured: FilmPoint) -> LoadPoint:
     forces = film_forces(design, measured.fit)
     return LoadPoint(
         sample=step.sample,
@@ -182,6 +192,7 @@ def _point(design: Design, step: LoadStep, measured: FilmPoint) -> LoadPoint:
         attempts=measured.attempts,
         flags=measured.flags,
         teeth=forces.teeth if len(forces.teeth) > 1 else (),
+        extrapolated=not calibration.covers(step.load_N),
     )
 
 

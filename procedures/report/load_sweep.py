@@ -26,7 +26,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
     )  # fmt: skip
     for p in result.points:
         points.add_row(
-            p.sample, f"{p.load_N:g}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
+            p.sample, f"{p.load_N:g}{'*' * p.extrapolated}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
             f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}",
             *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
@@ -56,6 +56,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
         f"softness order, hard to soft: {' > '.join(result.softness_order)}{compared}",
+        *(["* outside the load cell's calibrated range"] if any(p.extrapolated for p in result.points) else []),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )

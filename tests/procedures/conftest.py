@@ -182,9 +182,10 @@ def sweep(
     frequency: float = 10.0,
     calibration: LoadCellCalibration = THESIS_LOAD_CELL,
     progress: Progress = silent,
+    extrapolate: bool = False,
 ) -> SweepResult:
     """A sweep on an open bench, recorded in `folder`."""
-    settings = SweepSettings(samples, loads, dwell, frequency)
+    settings = SweepSettings(samples, loads, dwell, frequency, extrapolate=extrapolate)
     with Recorder.create(folder, HEADER) as record:
         result = load_sweep.run(bench, get_design("single"), calibration, settings, record, progress)
         record.finish("complete", result.summary())

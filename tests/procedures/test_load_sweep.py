@@ -134,10 +134,10 @@ def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_p
 def test_without_imperfections_the_ratio_is_the_models_and_the_force_is_the_load(tmp_path: Path, model: str) -> None:
     scene = scene_of(IDEAL_SCENE, tmp_path).with_model(model)
     # a large load on hard samples: on less the converter's steps, 15 µV, are more than 1e-3 of the rigid film
-    result = sweep_scene(scene, tmp_path / "run", samples=("1", "6"), loads=(8.0,), calibration=IDEAL_CALIBRATION)
+    result = sweep_scene(scene, tmp_path / "run", samples=("1", "6"), loads=(7.2,), calibration=IDEAL_CALIBRATION)
     for p in result.points:
         assert p.force_ratio == pytest.approx(modelled(p.sample, model), rel=1e-3)
-        assert p.load_measured_N == pytest.approx(8.0, rel=0.01)
+        assert p.load_measured_N == pytest.approx(7.2, rel=0.01)
         assert p.force_total_N == pytest.approx(p.load_measured_N, rel=1e-3)
         assert p.force_rigid_N == pytest.approx(p.load_measured_N * modelled(p.sample, model), rel=1e-3)
 
@@ -154,7 +154,7 @@ def test_other_frequencies_and_dwells_give_the_same_ratio(
         scene,
         folder,
         samples=("1",),
-        loads=(7.0, 8.0),
+        loads=(6.5, 7.2),
         frequency=frequency,
         dwell=dwell,
         calibration=IDEAL_CALIBRATION,
@@ -206,6 +206,14 @@ def test_a_load_below_two_steps_of_the_indicator_is_refused_before_anything_is_s
     with pytest.raises(UnreachableError, match=r"load 0\.15 N .* below 2 steps .* ask for 194 mN or more"):
         sweep_scene(scene, tmp_path / "run", loads=(0.15,))
     assert Run.open(tmp_path / "run").points() == []
+
+
+def test_a_load_outside_the_calibrated_range_needs_leave_and_is_marked(tmp_path: Path, scene: Scene) -> None:
+    with pytest.raises(RangeError, match=r"load 1 N lies outside the 1\.373 to 7\.257 N .* --extrapolate"):
+        sweep_scene(scene, tmp_path / "refused", samples=("1",), loads=(1.0, 2.0), dwell=0.1)
+    assert Run.open(tmp_path / "refused").points() == []
+    result = sweep_scene(scene, tmp_path / "run", samples=("1",), loads=(1.0, 2.0), dwell=0.1, extrapolate=True)
+    assert [(p.load_N, p.extrapolated) for p in result.points] == [(1.0, True), (2.0, False)]
 
 
 # --- the record ----------------------------------------------------------------------------------------
