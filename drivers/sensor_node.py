@@ -20,6 +20,7 @@ CONTRACT = sensor_node.CONTRACT
 _SAMPLES, _STAMP = CONTRACT.pdos
 _SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
+_MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples, before the counter starts over
 LATEST_WAITS = 10
 
 
@@ -183,7 +184,7 @@ def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
     sample up to there has arrived; each count is then checked against what came.
 
     Raises:
-        RangeError: less than one sample; nothing is sent.
+        RangeError: less than one sample, or more than the nodes can count; nothing is sent.
         LinkError: samples were lost. DeviceError: the nodes sampled too few.
     """
     producer = nodes[0]
@@ -193,6 +194,11 @@ def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
             f"{producer.name}: duration {duration:g} s is not finite and at least one sample at {producer.rate:g} Hz"
         )
     count = round(samples)
+    if count > _MOST:
+        raise RangeError(
+            f"{producer.name}: {count} samples are more than the nodes' counters tell apart, {_MOST}; "
+            f"record at most {_MOST / producer.rate:.6g} s at once"
+        )
     for node in nodes:
         node.rate = producer.rate
         node.arm()

@@ -16,7 +16,7 @@ from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from instrument.object_dictionary import object_dictionary
 from simulators.clock import NEVER, VirtualClock
 from simulators.rig import Rig
-from simulators.sensor_node import CONTRACT, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
+from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
 
 if TYPE_CHECKING:
     from simulators.effects.can_timing import CanTiming
@@ -207,7 +207,8 @@ def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]
     data = samples.counts.tobytes()
     size = samples.counts.itemsize * samples.counts.shape[1]
     counts = [data[at : at + size] for at in range(0, len(data), size)]
-    stamps = [STAMP_LAYOUT.pack(samples.counter + i, flags) for i, flags in enumerate(samples.saturation.tolist())]
+    numbers = ((samples.counter + np.arange(len(samples.counts))) % ROLLOVER).tolist()
+    stamps = list(map(STAMP_LAYOUT.pack, numbers, samples.saturation.tolist()))
     return [(SAMPLES.base + node.id, counts), (STAMP.base + node.id, stamps)]
 
 

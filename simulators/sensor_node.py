@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
 CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code: manufacturer specific
+ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
 VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
 
 
 @dataclass(frozen=True)
 class Samples:
-    """counts: (n, 4) int16. saturation: (n,) bits of the channels. counter: number of the first sample."""
+    """counts: (n, 4) int16. saturation: (n,) bits of the channels. counter: number of the first sample, modulo 2^32."""
 
     counts: npt.NDArray[np.int16]
     saturation: npt.NDArray[np.uint8]
@@ -106,8 +107,8 @@ class SensorNode:
         code[np.isnan(code)] = 0.0  # flagged just now; no integer stands for it
         counts = np.clip(code, -FULL_SCALE_COUNTS, FULL_SCALE_COUNTS - 1).astype("<i2").T.copy()
         bits = np.packbits(saturated, axis=0, bitorder="little")[0]
-        first_number = int(self.settings["sample_counter"]) + 1
-        self.settings["sample_counter"] = float(first_number + len(time_ns) - 1)
+        first_number = (int(self.settings["sample_counter"]) + 1) % ROLLOVER
+        self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
         self.settings["saturation"] = float(bits[-1])
         self._last = counts[-1]
         return Samples(counts, bits, first_number)

@@ -40,7 +40,7 @@ def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
 def put_on_films(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, total: float) -> None:
     """Let the film of channel 2 give `total` V, the other none."""
     volts = np.array([total if film.name == "total" else 0.0 for film in sim.scene.design.films])
-    monkeypatch.setattr(sim.rig, "film_voltages", lambda time_ns: np.outer(volts, np.ones(len(time_ns))))
+    monkeypatch.setattr(sim.rig, "film_voltages", lambda time_ns, _: np.outer(volts, np.ones(len(time_ns))))
 
 
 def shake(bench: Bench) -> None:
@@ -225,6 +225,14 @@ def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(bench: B
     for duration in (0.0, -1.0, 1e-9, math.nan, math.inf):
         with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
             bench.nodes[0].acquire(duration)
+    assert frames(listener) == []
+
+
+def test_more_samples_than_the_counter_tells_apart_are_refused_before_anything_is_sent(
+    bench: Bench, listener: can.BusABC
+) -> None:
+    with pytest.raises(RangeError, match=r"4294967296 samples .* 4294967295; record at most 4.29497e\+06 s"):
+        bench.nodes[0].acquire(2**32 / 1000)
     assert frames(listener) == []
 
 

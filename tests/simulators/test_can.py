@@ -11,7 +11,7 @@ import pytest
 from drivers.bench import Bench
 from drivers.sensor_node import acquire
 from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
-from instrument.errors import DeviceError, LinkTimeout
+from instrument.errors import DeviceError, LinkError, LinkTimeout
 from simulators.bench import SimulatedBench
 from simulators.can import CanSegment
 from simulators.clock import VirtualClock
@@ -167,3 +167,19 @@ def test_frames_come_sync_by_sync(scene: Scene) -> None:
         ids = [message.arbitration_id for message in frames(listener)]
     samples = [cob_id for cob_id in ids if cob_id in (0x80, 0x181, 0x182, 0x281, 0x282)]
     assert samples == 3 * [0x80, 0x181, 0x281, 0x182, 0x282]
+
+
+def test_the_sample_counter_goes_on_from_zero_after_its_largest_number(
+    sim: SimulatedBench, bench: Bench, listener: can.BusABC
+) -> None:
+    node = bench.nodes[0]
+    node.arm()
+    assert node.get("sample_counter") == 0
+    sim.nodes[0].settings["sample_counter"] = 2.0**32 - 3
+    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    sim.clock.wait(0.005)
+    assert node.get("sample_counter") == 2
+    stamps = [int.from_bytes(data[:4], "little") for data in payloads(frames(listener), 0x281)]
+    assert stamps == [2**32 - 2, 2**32 - 1, 0, 1, 2]
+    with pytest.raises(LinkError, match="missing from number 1 on"):
+        node.collect(5)
