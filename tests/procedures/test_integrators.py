@@ -60,7 +60,10 @@ def test_the_command_gives_table_plot_and_json(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     answer = json.loads(done.stdout)
     assert (answer["states"], answer["stiffness_ratio"]) == (STATES, STIFFNESS)
-    assert [row["method"] for row in answer["methods"] if row["error"] is None] == ["explicit Euler"]
+    failed = [(row["method"], row["failure"]) for row in answer["methods"] if row["error"] is None]
+    assert failed == [("explicit Euler", "diverges"), ("Bouc-Wen, explicit Euler", "runs away")]
+    hysteresis = [row["error"] for row in answer["methods"] if row["method"].startswith("Bouc-Wen")]
+    assert max(hysteresis[:2]) < 1e-12 < 1e-3 < hysteresis[3] < 0.3  # exact twice, Euler at 100 and 1000 steps a cycle
     assert Path(answer["plot"]).read_bytes().startswith(b"\x89PNG")
     shown = runner.invoke(palpate, ["accuracy", "integrators"]).stdout
     assert "closed form" in shown and "diverges" in shown

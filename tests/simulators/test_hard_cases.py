@@ -6,16 +6,19 @@ Cases that other files hold with their naive method: phase after 1e9 samples, 1 
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from instrument.contracts import sensor_node, strain_indicator
 from instrument.designs import get_design
 from instrument.errors import EstimateError, RangeError
 from instrument.estimate import fit_sine
+from simulators import bouc_wen
 from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.clock import VirtualClock
 from simulators.effects.charge_amplifier import ChargeAmplifier
@@ -227,6 +230,31 @@ def test_plays_at_100_samples_a_cycle_are_those_of_any_rate_where_their_rates_su
         naive.append(z)
     assert np.abs(coarse - (x + naive)).max() > 0.05 * radius
     assert np.abs((coarse - x) - x).max() <= radius * (1 + 1e-8)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 1.0])
+def test_a_bouc_wen_operator_follows_its_equation_at_any_step_where_euler_runs_away(share: float) -> None:
+    """100 steps a cycle; against an integrator where the operator is soft, against its own finer steps where not."""
+
+    def slope(t: float, z: Floats) -> Floats:
+        v = 20 * np.pi * np.cos(20 * np.pi * t)
+        return np.asarray(8.0 * (v - share * abs(v) * z - (1 - share) * v * np.abs(z)))
+
+    times = np.arange(0, 101) * 1e-3
+    x = np.sin(20 * np.pi * times)
+    solved = [0.0]
+    for start, end in itertools.pairwise((0.0, 0.025, 0.075, 0.1)):  # where the sine turns
+        inside = times[(times > start + 1e-9) & (times < end + 1e-9)]
+        part = solve_ivp(
+            slope, (start, end + 1e-9), [solved[-1]], "DOP853", inside, rtol=1e-10, atol=1e-12, max_step=5e-4
+        )
+        solved += list(part.y[0])
+    assert np.abs(bouc_wen.exact(x, 8.0, share) - solved).max() < 1e-8
+    fine = np.sin(20 * np.pi * np.arange(0, 10_001) * 1e-5)
+    stiff = bouc_wen.exact(x, 100.0, share)
+    assert np.abs(stiff - bouc_wen.exact(fine, 100.0, share)[::100]).max() < 1e-12
+    assert 0.99 < np.abs(stiff).max() <= 1
+    assert not np.abs(bouc_wen.explicit_euler(np.tile(x[:-1], 10), 100.0, share)[-1000:]).max() < 10
 
 
 def test_exactly_at_resonance_the_amplitude_is_the_quality_factor_where_the_trapezoid_is_beside_it() -> None:
