@@ -15,11 +15,11 @@ from instrument.softness import INTERVAL, MOST_SENSITIVE, check_ratios, modulus_
 COVERAGE = 0.95
 
 
-def estimate(question: Question, ratios: Sequence[float], u: float | None) -> list[dict[str, Any]]:
+def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[float] | None) -> list[dict[str, Any]]:
     """A row a ratio: modulus (None where only a bound is known) and coverage interval (None: no bound) [Pa].
 
     Args:
-        u: standard uncertainty of the ratios; None: that by which the design's ratios repeat.
+        u: standard uncertainty of the ratios, or of each; None: that by which the design's ratios repeat.
 
     Raises:
         RangeError: a ratio is not between 0 and 1, the uncertainty is negative or not finite, or the model does not
@@ -27,7 +27,7 @@ def estimate(question: Question, ratios: Sequence[float], u: float | None) -> li
         EstimateError: a linear system cannot be solved accurately.
     """
     sensor = question.sensor()
-    uncertainty = sensor.ratio_scatter * np.array(ratios) if u is None else np.full(len(ratios), u)
+    uncertainty = sensor.ratio_scatter * np.array(ratios) if u is None else np.broadcast_to(u, len(ratios))
     check_ratios(ratios, uncertainty, COVERAGE)
     curve = ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model, question.tolerance)
     found = modulus_of_ratio(curve, ratios, uncertainty, COVERAGE)

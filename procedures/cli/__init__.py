@@ -15,6 +15,7 @@ from procedures.cli.model import model
 from procedures.cli.reproduce import reproduce
 from procedures.cli.runs import runs
 from procedures.cli.scene import scene
+from procedures.cli.softness import softness
 from procedures.cli.sweep import sweep
 from procedures.cli.test import test
 
@@ -31,7 +32,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, test, runs, contracts, model, scene, reproduce, accuracy):
+for group in (sweep, calibrate, test, softness, runs, contracts, model, scene, reproduce, accuracy):
     palpate.add_command(group)
 
 

@@ -1,0 +1,106 @@
+"""palpate softness."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import click
+
+from procedures.cli.options import Choice, Output, bench_options
+
+if TYPE_CHECKING:
+    from instrument.design import Design
+    from instrument.sample import Sample
+
+
+@click.command(
+    epilog="Examples:\n\n  palpate softness --samples 1-6\n\n  palpate softness --modulus '60 kPa' --json"
+    "\n\n  palpate softness --bench lab.toml --thickness '3 mm'"
+)
+@click.option("--samples", help="Rubber samples, in order.")
+@click.option("--modulus", help="Young modulus of unknown objects, or a list with commas: of a simulated bench.")
+@click.option("--thickness", default="3 mm", show_default=True, help="Of an unknown object.")
+@click.option("--loads", default="2 N:4 N:1 N", show_default=True, help="first:last:step or a list; peak to peak.")
+@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@click.option("--model", metavar="NAME", help="That answers: experiment, auto, column, ... (default: experiment).")
+@bench_options
+def softness(
+    samples: str | None,
+    modulus: str | None,
+    thickness: str,
+    loads: str,
+    dwell: str,
+    frequency: str,
+    model: str | None,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Measure how hard objects are: Young modulus with an interval, and their order.
+
+    Without --samples and --modulus one unknown object is mounted, on a real bench. Where the ratio says little of the
+    modulus, above 0.97 or outside what the model gives, the answer is a bound. The model that turns ratios into moduli
+    is named with its price; "experiment" interpolates what was measured on the six samples.
+    """
+    from instrument.quantity import parse
+    from procedures import softness as procedure
+    from procedures.cli.session import conduct, target_of
+    from procedures.load_plan import parse_loads
+    from procedures.report.softness import plot_softness, print_softness
+
+    target = target_of(choice)
+    settings = procedure.SoftnessSettings(
+        _objects(target.design, samples, modulus, parse(thickness, "m"), real=choice.bench is not None),
+        parse_loads(loads),
+        parse(dwell, "s"),
+        parse(frequency, "Hz"),
+        model or procedure.default_model(target.design),
+    )
+    procedure.check(settings, target.design, target.force_limit)
+    session, result, outcome = conduct(
+        procedure.PROCEDURE,
+        choice,
+        output,
+        asdict(settings),
+        lambda _: None,
+        lambda session, progress: procedure.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress
+        ),
+    )
+    plot = plot_softness(result, session.bench.simulated, session.record.folder)
+    if output.as_json:
+        output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
+    elif output.for_people:
+        print_softness(result, outcome, plot)
+
+
+def _objects(
+    design: Design, samples: str | None, modulus: str | None, thickness: float, real: bool
+) -> tuple[Sample, ...]:
+    """What is to be mounted, in order.
+
+    Raises:
+        UsageError: both or neither are given, or a modulus for a real bench.
+    """
+    from instrument.errors import UsageError
+    from instrument.quantity import parse, show
+    from instrument.sample import Sample, get_sample, parse_samples
+
+    if samples is not None and modulus is not None:
+        raise UsageError("--samples and --modulus: name samples, or give moduli of unknown objects; not both")
+    if samples is not None:
+        return tuple(get_sample(name) for name in parse_samples(samples))
+    if real and modulus is not None:
+        raise UsageError("--modulus: on a real bench the object has its own; leave it out")
+    if not real and modulus is None:
+        raise UsageError("--samples or --modulus is missing: say what the simulated bench shall touch")
+    # Of a real object the modulus is what is sought: the ring's stands where a number must.
+    moduli = [design.ring.material.modulus] if modulus is None else [parse(text, "Pa") for text in modulus.split(",")]
+    area, poisson = get_sample("1").area, get_sample("1").poisson
+    return tuple(
+        Sample(
+            "unknown" if modulus is None else show(value, "Pa"), "unknown", value, thickness, area, poisson, "unknown"
+        )
+        for value in moduli
+    )

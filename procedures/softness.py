@@ -1,0 +1,224 @@
+"""How hard unknown objects are: Young modulus from the measured force ratio, and their order (thesis 4.1, 5.4)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from drivers.bench import Bench
+from instrument.calibration import LoadCellCalibration
+from instrument.design import Design
+from instrument.errors import RangeError
+from instrument.film_forces import film_forces
+from instrument.models.price_list import stored
+from instrument.models.ratio import Question
+from instrument.quantity import show
+from instrument.sample import Sample
+from procedures.films import CLIPPED, Films, measure
+from procedures.load_plan import check_force, check_frequency, check_time, preload_for
+from procedures.load_sweep import check_calibrated, check_resolved
+from procedures.model_modulus import COVERAGE, estimate
+from procedures.record import Recorder
+from procedures.servo import LoadServo, check_zero, preload
+
+PROCEDURE = "softness"
+SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
+APART = 1.96  # standard uncertainties of a difference, beyond which an order is sure by 95 %
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class SoftnessSettings:
+    """What to measure: objects, loads in N peak to peak, dwell in s, frequency in Hz; and the model that answers."""
+
+    objects: tuple[Sample, ...]
+    loads: tuple[float, ...]
+    dwell: float
+    frequency: float
+    model: str
+
+
+@dataclass(frozen=True, slots=True)
+class SoftnessPoint:
+    """One object under one load, peak to peak. Not `valid`: `flags` say why."""
+
+    object: str
+    load_N: float
+    load_measured_N: float
+    load_measured_u: float
+    force_ratio: float
+    force_ratio_u: float
+    valid: bool
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Softness:
+    """An object: mean force ratio over its valid loads, and the modulus by the model [Pa].
+
+    `modulus_Pa` is None where only a bound is known, `low_Pa` and `high_Pa` where there is none; `kind` is "interval",
+    "at least", "at most" or "any". `saturated`: of a film in some load. Without a valid load all but the name is None.
+    """
+
+    object: str
+    valid_points: int
+    saturated: bool
+    force_ratio: float | None = None
+    force_ratio_u: float | None = None
+    modulus_Pa: float | None = None
+    low_Pa: float | None = None
+    high_Pa: float | None = None
+    sensitivity: float | None = None
+    kind: str | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SoftnessResult:
+    """`alike`: neighbours in the order, hard to soft, that the ratios do not tell apart by 95 %."""
+
+    points: list[SoftnessPoint]
+    objects: list[Softness]
+    softness_order: list[str]
+    alike: list[tuple[str, str]]
+    model: str
+    price: str
+
+    def summary(self) -> dict[str, Any]:
+        """Results under their public names."""
+        return {
+            "objects": [asdict(each) for each in self.objects],
+            "softness_order": self.softness_order,
+            "alike": [list(pair) for pair in self.alike],
+            "coverage": COVERAGE,
+            "answered_by": self.model,
+            "price": self.price,
+        }
+
+
+def default_model(design: Design) -> str:
+    """The curve that was measured with this design, where there is one: it holds what no model knows."""
+    return "experiment" if design.thesis_force_ratio else "auto"
+
+
+def check(settings: SoftnessSettings, design: Design, force_limit: float) -> None:
+    """Refuse what cannot be done, before any device is spoken to.
+
+    Raises:
+        RangeError: no object or one named twice, objects of several thicknesses, a load beyond the force limit in N, a
+            frequency or dwell that gives no estimate, or a model that does not answer for this sensor.
+        UnknownName: an unknown model.
+    """
+    names = [each.name for each in settings.objects]
+    if not names or len(set(names)) < len(names):
+        raise RangeError(f"objects {names}: name one at least, each once")
+    if len({each.thickness for each in settings.objects}) > 1:
+        raise RangeError("objects of several thicknesses need a ratio curve each; measure them apart")
+    check_force(settings.loads, force_limit)
+    check_frequency(settings.frequency)
+    check_time(settings.dwell, settings.frequency)
+    question = _question(settings, design)
+    if settings.model not in SLOW:
+        estimate(question, [0.5], None)
+
+
+def run(
+    bench: Bench,
+    design: Design,
+    calibration: LoadCellCalibration,
+    settings: SoftnessSettings,
+    record: Recorder,
+    progress: Progress,
+) -> SoftnessResult:
+    """Measure each object under each load. Each point is durable before `progress` hears of it.
+
+    Raises:
+        RangeError, UnknownName: as `check`, or a load outside the calibrated range; the outputs have stayed off.
+        UnreachableError: a load too small for the indicator, or one that the bench cannot reach.
+        SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
+    """
+    check(settings, design, bench.force_limit)
+    check_resolved(settings.loads, calibration)
+    check_calibrated(settings.loads, calibration, extrapolate=False)
+    points: list[SoftnessPoint] = []
+    total = len(settings.objects) * len(settings.loads)
+    films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
+    bench.positioner.home()
+    check_zero(bench, calibration)
+    for sample in settings.objects:
+        progress(len(points), total, f"mount {sample.name}")
+        bench.rest()
+        bench.positioner.home()
+        bench.operator.mount(sample)
+        preloaded = preload(bench, calibration, preload_for(settings.loads))
+        bench.drive()
+        servo = LoadServo(bench, calibration, settings.frequency, preloaded)
+        for load in settings.loads:
+            what = f"{sample.name}, {show(load, 'N')}"
+            progress(len(points), total, what)
+            servo.set(load)
+            measured = measure(films, servo, load, settings.dwell, record, what)
+            forces = film_forces(design, measured.fit)
+            point = SoftnessPoint(
+                sample.name, load, measured.load_N, measured.load_u, forces.force_ratio, forces.force_ratio_u,
+                measured.valid, measured.flags,
+            )  # fmt: skip
+            record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
+            points.append(point)
+            progress(len(points), total, what)
+    bench.rest()
+    bench.positioner.home()
+    return evaluate(points, settings, design)
+
+
+def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design: Design) -> SoftnessResult:
+    """Moduli by the mean ratio over the valid loads, and the objects from hard to soft.
+
+    The gains scatter anew with each load, so the uncertainties of the points are independent.
+    """
+    means: dict[str, tuple[float, float]] = {}
+    found: dict[str, Softness] = {}
+    for name in dict.fromkeys(point.object for point in points):
+        own = [point for point in points if point.object == name]
+        valid = [point for point in own if point.valid]
+        found[name] = Softness(name, len(valid), any(CLIPPED in point.flags for point in own))
+        if valid:
+            means[name] = (
+                math.fsum(p.force_ratio for p in valid) / len(valid),
+                math.sqrt(math.fsum(p.force_ratio_u**2 for p in valid)) / len(valid),
+            )
+    model = settings.model
+    if means:
+        ratios, uncertainties = zip(*means.values(), strict=True)
+        for name, row in zip(means, estimate(_question(settings, design), ratios, uncertainties), strict=True):
+            model = row.pop("model")
+            found[name] = Softness(name, found[name].valid_points, found[name].saturated, **row)
+    order = sorted(means, key=lambda name: means[name][0], reverse=True)
+    alike = [
+        (harder, softer)
+        for harder, softer in itertools.pairwise(order)
+        if means[harder][0] - means[softer][0] < APART * math.hypot(means[harder][1], means[softer][1])
+    ]
+    return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model))
+
+
+def price_of(design: Design, model: str) -> str:
+    """What the price list says of the model's error for this design, in a sentence."""
+    known = [
+        (promise, price)
+        for price in stored().prices
+        if price.design == design.name and price.model == model and (promise := price.promise(slice(None))) is not None
+    ]
+    if not known:
+        return f"model {model!r} has no price for design {design.name!r}: its own error is not known"
+    error, price = min(known, key=lambda each: each[0])
+    return f"model {model!r} ({price.refinement}): error of the ratio at most {error:.1e} by the price list"
+
+
+def _question(settings: SoftnessSettings, design: Design) -> Question:
+    thickness = settings.objects[0].thickness
+    return Question(design.name, settings.model, settings={"sensed_thickness": thickness})

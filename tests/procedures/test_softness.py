@@ -1,0 +1,102 @@
+"""Unknown objects get a modulus with an interval, or a bound, and an order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from instrument.designs import get_design
+from instrument.errors import RangeError
+from instrument.models.springs import ratio_of_modulus
+from instrument.sample import get_sample
+from procedures import softness
+from procedures.softness import SoftnessPoint, SoftnessResult, SoftnessSettings, default_model
+from tests.procedures.conftest import Palpate
+
+SINGLE = get_design("single")
+SETTINGS = SoftnessSettings((get_sample("1"),), (2.0, 3.0), dwell=1.0, frequency=10.0, model="column")
+QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
+
+
+def found(*ratios: tuple[str, float, float], flags: tuple[str, ...] = ()) -> SoftnessResult:
+    """Of objects whose two points have this ratio and standard uncertainty, by the column model."""
+    points = [
+        SoftnessPoint(name, load, load, 0.05, ratio, u, not flags, flags)
+        for name, ratio, u in ratios
+        for load in (2.0, 3.0)
+    ]
+    return softness.evaluate(points, SETTINGS, SINGLE)
+
+
+def test_the_modulus_is_that_of_the_model_and_the_interval_covers_it() -> None:
+    true = 60e3
+    (each,) = found(("soft", ratio_of_modulus(SINGLE, true, 3e-3), 0.008)).objects
+    assert each.modulus_Pa == pytest.approx(true, rel=1e-6)
+    assert each.low_Pa is not None and each.high_Pa is not None
+    assert each.low_Pa < true < each.high_Pa
+    assert each.force_ratio_u == pytest.approx(0.008 / 2**0.5)
+    assert each.kind == "interval"
+
+
+def test_a_ratio_above_0_97_gives_a_bound_alone_and_says_why() -> None:
+    (each,) = found(("hard", 0.98, 0.002)).objects
+    assert (each.modulus_Pa, each.high_Pa, each.kind) == (None, None, "at least")
+    assert each.low_Pa is not None and each.low_Pa > 1e6
+    assert "1 % of the ratio is" in each.note
+
+
+def test_objects_are_in_order_and_those_that_may_be_exchanged_are_named() -> None:
+    result = found(("a", 0.2, 0.005), ("b", 0.3, 0.005), ("c", 0.202, 0.005))
+    assert result.softness_order == ["b", "c", "a"]
+    assert result.alike == [("c", "a")]
+
+
+def test_a_saturated_film_is_said_and_gives_no_modulus() -> None:
+    (each,) = found(("loud", 0.3, 0.005), flags=("clipped",)).objects
+    assert each.saturated
+    assert (each.valid_points, each.modulus_Pa, each.kind) == (0, None, None)
+
+
+def test_model_and_price_are_named() -> None:
+    assert found(("a", 0.2, 0.005)).price.startswith("model 'column' (closed form): error of the ratio at most")
+    assert "no price" in softness.price_of(SINGLE, "experiment")
+    assert default_model(SINGLE) == "experiment"
+
+
+def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public_names(palpate: Palpate) -> None:
+    result = palpate("softness", "--modulus", "45 kPa, 90 kPa", *QUICK, "--json").object
+    assert result.keys() >= {"objects", "softness_order", "alike", "coverage", "answered_by", "price", "points", "plot"}
+    assert result["softness_order"] == ["90 kPa", "45 kPa"]
+    for each, true in zip(result["objects"], (45e3, 90e3), strict=True):
+        assert each["low_Pa"] < true < each["high_Pa"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "--samples or --modulus is missing: say what the simulated bench shall touch"),
+        (("--samples", "1", "--modulus", "1 kPa"), "name samples, or give moduli of unknown objects; not both"),
+        (("--samples", "8"), "unknown sample '8'"),
+        (("--samples", "1", "--model", "colum"), "unknown model 'colum'"),
+        (("--samples", "1", "--loads", "30 N"), "above the bench's force limit of 10 N"),
+        (("--samples", "1", "--dwell", "0 s"), "dwell 0 s is outside 0 to"),
+        (("--samples", "1", "--thickness", "0 mm", "--modulus", "1 kPa"), "not both"),
+        (("--modulus", "1 kPa", "--thickness", "0 mm"), "thickness 0 m of sample '1 kPa' is not above 0"),
+        (("--modulus", "50 kPa, 50 kPa"), "name one at least, each once"),
+    ],
+)
+def test_what_cannot_be_measured_is_one_error_before_anything_moves(
+    palpate: Palpate, arguments: tuple[str, ...], message: str
+) -> None:
+    said = palpate("softness", *arguments)
+    assert said.status == 2
+    assert message in said.complaint
+    assert not list(Path("runs").glob("*"))
+
+
+def test_objects_of_several_thicknesses_are_refused() -> None:
+    thick = replace(get_sample("2"), thickness=5e-3)
+    with pytest.raises(RangeError, match="objects of several thicknesses need a ratio curve each"):
+        softness.check(replace(SETTINGS, objects=(get_sample("1"), thick)), SINGLE, 10.0)
