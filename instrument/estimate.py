@@ -144,8 +144,7 @@ class SineColumns:
 
     def solve(self, signals: Floats) -> Floats:
         """Coefficients (4, channels) of the scaled columns, by least squares."""
-        found: Floats = np.linalg.solve(self.r, self.q.T @ signals.T)
-        return found
+        return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.T), dtype=np.float64)
 
     def direction(self, phase: Floats) -> Floats:
         """What white noise does to amplitudes (channels,) of these phases at the middle: (4, channels).

@@ -60,7 +60,7 @@ def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
     first = round(SETTLING * 1e9) // period_ns
     samples_ns = (first + np.arange(periods * SAMPLES_PER_CYCLE + 1)) * period_ns
     time_ns = np.linspace(samples_ns[0], samples_ns[-1], periods * POINTS + 1).astype(np.int64)
-    samples, saturated = _sampled(scene, rig, samples_ns, period_ns)
+    samples, saturated = sampled(scene, rig, samples_ns, period_ns)
     return Waveforms(
         time=1e-9 * (time_ns - time_ns[0]),
         coil=_clipped(scene, rig.coil_voltage().at(time_ns)),
@@ -82,7 +82,7 @@ def _clipped(scene: Scene, volts: Floats) -> Floats:
     return volts if limits.rail is None else np.clip(volts, -limits.rail, limits.rail)
 
 
-def _sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Samples of each film in the smallest range that holds it [V], and whether they are saturated."""
     volts = rig.film_voltages(time_ns)
     samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)

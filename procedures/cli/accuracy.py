@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from procedures.cli.accuracy_dwell import dwell_command
 from procedures.cli.integrators import integrators
 from procedures.cli.options import FILE_NAME, Output, output_options
 
@@ -16,6 +17,7 @@ def accuracy() -> None:
 
 
 accuracy.add_command(integrators)
+accuracy.add_command(dwell_command, "dwell")
 
 
 @accuracy.command(

@@ -1,0 +1,182 @@
+"""What a dwell buys: uncertainty and bias of a force ratio by every estimator, over dwells that a long record holds.
+
+The record is cut into pieces of each dwell; the spread of their ratios is the uncertainty, their mean the bias. Beside
+them stand the Cramér–Rao bound of the noise that the record has around the drive, and the floor that no dwell beats:
+the scatter of the gains from one load set to the next, and whatever moves in step with the drive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from instrument.dwell import Floor, check_dwell, dwell_of, floor_u, ratio_noise
+from instrument.errors import EstimateError, RangeError, UnknownName
+from instrument.estimate import SineFit, amplitude_ratio, fit_sine
+from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
+
+DWELLS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0)  # s
+TARGETS = (0.1, 0.01, 1e-3, 1e-4)  # relative standard uncertainty of the ratio
+FEWEST = 10  # pieces of a record that tell a spread: to a quarter of itself
+MOST = 1000
+ROUND_OFF = 1e-12  # relative
+SURE = 2.0  # standard uncertainties that a bias must show above
+COHERENT, SCATTER = "in step with the drive", "gain scatter"
+
+
+class LongRecord(Protocol):
+    """Two films under a settled load, and what their ratio should be; see `simulators.long_record`."""
+
+    @property
+    def time(self) -> Floats: ...
+    @property
+    def voltage(self) -> Floats: ...
+    @property
+    def saturated(self) -> bool: ...
+    @property
+    def ratio(self) -> float: ...
+    @property
+    def scatter(self) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One estimator over one dwell; all relative to the ratio.
+
+    Attributes:
+        repeats: pieces of the record.
+        u: standard deviation of their ratios; `u_u` its own standard uncertainty.
+        bias: of their mean; `bias_u` its standard uncertainty.
+        bound: Cramér–Rao, of the noise around the drive.
+        efficiency: bound² / u²; None where nothing scatters. Above 1 by chance, or by neglect of the trend.
+    """
+
+    estimator: str
+    dwell_s: float
+    repeats: int
+    u: float
+    u_u: float
+    bias: float
+    bias_u: float
+    bound: float
+    efficiency: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Recommended:
+    """The dwell for a target by least squares; None, and why, where there is none."""
+
+    target: float
+    dwell_s: float | None
+    u: float | None
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class DwellPrices:
+    """What dwells buy on one scene.
+
+    Attributes:
+        floor: relative standard uncertainties that no dwell lowers, by name; `floor_u` all together.
+        noise: relative standard uncertainty after one second by noise alone [√s].
+        saturated: a film was over-ranged: nothing here holds.
+    """
+
+    points: tuple[Point, ...]
+    floor: Mapping[str, float]
+    floor_u: float
+    noise: float
+    saturated: bool
+    recommended: tuple[Recommended, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def check(dwells: Sequence[float], estimators: Sequence[str], frequency: float, rate: float, duration: float) -> None:
+    """Refuse what gives no estimate, before anything is simulated.
+
+    Args:
+        duration: of the record that will be cut up [s].
+
+    Raises:
+        RangeError: a dwell below one cycle or above a tenth of the record, a frequency above half the sample rate.
+        UnknownName: no such estimator.
+    """
+    for name in estimators:
+        if name not in ESTIMATORS:
+            raise UnknownName("estimator", name, ESTIMATORS)
+    for dwell in dwells:
+        check_dwell(dwell, frequency, rate)
+        if not dwell * FEWEST <= duration * (1 + 1e-9):
+            raise RangeError(
+                f"dwell {dwell:g} s is above a {FEWEST}th of the record of {duration:g} s: too few repeats to tell a"
+                " spread; take a longer record or a shorter dwell"
+            )
+
+
+def measure(
+    record: LongRecord, frequency: float, dwells: Sequence[float], estimators: Sequence[str] = tuple(ESTIMATORS)
+) -> DwellPrices:
+    """Cut a record up by each dwell, and read each piece by each estimator.
+
+    Raises:
+        RangeError, UnknownName: as `check`.
+        EstimateError: the record does not determine a ratio.
+    """
+    rate = 1 / float(record.time[1] - record.time[0])
+    check(dwells, estimators, frequency, rate, record.time.size / rate)
+    whole = fit_sine(record.time, record.voltage, frequency)
+    points = tuple(_point(name, record, whole, round(dwell * rate), rate) for dwell in dwells for name in estimators)
+    ratio, u = amplitude_ratio(whole, 0, 1)
+    coherent = ratio / record.ratio - 1
+    floor = (
+        Floor(SCATTER, record.scatter),
+        Floor(COHERENT, abs(coherent) if abs(coherent) > SURE * u / ratio else 0.0),
+    )
+    noise = ratio_noise(whole, 0, 1)
+    return DwellPrices(
+        points=points,
+        floor={part.name: part.u for part in floor},
+        floor_u=floor_u(floor),
+        noise=noise,
+        saturated=record.saturated,
+        recommended=tuple(_recommend(target, noise, frequency, floor) for target in TARGETS),
+    )
+
+
+def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: float) -> Point:
+    repeats = min(record.time.size // n, MOST)
+    time = record.time[:n]
+    pieces = record.voltage[:, : repeats * n].reshape(2, repeats, n).swapaxes(0, 1)
+    # The first piece's times serve all: an amplitude does not depend on the phase with which a piece begins.
+    relative = amplitude_ratios(estimator, time, pieces, whole.frequency) / record.ratio
+    if not np.isfinite(relative).all():
+        raise EstimateError(f"{estimator}: a piece of the record gives no ratio; take a longer dwell")
+    u = float(relative.std(ddof=1))
+    correlation = float(whole.correlation[0, 1])
+    bound = ratio_bound(time, whole.frequency, whole.amplitude[:2], whole.phase[:2], whole.noise[:2], correlation)
+    return Point(
+        estimator=estimator,
+        dwell_s=n / rate,
+        repeats=repeats,
+        u=u,
+        u_u=u / math.sqrt(2 * (repeats - 1)),
+        bias=float(relative.mean()) - 1,
+        bias_u=u / math.sqrt(repeats),
+        bound=bound,
+        efficiency=(bound / u) ** 2 if u > ROUND_OFF else None,
+    )
+
+
+def _recommend(target: float, noise: float, frequency: float, floor: Sequence[Floor]) -> Recommended:
+    try:
+        found = dwell_of(target, noise, frequency, floor)
+    except RangeError as refused:
+        return Recommended(target, None, None, str(refused))
+    return Recommended(target, found.dwell, found.u, LEAST_SQUARES)

@@ -1,0 +1,70 @@
+"""A long record of a tooth's film and its base's under a settled load, without devices: what `accuracy dwell` cuts up.
+
+The gains' scatter is left out of it and told apart: within one load set it is a constant that no record shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from instrument.design import FILM_KINDS
+from simulators.effects.effect import StackEffect
+from simulators.lti import Floats
+from simulators.plan import LOOKED_AT, Question, driven
+from simulators.scene import Scene
+from simulators.waveforms import SETTLING, sampled
+
+SCATTER = "gain_scatter"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LongRecord:
+    """What the nodes send of two films.
+
+    Attributes:
+        time: (n,) s.
+        voltage: (2, n) V, the first tooth's film and its base's.
+        saturated: whether a sample was at its rail.
+        ratio: of the two amplitudes, if nothing but the sensor and what it touches were there.
+        scatter: relative standard deviation of the ratio from one load set to the next, by the films' gains.
+    """
+
+    time: Floats
+    voltage: Floats
+    saturated: bool
+    ratio: float
+    scatter: float
+
+
+def is_followed(scene: Scene, question: Question) -> bool:
+    """Whether the scene goes from transition to transition, at a millisecond of CPU time each."""
+    return bool(driven(scene, question).transitions(round(LOOKED_AT * 1e9)))
+
+
+def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
+    """The record of a question's load over its dwell, at `rate` samples a second.
+
+    Raises:
+        RangeError: the scene's model does not answer for the sample.
+    """
+    films = scene.design.films
+    tooth = next(film for film in films if film.kind == FILM_KINDS[0])
+    base = next(film for film in films if film.kind == FILM_KINDS[1] and set(tooth.teeth) <= set(film.teeth))
+    pair = [films.index(tooth), films.index(base)]
+    kept = replace(scene, effects={name: effect for name, effect in scene.effects.items() if name != SCATTER})
+    period_ns = round(1e9 / rate)
+    first = round(SETTLING * 1e9) // period_ns
+    time_ns = (first + np.arange(round(question.dwell * rate))) * period_ns
+    voltage, saturated = sampled(kept, driven(kept, question), time_ns, period_ns)
+    touched = {name: effect for name, effect in scene.effects.items() if isinstance(effect, StackEffect)}
+    gains = np.abs(driven(replace(scene, effects=touched), question).transfer(question.frequency))[pair]
+    strength = getattr(scene.effects.get(SCATTER), "strength", 0.0)
+    return LongRecord(
+        time=1e-9 * (time_ns - time_ns[0]),
+        voltage=voltage[pair],
+        saturated=bool(saturated[pair].any()),
+        ratio=float(gains[0] / gains[1]),
+        scatter=strength * scene.design.ratio_scatter,
+    )

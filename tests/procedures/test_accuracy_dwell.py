@@ -1,0 +1,119 @@
+"""palpate accuracy dwell: what a dwell buys, by whom, and what none buys."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instrument.errors import EstimateError
+from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats
+from procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
+from tests.procedures.conftest import Palpate
+
+FREQUENCY, RATE = 10.0, 250.0
+COMMAND = ("accuracy", "dwell", "--scene", "noisy_lab")
+
+
+@dataclass(frozen=True)
+class Record:
+    time: Floats
+    voltage: Floats
+    saturated: bool
+    ratio: float
+    scatter: float
+
+
+def record(relative: float, duration: float = 100.0, gain: float = 1.0, scatter: float = 0.04) -> Record:
+    time = np.arange(round(duration * RATE)) / RATE
+    amplitude = np.array([[0.2 * gain], [1.0]])
+    noise = np.random.default_rng(1).normal(size=(2, time.size)) * relative * amplitude
+    voltage = 3.0 + amplitude * np.cos(2 * np.pi * FREQUENCY * time + 0.3) + noise
+    return Record(time, voltage, False, 0.2, scatter)
+
+
+def rows(prices: DwellPrices, estimator: str) -> list[Point]:
+    return [p for p in prices.points if p.estimator == estimator]
+
+
+def test_least_squares_follow_the_bound_down_with_the_dwell() -> None:
+    prices = measure(record(0.05), FREQUENCY, (0.1, 1.0, 10.0))
+    for point in rows(prices, LEAST_SQUARES):
+        assert point.u == pytest.approx(point.bound, abs=3 * point.u_u)
+        assert abs(point.bias) < 4 * point.bias_u
+    first, *_, last = rows(prices, LEAST_SQUARES)
+    assert first.bound / last.bound > 10
+    assert (first.repeats, last.repeats) == (1000, 10)
+
+
+def test_peak_to_peak_and_rms_show_their_bias() -> None:
+    """Of films whose relative noise differs."""
+    taken = record(0.01)
+    taken.voltage[0] += 0.1 * np.random.default_rng(2).normal(size=taken.time.size)
+    prices = measure(taken, FREQUENCY, (1.0,))
+    for name in ESTIMATORS:
+        (point,) = rows(prices, name)
+        biased = name in ("RMS", "peak to peak")
+        assert (point.bias > 0.05) == biased, name
+
+
+def test_the_floor_holds_the_scatter_and_what_moves_with_the_drive() -> None:
+    prices = measure(record(0.01, gain=1.02), FREQUENCY, (1.0,), (LEAST_SQUARES,))
+    assert prices.floor[SCATTER] == 0.04
+    assert prices.floor[COHERENT] == pytest.approx(0.02, abs=1e-3)
+    assert prices.floor_u == pytest.approx(math.hypot(0.04, 0.02), abs=1e-3)
+    assert [each.dwell_s is None for each in prices.recommended] == [False, True, True, True]
+    assert "floor" in prices.recommended[1].why
+
+
+def test_a_bias_within_its_noise_is_no_floor() -> None:
+    prices = measure(record(0.3, scatter=0.0), FREQUENCY, (1.0,), (LEAST_SQUARES,))
+    assert prices.floor_u == 0.0
+    recommended = {each.target: each.dwell_s for each in prices.recommended}
+    assert recommended[0.01] == pytest.approx(2 * 2 * 0.3**2 / RATE / 0.01**2, rel=0.2)
+
+
+def test_a_silent_film_gives_no_prices() -> None:
+    silent = Record(np.arange(5000) / RATE, np.zeros((2, 5000)), False, 0.2, 0.0)
+    with pytest.raises(EstimateError):
+        measure(silent, FREQUENCY, (1.0,))
+
+
+def test_the_command_gives_a_table_a_plot_and_json(palpate: Palpate, tmp_path: Path) -> None:
+    said = palpate(*COMMAND, "--dwell", "0.2 s, 2 s", "--json", "--out", str(tmp_path / "new")).object
+    assert set(said) == {
+        "simulated", "scene", "sample", "load_N", "frequency_Hz", "sample_rate_Hz", "points", "floor", "floor_u",
+        "noise", "saturated", "recommended", "plot",
+    }  # fmt: skip
+    assert said["simulated"] is True and Path(said["plot"]).exists()
+    assert {p["estimator"] for p in said["points"]} == set(ESTIMATORS)
+    by = {(p["estimator"], p["dwell_s"]): p for p in said["points"]}
+    assert by["RMS", 2.0]["bias"] > 0.2  # hum
+    assert by[LEAST_SQUARES, 2.0]["bias"] == pytest.approx(0.02, abs=0.005)  # cables that move with the load
+    assert said["floor"][COHERENT] == pytest.approx(0.02, abs=0.002)
+
+
+def test_people_see_bound_bias_floor_and_stamp(palpate: Palpate) -> None:
+    said = palpate("accuracy", "dwell", "--dwell", "1 s", "--estimator", LEAST_SQUARES).out
+    assert "SIMULATED" in said and "bound" in said and "bias" in said
+    assert "floor that no dwell beats: 4.10%" in said and "for 1 %: no dwell" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "part"),
+    [
+        (("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),
+        (("--rate", "15 Hz"), "10 Hz lies outside 0 to half the sample rate, 7.5 Hz"),
+        (("--estimator", "least sqares"), "unknown estimator 'least sqares' (did you mean 'least squares'?)"),
+        (("--scene", "noisy_lap"), "did you mean 'noisy_lab'?"),
+        (("--sample", "9"), "unknown sample"),
+        (("--dwell", "1 N"), "1 N"),
+    ],
+)
+def test_what_gives_no_estimate_is_refused(palpate: Palpate, options: tuple[str, ...], part: str) -> None:
+    said = palpate("accuracy", "dwell", *options)
+    assert said.status == 2
+    assert part in said.err and said.out == ""
