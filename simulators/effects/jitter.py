@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, cast
 
 from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Seconds
 from simulators.changes import of_source
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.effects.effect import Bound, Case, Floats, HysteresisEffect, InputEffect, Kind
 from simulators.lti import Times
 from simulators.pickup import SIGMAS, signal, spread
 from simulators.randomness import Stream
+
+if TYPE_CHECKING:
+    from simulators.effects.pyroelectric import Pyroelectric
+    from simulators.effects.triboelectric import Triboelectric
 
 
 class Jitter(InputEffect):
@@ -35,11 +39,20 @@ class Jitter(InputEffect):
         return delays * rates()
 
     def error(self, case: Case, film: Film) -> float:
-        """Six standard deviations of a fit to noise of the signal's greatest rate [V]."""
+        """Six standard deviations of a fit to noise of the film's greatest rate [V]."""
         # An amplifier that drains the preload adds at most 1 / (e t) of it to the rate, t after the change.
         draining = (case.preload + case.amplitude) / case.amplitude / (math.e * case.settled)
-        rate = 2 * math.pi * case.frequency + draining
-        return SIGMAS * spread(case) * self.delay * rate * signal(case, film)
+        swing, drift = signal(case, film), 0.0
+        for effect in case.effects.values():
+            if isinstance(effect, HysteresisEffect) and effect.path == film.kind:
+                swing *= 1 + sum(abs(weight) for weight in effect.plays().weights)
+        moving = cast("Triboelectric | None", case.effects.get("triboelectric"))
+        warming = cast("Pyroelectric | None", case.effects.get("pyroelectric"))
+        if moving is not None:
+            swing += moving.error(case, film)
+        if warming is not None:
+            drift = warming.rate(film)
+        return SIGMAS * spread(case) * self.delay * ((2 * math.pi * case.frequency + draining) * swing + drift)
 
     def bound(self, case: Case) -> Bound:
         return of_source(case, self)

@@ -42,12 +42,15 @@ class Pyroelectric(SourceEffect):
             np.zeros((len(volts), 4)),
         )
 
+    def rate(self, film: Film) -> float:
+        """Greatest rate of what it adds to a film [V/s]."""
+        return film.sensitivity * (self.disc if film.kind == FILM_KINDS[0] else self.square) * abs(self.drift)
+
     def error(self, case: Case, film: Film) -> float:
         """What a fit takes from the warming, begun when the drive was switched on; later it is less."""
         source = self.source(case.design)
         delay = getattr(case.effects.get("jitter"), "delay", 0.0)
-        volts = film.sensitivity * (self.disc if film.kind == FILM_KINDS[0] else self.square)
-        late = SIGMAS * spread(case) * delay * volts * abs(self.drift)  # jitter of the drift
+        late = SIGMAS * spread(case) * delay * self.rate(film)  # jitter of the drift
         return warming(case, source, film) + 2 * late
 
     def bound(self, case: Case) -> Bound:
