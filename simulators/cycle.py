@@ -30,7 +30,7 @@ class Section:
 
     def state(self) -> Floats:
         """(s,)."""
-        return self.stay.steady.state(self.stay.start_ns, self.stay.state, np.array([self.time_ns]))[:, 0]
+        return self.stay.moment(self.time_ns)
 
 
 class Cycle:
@@ -77,7 +77,7 @@ class Cycle:
         begin_ns = self.start_ns + elapsed_ns
         state = self._state.copy()
         if number:
-            state[self._listeners] += self._lag - self._alone.motion.free(self._lag, np.array([elapsed_ns]))[:, 0]
+            state[self._listeners] += self._lag - self._alone.motion.moment(self._lag, elapsed_ns)
         lived = []
         for stay in self._stays:
             end_ns = min(stay.end_ns + self._period + elapsed_ns, begin_ns + self._period)
@@ -108,9 +108,8 @@ def recurrence(
     if any((mode.system.part(listeners).a != alone.a).any() for mode in modes):
         return None
     period_ns = now.time_ns - before.time_ns
-    turn = np.array([period_ns])
-    once = np.array([alone.motion.free(column, turn)[:, 0] for column in np.eye(len(listeners))]).T
-    change = alone.motion.free((state - was)[listeners], turn)[:, 0]
+    once = np.array([alone.motion.moment(column, period_ns) for column in np.eye(len(listeners))]).T
+    change = alone.motion.moment((state - was)[listeners], period_ns)
     try:
         lag = np.linalg.solve(np.eye(len(listeners)) - once, change) if listeners else change
     except np.linalg.LinAlgError:  # a listener that forgets nothing has no state to settle at

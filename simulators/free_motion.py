@@ -64,6 +64,13 @@ class FreeMotion:
         """exp(A t) x, shape (s, n)."""
         return self.seen(np.eye(len(x)), x, elapsed_ns, 0)
 
+    def moment(self, x: Floats, elapsed_ns: int) -> Floats:
+        """exp(A t) x at one time, (s,)."""
+        if self.modes is None:
+            return self.decay(x, np.array([elapsed_ns]))[:, 0]
+        rates, shapes, inverse = self.modes
+        return np.asarray((shapes @ (np.exp(rates * (1e-9 * elapsed_ns)) * (inverse @ x))).real)
+
     def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
         from scipy.linalg import expm

@@ -56,6 +56,12 @@ class Periodic:
         turns: Complexes = np.exp(2j * np.pi * np.outer(self.order, self.phase(time_ns) / CYCLE))
         return turns
 
+    def turn(self, time_ns: int) -> Complexes:
+        """The same at one time, (k,)."""
+        phase = (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
+        turn: Complexes = np.exp(2j * np.pi * (phase / CYCLE) * self.order)
+        return turn
+
     def summed(self, phasors: Complexes, time_ns: Times, step_ns: int = 0) -> Floats:
         """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
         count = len(time_ns)
@@ -66,7 +72,7 @@ class Periodic:
 
     def restarted(self, time_ns: int) -> Periodic:
         """The same function of time, counted from `time_ns`."""
-        phase = int(self.phase(np.array([time_ns]))[0])
+        phase = (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
         return Periodic(self.mean, self.frequency, time_ns, phase, self.order, self.amplitude)
 
     def scaled(self, factor: float, offset: float = 0.0) -> Periodic:
@@ -78,7 +84,7 @@ class Periodic:
 
     def held(self) -> Periodic:
         """A function of 0 Hz as what it is: its value at the start, for ever."""
-        return constant(float(self.at(np.array([self.start_ns]))[0]), self)
+        return constant(self.now(self.start_ns), self)
 
     def derivative(self) -> Periodic:
         """Its derivative, 1/s."""
@@ -97,6 +103,10 @@ class Periodic:
     def at(self, time_ns: Times) -> Floats:
         """Values, shape (n,)."""
         return self.mean + real_product(self.amplitude, self.turns(time_ns))
+
+    def now(self, time_ns: int) -> float:
+        """The value at one time."""
+        return self.mean + float((self.amplitude @ self.turn(time_ns)).real)
 
 
 def constant(value: float, like: Periodic) -> Periodic:
@@ -225,9 +235,17 @@ class Steady:
         """State (s, n) at times after `start_ns`, where it is `x0` (s,)."""
         return self._periodic(time_ns) + self.system.motion.free(self.gap(start_ns, x0), time_ns - start_ns)
 
+    def moment(self, start_ns: int, x0: Floats, time_ns: int) -> Floats:
+        """The state (s,) at one time."""
+        return self._now(time_ns) + self.system.motion.moment(self.gap(start_ns, x0), time_ns - start_ns)
+
     def gap(self, start_ns: int, x0: Floats) -> Floats:
         """What the state `x0` (s,) is off from the periodic one."""
-        return x0 - self._periodic(np.array([start_ns]))[:, 0]
+        return x0 - self._now(start_ns)
+
+    def _now(self, time_ns: int) -> Floats:
+        mean, parts = self._harmonics
+        return mean + sum((phasors @ base.turn(time_ns)).real for base, phasors in parts)
 
     def _periodic(self, time_ns: Times) -> Floats:
         mean, parts = self._harmonics

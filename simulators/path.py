@@ -72,14 +72,17 @@ class Stretch:
             self.traces[key] = self.steady.trace(row(self.mode.system), self.start_ns, self.state)
         return self.traces[key]
 
+    def moment(self, time_ns: int) -> Floats:
+        """The state (s,) at a time of the stay."""
+        return self.steady.moment(self.start_ns, self.state, time_ns)
+
     def after(self, inputs: tuple[Periodic, ...]) -> tuple[Mode, Floats]:
         """The mode and the state that follow; the same mode where only the search ended."""
-        now = np.array([self.end_ns])
-        state = self.steady.state(self.start_ns, self.state, now)[:, 0]
+        state = self.moment(self.end_ns)
         if self.failed is None:
             return self.mode, state
         if self.failed.entry is not None:
-            state = self.failed.entry(state, np.array([each.at(now)[0] for each in inputs]))
+            state = self.failed.entry(state, np.array([each.now(self.end_ns) for each in inputs]))
         return self.failed.following(), state
 
 
@@ -134,9 +137,9 @@ class Path:
 
         return self._collect(time_ns, lambda stay, times: stay.trace("rates", rows, row).at(times, step_ns))
 
-    def states(self, time_ns: Times) -> Floats:
-        """State (s, n) at ascending times from the change on."""
-        return self._collect(time_ns, lambda s, t: s.steady.state(s.start_ns, s.state, t))
+    def state(self, time_ns: int) -> Floats:
+        """The state (s,) at a time from the change on."""
+        return self._between(time_ns, time_ns)[-1].moment(time_ns)
 
     def mode_at(self, time_ns: int) -> Mode:
         """The mode at a time from the change on."""

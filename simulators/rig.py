@@ -121,13 +121,13 @@ class Rig:
 
     def reset_film(self, channel: int) -> None:
         """The integrator of a channel's charge amplifier is shorted: its output starts from zero."""
-        now = np.array([self._clock.now_ns()])
-        state = self._paths[-1].states(now)[:, 0]
-        system = self._paths[-1].mode_at(int(now[0])).system
+        now = self._clock.now_ns()
+        state = self._paths[-1].state(now)
+        system = self._paths[-1].mode_at(now).system
         for number, film in enumerate(self._films):
             own = self._last.amplifier_states.get(number)
             if film.channel == channel and own is not None:
-                output = float(self._paths[-1].outputs(now, slice(number, number + 1))[0, 0])
+                output = float(self._paths[-1].outputs(np.array([now]), slice(number, number + 1))[0, 0])
                 state[own] -= output / system.c[number, own]
         self._begin(state)
 
@@ -177,7 +177,7 @@ class Rig:
         system = path.mode_at(path.start_ns).system
         voltage, rate = self._voltage, self._voltage.derivative()
         forcing = system.b[:, 0] * voltage.amplitude[0] + system.b[:, 2] * rate.amplitude[0]
-        return system, path.states(np.array([path.start_ns]))[:, 0], forcing
+        return system, path.state(path.start_ns), forcing
 
     def touch(self) -> Touch:
         """What touched as the present settings began."""
@@ -208,7 +208,7 @@ class Rig:
         self.changes += 1
         last = self._paths[-1]
         if state is None:
-            state = last.states(np.array([now]))[:, 0]
+            state = last.state(now)
         touch = last.mode_at(now).touch
         self._voltage = self._voltage.restarted(now)
         self._last = self._chain()
