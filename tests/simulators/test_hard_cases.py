@@ -1,7 +1,8 @@
 """Hard cases of simulation, each with the naive method beside it, shown failing, and the shipped one holding.
 
 Cases that other files hold with their naive method: phase after 1e9 samples, 1 us under Euler, nearly parallel modes
-(test_lti), short dips (test_path), large offsets (test_estimate, test_calibration), near saturation (test_softness).
+(test_lti), short dips (test_path), short records, near saturation, times (test_hard_estimates), large offsets
+(test_estimate, test_calibration).
 """
 
 from __future__ import annotations
