@@ -21,7 +21,7 @@ from procedures.films import DwellChoice, FilmPoint, Films, measure
 from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, preload
+from procedures.servo import LoadServo, check_zero, press
 
 SMALLEST_LOAD = 2.0  # steps of the indicator
 
@@ -114,13 +114,8 @@ def run(
     bench.positioner.home()
     check_zero(bench, calibration)
     for name, of_sample in groupby(steps, lambda step: step.sample):
-        sample = get_sample(name)
         progress(len(points), len(steps), f"mount sample {name}")
-        bench.rest()
-        bench.positioner.home()
-        bench.operator.mount(sample)
-        preloaded = preload(bench, calibration, preload_for(settings.loads))
-        bench.drive()
+        preloaded = press(bench, calibration, get_sample(name), preload_for(settings.loads))
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
         for step in of_sample:
             what = f"sample {name}, {show(step.load_N, 'N')}"

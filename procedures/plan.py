@@ -60,10 +60,15 @@ class Plan(Generic[S]):
         }
 
 
-def point_seconds(frequency: float, dwell: float, first: bool) -> float:
-    """From the load before to the end of a point, with a steady load [s]; the first goes with a new sample."""
+def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None = None) -> float:
+    """From the load before to the end of a point, with a steady load [s]; the first goes with a new sample.
+
+    `steps`: of the servo; None: as many as loads take that follow each other.
+    """
     reading = (READINGS - 1) * READING_INTERVAL
-    servo = (FIRST_STEPS if first else LATER_STEPS) * (window(frequency) + READING_INTERVAL + reading)
+    if steps is None:
+        steps = FIRST_STEPS if first else LATER_STEPS
+    servo = steps * (window(frequency) + READING_INTERVAL + reading)
     settling = 2 * max(SHORT_RECORD, 2 / frequency)
     return (MOUNTING + APPROACH if first else 0.0) + servo + settling + dwell + reading
 

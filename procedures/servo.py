@@ -10,6 +10,7 @@ from instrument.calibration import LoadCellCalibration
 from instrument.contracts.signal_generator import LARGEST_PEAK
 from instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
 from instrument.quantity import show
+from instrument.sample import Sample
 
 READINGS = 4  # averaged: the display's own noise dithers its steps
 READING_INTERVAL = 0.1  # s, the display is renewed ten times a second
@@ -104,6 +105,19 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
     )
 
 
+def press(bench: Bench, calibration: LoadCellCalibration, sample: Sample, force: float) -> float:
+    """Have a sample mounted, press the probe on it with a static force in N, and switch the outputs on, at zero.
+
+    Returns the force reached. Raises as `preload`, and what the operator raises.
+    """
+    bench.rest()
+    bench.positioner.home()
+    bench.operator.mount(sample)
+    reached = preload(bench, calibration, force)
+    bench.drive()
+    return reached
+
+
 def window(frequency: float) -> float:
     """Over which the indicator takes a peak-to-peak value: three cycles of a frequency in Hz [s]."""
     return min(10.0, max(0.5, 3 / frequency))
@@ -144,6 +158,11 @@ class LoadServo:
             f"{load:g} N peak to peak is not reached in {SERVO_STEPS} steps: {measured:.3g} N at "
             f"{show(self._amplitude, 'V')}; check the mounting of the sample"
         )
+
+    @property
+    def amplitude(self) -> float:
+        """Of the generator, V, peak."""
+        return self._amplitude
 
     def watch(self) -> None:
         """Read the force once, between steps of something that takes long.

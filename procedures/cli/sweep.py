@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.cli.options import Choice, Output, bench_options
 
+if TYPE_CHECKING:
+    from procedures.cli.session import Target
+
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 EXTRAPOLATE = click.option("--extrapolate", is_flag=True, help="Let loads pass that lie outside the calibrated range.")
+MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
 
 
 @click.group()
@@ -27,7 +33,7 @@ def sweep() -> None:
 @click.option("--dwell", help="Time over which each point is averaged (default: 1 s).")
 @click.option("--tolerance", help="Instead: relative standard uncertainty of a point, by which its dwell is chosen.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
-@click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
+@MODEL
 @EXTRAPOLATE
 @DRY_RUN
 @bench_options
@@ -52,10 +58,7 @@ def loads(
     from instrument.quantity import parse
     from instrument.sample import parse_samples
     from procedures import load_plan, load_sweep
-    from procedures.cli.keys import keyboard
-    from procedures.cli.session import Target, conduct, target_of
-    from procedures.report.load_sweep import plot_sweep, print_sweep
-    from procedures.report.plan import print_plan
+    from procedures.report import load_sweep as report
 
     if dwell is not None and tolerance is not None:
         raise UsageError("--dwell and --tolerance: the one is chosen by the other; give one of them")
@@ -67,30 +70,90 @@ def loads(
         None if tolerance is None else parse(tolerance, ""),
         extrapolate,
     )
+    _sweep(load_plan, load_sweep, report, settings, choice, output, dry_run, model)
+
+
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep frequency\n\n  palpate sweep frequency --frequencies '0.2 Hz, 1 Hz, 10 Hz'"
+    " --sample 6\n\n  palpate sweep frequency --scene everything --dry-run"
+)
+@click.option(
+    "--frequencies", default="0.1 Hz:100 Hz:13", show_default=True, help="first:last:count, logarithmic, or a list."
+)
+@click.option("--sample", default="1", show_default=True, help="Rubber sample.")
+@click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
+@click.option("--dwell", default="1 s", show_default=True, help="Shortest time at a point; three cycles at least.")
+@MODEL
+@EXTRAPOLATE
+@DRY_RUN
+@bench_options
+def frequency(
+    frequencies: str,
+    sample: str,
+    load: str,
+    dwell: str,
+    model: str | None,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Gain and phase of each film over frequency, the charge amplifiers' corner, and a resonance.
+
+    Gains are film voltage for the load that the cell measures. Generator and sensor nodes share no clock, so phases
+    are those before the first base film. The band of touch, to 20 Hz, is marked.
+    """
+    from instrument.quantity import parse
+    from procedures import frequency_sweep
+    from procedures.report import frequency_sweep as report
+
+    settings = frequency_sweep.FrequencySettings(
+        frequency_sweep.parse_frequencies(frequencies), sample, parse(load, "N"), parse(dwell, "s"), extrapolate
+    )
+    _sweep(frequency_sweep, frequency_sweep, report, settings, choice, output, dry_run, model)
+
+
+def _sweep(
+    planned: ModuleType,
+    procedure: ModuleType,
+    report: ModuleType,
+    settings: Any,
+    choice: Choice,
+    output: Output,
+    dry_run: bool,
+    model: str | None,
+) -> None:
+    """Plan and conduct a sweep; `planned` checks and plans it, `procedure` runs it."""
+    from procedures.cli.keys import keyboard
+    from procedures.cli.session import conduct, target_of
+    from procedures.report.plan import print_plan
 
     def check(target: Target) -> None:
-        load_plan.check(settings, target.design, target.force_limit, target.nodes)
+        planned.check(settings, target.design, target.force_limit, target.nodes)
 
     if dry_run:
         target = target_of(choice, model)
         check(target)
-        plan = load_plan.plan(settings, target.design)
-        output.json(plan.summary()) if output.as_json else print_plan(plan)
+        plan = planned.plan(settings, target.design)
+        if output.as_json:
+            output.json(plan.summary())
+        elif output.for_people:
+            print_plan(plan)
         return
     with keyboard() as pause:
         session, result, outcome = conduct(
-            load_plan.PROCEDURE,
+            planned.PROCEDURE,
             choice,
             output,
             asdict(settings),
             check,
-            lambda session, progress: load_sweep.run(
+            lambda session, progress: procedure.run(
                 session.bench, session.design, session.calibration, settings, session.record, progress, pause
             ),
             model=model,
         )
-    plot = plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
+    plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
     if output.as_json:
         output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
     elif output.for_people:
-        print_sweep(result, session.design, outcome, plot)
+        report.print_sweep(result, session.design, outcome, plot)

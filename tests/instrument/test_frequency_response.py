@@ -1,0 +1,54 @@
+"""Corner and resonance come back from gains that have them, as well as is stated; and not from others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from instrument.errors import EstimateError
+from instrument.frequency_response import fit_corner, fit_resonance, high_pass, mass_on_spring
+
+FREQUENCY = np.geomspace(0.1, 100, 13)
+
+
+def test_an_exact_high_pass_gives_its_corner_and_time_constant() -> None:
+    found = fit_corner(FREQUENCY, np.exp(high_pass(FREQUENCY, np.log(5e-3), 0.159)), 1e-5 * np.ones(13))
+    assert found is not None
+    assert (found.gain, found.corner_Hz) == pytest.approx((5e-3, 0.159), rel=1e-6)
+    assert found.time_constant == pytest.approx(1 / (2 * np.pi * 0.159))
+
+
+def test_the_stated_uncertainty_of_a_corner_is_its_scatter() -> None:
+    random = np.random.default_rng(3)
+    exact = np.exp(high_pass(FREQUENCY, 0.0, 0.159))
+    found = [fit_corner(FREQUENCY, exact * (1 + 0.03 * random.standard_normal(13)), 0.03 * exact) for _ in range(200)]
+    z = [(each.corner_Hz - 0.159) / each.corner_u for each in found if each is not None]
+    assert len(z) == 200
+    assert np.std(z) == pytest.approx(1, rel=0.15)
+    assert abs(np.mean(z)) < 0.3
+
+
+def test_a_flat_gain_shows_no_corner() -> None:
+    flat = 1 + 0.01 * np.random.default_rng(4).standard_normal(13)
+    assert fit_corner(FREQUENCY, flat, 0.01 * flat) is None
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.5])
+def test_a_resonance_is_found_however_damped(damping: float) -> None:
+    response = np.exp(mass_on_spring(FREQUENCY, 0.0, 37.0, damping))
+    noisy = response * (1 + 0.01 * np.random.default_rng(5).standard_normal(13))
+    found = fit_resonance(FREQUENCY, noisy, 0.01 * response)
+    assert found is not None
+    assert found.frequency_Hz == pytest.approx(37.0, abs=3 * found.frequency_u)
+    assert found.damping == pytest.approx(damping, abs=3 * found.damping_u)
+    assert found.frequency_u < 2.0
+
+
+def test_a_flat_response_has_no_resonance() -> None:
+    flat = 1 + 0.01 * np.random.default_rng(6).standard_normal(13)
+    assert fit_resonance(FREQUENCY, flat, 0.01 * flat) is None
+
+
+def test_too_few_frequencies_are_refused() -> None:
+    with pytest.raises(EstimateError, match="2 frequencies do not determine it; sweep 3 or more"):
+        fit_corner([1, 2], [1, 1], [0.1, 0.1])

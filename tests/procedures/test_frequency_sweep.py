@@ -1,0 +1,81 @@
+"""`palpate sweep frequency` finds the charge amplifiers' corner and the shaker's resonance."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from instrument.designs import get_design
+from instrument.errors import RangeError
+from procedures.frequency_sweep import FrequencySettings, check, dwell_at, parse_frequencies
+from procedures.run import Run
+from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate
+
+SWEEP = ("sweep", "frequency")
+
+
+def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "slow.toml"
+    scene.write_text(IDEAL_SCENE + '[effects.charge_amplifier]\ntime_constant = "0.5 s"\n[effects.load_cell]\n')
+    arguments = ("--scene", str(scene), "--frequencies", "0.2 Hz, 0.5 Hz, 30 Hz", "--dwell", "0.1 s", "--json")
+    found = palpate(*SWEEP, *arguments).object
+    for corner in found["corners"]:
+        assert corner["corner_Hz"] == pytest.approx(1 / math.pi, abs=2 * corner["corner_u"])
+        assert corner["corner_Hz"] == pytest.approx(1 / math.pi, rel=0.03)
+    assert [(p["frequency_Hz"], p["tactile"], p["valid"]) for p in found["points"]] == [
+        (0.2, True, True), (0.5, True, True), (30.0, False, True),
+    ]  # fmt: skip
+    for point in found["points"]:
+        rigid, total = point["films"]
+        assert abs(rigid["phase_deg"]) < 0.2  # both amplifiers are alike
+        assert (total["phase_deg"], total["phase_u"]) == (0, 0)
+    assert found["points"][2]["films"][1]["gain_V_per_N"] == pytest.approx(68.6e-3, rel=0.02)
+    assert len(Run.open(Path(found["run"])).points()) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--frequencies", "1 Hz, 2 Hz"), "2 of them; a corner takes 3 to 200"),
+        (("--frequencies", "1 Hz:2 Hz:2"), "a count of 3 to 200"),
+        (("--frequencies", "3 Hz, 2 Hz, 5 Hz"), "they must increase"),
+        (("--frequencies", "0.01 Hz, 1 Hz, 2 Hz"), "frequency 0.01 Hz is outside 0.1 to 100 Hz"),
+        (("--frequencies", "1 Hz, 9 Hz, 1 kHz"), "frequency 1000 Hz is outside 0.1 to 100 Hz"),
+        (("--frequencies", "1.00049 Hz, 2 Hz, 3 Hz"), "lies between the generator's steps"),
+        (("--dwell", "2 h"), "dwell 7200 s is outside 0 to 3600 s"),
+        (("--load", "9.5 N"), "above the bench's force limit of 10 N"),
+        (("--sample", "7"), "unknown sample '7'"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused_before_a_bench_starts(
+    palpate: Palpate, benches: Benches, arguments: tuple[str, str], message: str
+) -> None:
+    spoken = palpate(*SWEEP, *arguments)
+    assert (spoken.status, message in spoken.complaint) == (2, True), spoken.err
+    assert (benches, list(Path().iterdir())) == ([], [])
+
+
+def test_frequencies_are_even_in_the_logarithm_and_on_the_generators_steps() -> None:
+    assert parse_frequencies("0.1 Hz:100 Hz:4") == (0.1, 1.0, 10.0, 100.0)
+    assert parse_frequencies("1 Hz:2 Hz:3") == (1.0, 1.414, 2.0)
+    assert parse_frequencies("1 Hz, 3 Hz, 5 Hz") == (1.0, 3.0, 5.0)
+
+
+def test_a_dwell_is_of_whole_cycles_three_at_least() -> None:
+    assert dwell_at(0.1, 1.0) == pytest.approx(30.0)
+    assert dwell_at(10.0, 1.0) == pytest.approx(1.0)
+    assert dwell_at(17.783, 1.0) * 17.783 == pytest.approx(18)
+
+
+def test_a_bench_with_too_few_nodes_is_refused() -> None:
+    settings = FrequencySettings((1.0, 2.0, 3.0), "1", 2.0, 1.0)
+    with pytest.raises(RangeError, match="17 films on 5 sensor nodes"):
+        check(settings, get_design("array_16"), 10.0, 1)
+
+
+def test_a_dry_run_takes_the_time_of_the_plan(palpate: Palpate, benches: Benches) -> None:
+    found = palpate(*SWEEP, "--dry-run", "--json").object
+    assert (len(found["points"]), benches) == (13, [])
+    assert found["expected_seconds"] == pytest.approx(401, rel=0.15)  # what the default sweep takes
