@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, ValidationError
 
@@ -25,7 +26,7 @@ from instrument.errors import ConfigError, RangeError
 from instrument.load import Load
 from instrument.models.parameters import solid_parameters
 from instrument.models.response import MODELS, Response
-from instrument.models.surface import fixed
+from instrument.models.surface import CODE_VERSION, fixed
 from instrument.quantity import show
 
 STORED = Path(__file__).with_name("prices.json")
@@ -47,7 +48,8 @@ class Reference(Config):
     """The converged force ratios of one design that errors are taken against.
 
     Attributes:
-        fingerprint: of all that the finite-element models look at but modulus and force.
+        fingerprint: of all that the finite-element models look at but modulus and force, and of the version of their
+            code: prices of another one are not believed.
         force_ratios, uncertainties: at each modulus of the list.
         how: they were got and checked.
     """
@@ -64,10 +66,13 @@ class Price(Config):
 
     Attributes:
         errors: greatest distance from the reference, with the reference's uncertainty, from each modulus of the
-            list to the next; None where the model does not answer in all of it, or was not asked.
+            list to the next: of closed forms and surfaces all along, of the axisymmetric model at both ends and in the
+            geometric middle, of the solid model at both ends; None where the model does not answer in all of it, or
+            was not asked.
         estimates: greatest of the model's own bounds on its error, likewise; None where it has none.
-        build_s, solve_s, evaluate_s: time that one answer takes at this refinement, taken apart [s].
-        answer_s: time that a caller of the model pays for an answer like this, with every mesh that its error
+        build_s, solve_s, evaluate_s: processor time that one answer takes at this refinement, taken apart [s]; a
+            surface is built once, and its time is on the wall.
+        answer_s: processor time that a caller of the model pays for an answer like this, with every mesh that its error
             estimate needs [s]; None where no caller gets it.
         failure: why something is missing; empty where nothing is.
     """
@@ -115,8 +120,13 @@ class Choice:
 
 
 class PriceList(Config):
-    """All prices, between Young moduli of the object that rise [Pa]."""
+    """All prices, between Young moduli of the object that rise [Pa].
 
+    Attributes:
+        format: raised with every change of what a field means; a list of another one is refused.
+    """
+
+    format: Literal[2] = 2
     machine: Machine
     moduli_Pa: tuple[float, ...] = Field(min_length=2)
     references: tuple[Reference, ...]
@@ -235,8 +245,9 @@ def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Resp
 
 
 def fingerprint(design: Design, load: Load) -> str:
-    """SHA-256 of all that the finite-element models look at but modulus and force."""
-    return hashlib.sha256(fixed(solid_parameters(design, load)).encode()).hexdigest()
+    """SHA-256 of all that the finite-element models look at but modulus and force, and of the version of their code."""
+    text = f"code {CODE_VERSION};{fixed(solid_parameters(design, load))}"
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @functools.cache

@@ -42,6 +42,8 @@ NODES = (25, 49, 97)  # each has the one before among its nodes
 # the force.
 PROBES = (4.0, 40.0)
 REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
+# More teeth take the solid model's coarsest mesh: each modulus would cost a minute on the next one.
+FEW_TEETH = 4
 STORED = Path(__file__).with_name("surfaces")
 
 
@@ -54,7 +56,7 @@ class ResponseSurface:
         lowest, highest: modulus ratios between which it answers.
         error_bound: greatest relative difference from the finite-element model.
         discretisation: bound on the error of the finite-element model's force ratio.
-        seconds: that it took to build.
+        seconds: that it took to build, on the wall.
         model: the finite-element model's name.
         design_hash: of parameters, refinement and code version.
     """
@@ -133,7 +135,7 @@ def fixed(parameters: Parameters) -> str:
 def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
     """SHA-256 of what a surface depends on; without a refinement that of the stored surfaces."""
     model = _model(parameters)
-    used = REFINEMENTS[model] if refinement is None else refinement
+    used = _refinement(parameters) if refinement is None else refinement
     text = f"surface {CODE_VERSION};{model};refinement={used};{fixed(parameters)}"
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -156,7 +158,7 @@ def build(
         EstimateError: 97 nodes do not reach a relative error of ERROR_LIMITS.
     """
     start = time.perf_counter()
-    used = REFINEMENTS[_model(parameters)] if refinement is None else refinement
+    used = _refinement(parameters) if refinement is None else refinement
     limit = ERROR_LIMITS[_model(parameters)]
     known: dict[Fraction, float] = {}
 
@@ -196,19 +198,31 @@ def build(
     )
 
 
-def load(path: Path, parameters: Parameters, refinement: int | None = None) -> ResponseSurface:
-    """Read the surface of that sensor.
+def read(path: Path) -> ResponseSurface:
+    """What `ResponseSurface.save` wrote.
 
     Raises:
-        ConfigError: no such file, it is corrupt, or it belongs to another design or code version.
+        ConfigError: no such file, or it is corrupt.
     """
-    surface = _read(path)
-    expected = design_hash(parameters, refinement)
-    if surface.design_hash != expected:
-        raise ConfigError(
-            f"response surface {path}: belongs to another design or version ({surface.design_hash[:12]}, not"
-            f" {expected[:12]}); build it for this one"
-        )
+    try:
+        # np.load leaves a file that it opened itself open when it turns out to be cut off.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            lowest, highest, bound, discretisation, seconds = (float(value) for value in stored["numbers"])
+            surface = ResponseSurface(
+                coefficients=np.asarray(stored["coefficients"], dtype=np.float64),
+                lowest=lowest,
+                highest=highest,
+                error_bound=bound,
+                discretisation=discretisation,
+                seconds=seconds,
+                model=str(stored["model"]),
+                design_hash=str(stored["design_hash"]),
+            )
+            content = str(stored["content_hash"])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
+    if content != surface._content_hash():
+        raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
     return surface
 
 
@@ -228,7 +242,7 @@ def _find(design: Design, load: Load) -> ResponseSurface:
     parameters = surface_parameters(design, load)
     path = STORED / f"{design.name}.npz"
     if path.exists():
-        surface = _read(path)
+        surface = read(path)
         if surface.design_hash == design_hash(parameters):
             return surface
     shipped = ", ".join(sorted(file.stem for file in STORED.glob("*.npz")))
@@ -263,6 +277,16 @@ def _model(parameters: Parameters) -> str:
     return "axisymmetric" if isinstance(parameters, RoundParameters) else "solid"
 
 
+def _refinement(parameters: Parameters) -> int:
+    """Of the stored surface."""
+    return 0 if has_many_teeth(parameters) else REFINEMENTS[_model(parameters)]
+
+
+def has_many_teeth(parameters: Parameters) -> bool:
+    """More than FEW_TEETH."""
+    return isinstance(parameters, SolidParameters) and parameters.columns * parameters.rows > FEW_TEETH
+
+
 def _solve(parameters: Parameters, refinement: int, modulus_ratio: float) -> float:
     """The finite-element model's force ratio. Of the module, so that another process can call it."""
     from instrument.models import axisymmetric, solid
@@ -271,26 +295,3 @@ def _solve(parameters: Parameters, refinement: int, modulus_ratio: float) -> flo
     if isinstance(parameters, RoundParameters):
         return axisymmetric.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
     return solid.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
-
-
-def _read(path: Path) -> ResponseSurface:
-    try:
-        # np.load leaves a file that it opened itself open when it turns out to be cut off.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            lowest, highest, bound, discretisation, seconds = (float(value) for value in stored["numbers"])
-            surface = ResponseSurface(
-                coefficients=np.asarray(stored["coefficients"], dtype=np.float64),
-                lowest=lowest,
-                highest=highest,
-                error_bound=bound,
-                discretisation=discretisation,
-                seconds=seconds,
-                model=str(stored["model"]),
-                design_hash=str(stored["design_hash"]),
-            )
-            content = str(stored["content_hash"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
-    if content != surface._content_hash():
-        raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
-    return surface

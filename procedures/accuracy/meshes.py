@@ -4,24 +4,38 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from instrument.design import Design
 from instrument.errors import EstimateError
 from instrument.load import Load
 from instrument.models import axisymmetric, solid
+from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from instrument.models.solid_mesh import Resolution
+from instrument.models.surface import has_many_teeth
+from instrument.sample import SAMPLES
 
 PROCESSES = 2
 Apply = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
+Progress = Callable[[int, int, str], None]
 
+# The thesis' softest and hardest objects, the ends of the rubber samples, and one more.
+MODULI = (1.49e4, SAMPLES["2"].modulus, SAMPLES["1"].modulus, 1e6, 140e9)
+MIDDLES = tuple((low * high) ** 0.5 for low, high in pairwise(MODULI))
+TIMED = MODULI[2]
+
+# One more point of the solid model's curve, coarser than any mesh that it refines from.
+COARSEST = -1
+COARSEST_MESH = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 # The second way to a reference: no pressure among the unknowns (axisymmetric), another grading and degree (solid).
 PLAIN = 1.0
 OTHER_FAMILY = Resolution(layers=3, ratio=0.15, sectors=1, degree=4)
+FINER = 2  # refinement that is the second way of many teeth: another family would not fit into memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +43,7 @@ class Mesh:
     """What to solve, and on which mesh.
 
     Attributes:
-        refinement: of the finite-element model; the axisymmetric one also beyond its own.
+        refinement: of the finite-element model; the axisymmetric one also beyond its own, or COARSEST.
         second: the second way to a reference.
     """
 
@@ -42,6 +56,13 @@ class Mesh:
         """Of `response.MODELS`."""
         return "axisymmetric" if isinstance(self.parameters, RoundParameters) else "solid"
 
+    @property
+    def moduli(self) -> Sequence[float]:
+        """Of the object that it is solved at [Pa]; the second way takes a minute with the solid model."""
+        if self.model == "solid":
+            return (TIMED,) if self.second else MODULI
+        return MODULI if self.second else (*MODULI, *MIDDLES)
+
     def at(self, modulus: float) -> Mesh:
         """The same mesh under an object of that modulus [Pa]."""
         return replace(self, parameters=replace(self.parameters, sensed_modulus=modulus))
@@ -53,7 +74,7 @@ class Solved:
 
     Attributes:
         imbalance: of the forces, over the total force.
-        seconds: to build, to solve, and to evaluate.
+        seconds: of the processor, to build, to solve, and to evaluate.
     """
 
     force_ratio: float | None
@@ -62,11 +83,16 @@ class Solved:
     failure: str = ""
 
 
+Results = Mapping[Mesh, Solved]
+Values = Sequence[float | None]
+
+
 def refinements(design: Design, load: Load) -> dict[str, list[Mesh]]:
     """The meshes of each finite-element model that knows the design, from the coarsest."""
     around = round_parameters(design, load) if len(design.teeth) == 1 else None
     found = {"axisymmetric": [Mesh(around, refinement) for refinement in axisymmetric.REFINEMENTS]} if around else {}
-    return {**found, "solid": [Mesh(solid_parameters(design, load), refinement) for refinement in solid.REFINEMENTS]}
+    square = solid_parameters(design, load)
+    return {**found, "solid": [Mesh(square, refinement) for refinement in (COARSEST, *solid.REFINEMENTS)]}
 
 
 def references(design: Design, load: Load) -> list[Mesh]:
@@ -78,20 +104,50 @@ def references(design: Design, load: Load) -> list[Mesh]:
 
 
 def solve(mesh: Mesh) -> Solved:
-    """Solve with the core dependencies alone, whatever else is installed."""
+    """Solve; at TIMED with the core dependencies alone, elsewhere with the fastest solver that is installed."""
     try:
         if isinstance(mesh.parameters, RoundParameters):
             form = PLAIN if mesh.second else axisymmetric.MIXED_POISSON
             # Degree and layers go on as in axisymmetric.solve.
             found = axisymmetric.solve_on(mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, form)
             return Solved(found.force_ratio, found.imbalance, found.seconds)
-        if mesh.second:
-            answer = solid.solve_on(mesh.parameters, OTHER_FAMILY, "superlu")
-        else:
-            answer = solid.solve(mesh.parameters, mesh.refinement, "superlu")
+        priced = mesh.parameters.sensed_modulus == TIMED and not mesh.second
+        answer = solid.solve_on(mesh.parameters, _resolution(mesh), "superlu" if priced else "")
         return Solved(answer.force_ratio, seconds=(*answer.seconds, 0.0))
     except EstimateError as error:
         return Solved(None, failure=str(error))
+
+
+def _resolution(mesh: Mesh) -> Resolution:
+    if mesh.second:
+        return solid.resolution_of(FINER) if has_many_teeth(mesh.parameters) else OTHER_FAMILY
+    return COARSEST_MESH if mesh.refinement == COARSEST else solid.resolution_of(mesh.refinement)
+
+
+def solve_all(designs: Sequence[Design], progress: Progress) -> dict[Mesh, Solved]:
+    """Every mesh of every design at its moduli: first where it is timed, for a mesh that fails there is left alone."""
+    load = PHYSICAL.load(TIMED)
+    families = [family for design in designs for family in refinements(design, load).values()]
+    priced = list(dict.fromkeys(mesh for family in families for mesh in family))
+    checks = [mesh.at(modulus) for design in designs for mesh in references(design, load) for modulus in mesh.moduli]
+    total = len(checks) + sum(len(mesh.moduli) for mesh in priced)
+    solved: dict[Mesh, Solved] = {}
+    with side_by_side() as apply:
+
+        def take(meshes: Sequence[Mesh], what: str) -> None:
+            for mesh, found in zip(meshes, apply(solve, meshes), strict=True):
+                solved[mesh] = found
+                progress(len(solved), total, what)
+
+        # The slow ones first, that none is left to run alone at the end.
+        take(priced[::-1], "each mesh, timed")
+        able = [mesh for mesh in priced if solved[mesh].force_ratio is not None]
+        for mesh in priced:
+            if mesh not in able:
+                solved.update({mesh.at(modulus): solved[mesh] for modulus in mesh.moduli})
+        take(checks, "references")
+        take([mesh.at(m) for mesh in able[::-1] for m in mesh.moduli if m != TIMED], "the same at other moduli")
+    return solved
 
 
 @contextmanager

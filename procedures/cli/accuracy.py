@@ -7,13 +7,22 @@ from pathlib import Path
 import click
 
 from procedures.cli.accuracy_dwell import dwell_command
+from procedures.cli.accuracy_page import page
 from procedures.cli.integrators import integrators
 from procedures.cli.options import FILE_NAME, Output, output_options
 
 
-@click.group()
-def accuracy() -> None:
-    """What accuracy costs in time."""
+@click.group(
+    invoke_without_command=True,
+    epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --out prices --json\n\n  palpate accuracy dwell",
+)
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, accuracy.png (default: no plot).")
+@output_options
+@click.pass_context
+def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """What accuracy costs in time. Without a command: all of it on one page, some 20 s."""
+    if context.invoked_subcommand is None:
+        page(out, Output(as_json, quiet))
 
 
 accuracy.add_command(integrators)
@@ -24,16 +33,17 @@ accuracy.add_command(dwell_command, "dwell")
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
     "\n\n  palpate accuracy models --store"
 )
-@click.option("--design", help="single_round or single (default: both).")
-@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: ten minutes for all designs.")
+@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: half an hour for all designs.")
 @click.option("--store", is_flag=True, help="Measure all, and keep it as the list that models are chosen by.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
 @output_options
 def models(design: str | None, anew: bool, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Error and time of every sensor model at every refinement: the list that model "auto" chooses by.
 
-    Shows the stored list, with the machine that it was measured on. The error is the greatest distance from a
-    converged reference, whose own uncertainty is counted in, for objects like the thesis' rubber samples.
+    Shows the stored list, with the machine that it was measured on; times are those of its processor. The error is the
+    greatest distance from a converged reference, whose own uncertainty is counted in, for objects like the thesis'
+    rubber samples.
     """
     from instrument.errors import UnknownName, UsageError
     from instrument.models import price_list
@@ -56,7 +66,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
         if store:
             keep(prices.model_dump_json(indent=1) + "\n", price_list.STORED)
     else:
-        prices = price_list.stored().of(asked)
+        prices = price_list.stored() if design is None else price_list.stored().of(asked)
     designs = [reference.design for reference in prices.references]
     plot = None if out is None else out / PLOT
     # The figures first: a plot that cannot be written loses none of them.
@@ -73,7 +83,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @accuracy.command(
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
-@click.option("--design", help="single_round, single or common_base (default: all).")
+@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
 @click.option("--store", is_flag=True, help='Build them anew, and keep them as those of model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
@@ -82,15 +92,15 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     from instrument.errors import UnknownName
     from instrument.models import surface
     from instrument.models.parameter_sets import PHYSICAL
-    from procedures.accuracy.measure import SURFACES, build_surface
+    from procedures.accuracy.measure import DESIGNS, build_surface
     from procedures.run import storing
 
     output = Output(as_json, quiet)
-    if design is not None and design not in SURFACES:
-        raise UnknownName("design with a surface", design, SURFACES)
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with a surface", design, DESIGNS)
     found = {}
     with output.progress() as progress:
-        for name in SURFACES if design is None else [design]:
+        for name in DESIGNS if design is None else [design]:
             if store:
                 path = surface.STORED / f"{name}.npz"
                 with storing(path):

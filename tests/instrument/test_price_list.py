@@ -225,7 +225,7 @@ def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: py
 
 # --- the list that comes with palpate ------------------------------------------------------------------
 
-PRICED = ("single_round", "single")
+PRICED = ("single_round", "single", "common_base")
 
 
 def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:
@@ -297,7 +297,15 @@ def test_closed_forms_are_as_far_from_the_surface_as_their_price_says(design: st
             assert promise is not None and apart <= promise
 
 
-@pytest.mark.parametrize("content", ["", "{}", '{"machine": 3}'])
+def test_prices_of_another_version_of_the_models_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(price_list, "CODE_VERSION", price_list.CODE_VERSION + 1)
+    assert not stored().vouches(ROUND, [LOAD])
+    assert "no prices were measured" in choose(ROUND, [LOAD], 0.1).why
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{}", '{"machine": 3}', LIST.model_dump_json().replace('"format":2', '"format":1')]
+)
 def test_a_damaged_list_is_refused_with_the_remedy(
     content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -120,18 +120,29 @@ def test_the_surface_refuses_to_extrapolate(built: ResponseSurface, ratio: float
 def test_a_stored_surface_comes_back_bit_for_bit(built: ResponseSurface, tmp_path: Path) -> None:
     path = tmp_path / "surface.npz"
     built.save(path)
-    back = surface.load(path, replace(SENSOR, sensed_modulus=1e6))
+    back = surface.read(path)
     assert back.coefficients.tobytes() == built.coefficients.tobytes()
     assert (back.error_bound, back.design_hash) == (built.error_bound, built.design_hash)
 
 
-def test_a_surface_of_another_design_or_refinement_is_refused(built: ResponseSurface, tmp_path: Path) -> None:
-    path = tmp_path / "surface.npz"
-    built.save(path)
-    with pytest.raises(ConfigError, match="another design"):
-        surface.load(path, replace(SENSOR, sensed_thickness=2.02e-3))
-    with pytest.raises(ConfigError, match="another design"):
-        surface.load(path, SENSOR, refinement=2)
+@pytest.mark.parametrize("other", ["design", "version"])
+def test_a_surface_of_another_design_or_version_is_refused(
+    built: ResponseSurface, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: str
+) -> None:
+    wrong = surface.find(get_design("single"), LOAD) if other == "design" else built
+    wrong.save(tmp_path / "single_round.npz")
+    monkeypatch.setattr(surface, "STORED", tmp_path)
+    if other == "version":
+        monkeypatch.setattr(surface, "CODE_VERSION", surface.CODE_VERSION + 1)
+    with pytest.raises(RangeError, match="has none for design 'single_round' with these dimensions"):
+        surface._find.__wrapped__(ROUND, LOAD)
+
+
+def test_many_teeth_take_the_coarsest_mesh() -> None:
+    """Of twelve teeth; of two the one that finite elements of a single tooth take."""
+    few, many = (solid_parameters(get_design(name), LOAD) for name in ("common_base", "array"))
+    assert surface.design_hash(few) == surface.design_hash(few, 1)
+    assert surface.design_hash(many) == surface.design_hash(many, 0)
 
 
 @pytest.mark.parametrize("field", ["coefficients", "numbers", "model", "design_hash"])
@@ -146,7 +157,7 @@ def test_a_surface_that_was_changed_is_refused(built: ResponseSurface, tmp_path:
         arrays[field] = np.array("solid")
     np.savez(path, **arrays)
     with pytest.raises(ConfigError, match="content hash"):
-        surface.load(path, SENSOR)
+        surface.read(path)
 
 
 @pytest.mark.parametrize("damage", ["missing", "empty", "cut", "text", "no field", "pickle"])
@@ -164,12 +175,12 @@ def test_a_corrupt_file_is_refused(built: ResponseSurface, tmp_path: Path, damag
     else:
         path.write_bytes({"empty": b"", "cut": whole[: len(whole) // 2], "text": b"force ratio"}[damage])
     with pytest.raises(ConfigError, match="build it again"):
-        surface.load(path, SENSOR)
+        surface.read(path)
 
 
 # --- those that come with palpate -----------------------------------------------------------------------
 
-SHIPPED = ("single_round", "single", "common_base")
+SHIPPED = ("single_round", "single", "common_base", "different_base")
 
 
 @pytest.mark.parametrize("design", ["single_round", "single"])

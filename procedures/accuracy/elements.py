@@ -1,0 +1,94 @@
+"""Prices of the finite-element models, refinement by refinement."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.design import Design
+from instrument.models import axisymmetric, solid
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.price_list import Price
+from procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Results, Solved, Values, refinements
+from procedures.accuracy.references import Truth
+
+Array = NDArray[np.float64]
+Intervals = tuple[float | None, ...]
+
+
+def element_prices(
+    design: Design, truth: Truth, between: Callable[[Array], Array], surface_errors: Sequence[float], solved: Results
+) -> Iterator[Price]:
+    """Every refinement of the axisymmetric and of the solid model.
+
+    Args:
+        between: force ratios by the design's surface at moduli of the object [Pa], for want of a finer mesh.
+        surface_errors: of these, in each interval.
+    """
+    middles, uncertain = truth.middles, truth.middle_uncertainties
+    if not middles:
+        middles, uncertain = between(np.array(MIDDLES)).tolist(), surface_errors
+    for name, family in refinements(design, PHYSICAL.load(TIMED)).items():
+        spent = 0.0
+        own: list[Mesh] = []
+        for mesh in family:
+            found = solved[mesh]
+            errors = by_interval(errors_of(_ratios(mesh, solved, MODULI), truth))
+            if name == "axisymmetric":
+                inside = _apart(_ratios(mesh, solved, MIDDLES), middles, uncertain)
+                errors = tuple(_greater(*pair) for pair in zip(errors, inside, strict=True))
+            if mesh.refinement != COARSEST:
+                own.append(mesh)
+                spent += sum(found.seconds)
+            estimates = [_estimate([solved[m.at(modulus)] for m in own], name) for modulus in MODULI]
+            build, solve, evaluate = (None, None, None) if found.failure else found.seconds
+            yield Price(
+                design=design.name,
+                model=name,
+                refinement="coarser still" if mesh.refinement == COARSEST else f"refinement {mesh.refinement}",
+                errors=errors,
+                estimates=by_interval(estimates),
+                build_s=build,
+                solve_s=solve,
+                evaluate_s=evaluate,
+                answer_s=None if None in estimates else spent,
+                failure=found.failure,
+            )
+
+
+def errors_of(ratios: Values, truth: Truth) -> Values:
+    """Of force ratios at MODULI, with the reference's uncertainty."""
+    return _apart(ratios, truth.reference.force_ratios, truth.reference.uncertainties)
+
+
+def by_interval(values: Values) -> Intervals:
+    """From values at the moduli the greater of each two neighbours."""
+    return tuple(_greater(*pair) for pair in itertools.pairwise(values))
+
+
+def _greater(one: float | None, other: float | None) -> float | None:
+    return None if one is None or other is None else max(one, other)
+
+
+def _apart(ratios: Values, truth: Values, uncertainties: Values) -> Values:
+    return [
+        None if ratio is None or true is None or u is None else abs(ratio - true) + u
+        for ratio, true, u in zip(ratios, truth, uncertainties, strict=True)
+    ]
+
+
+def _estimate(results: Sequence[Solved], model: str) -> float | None:
+    """What `solve_to` would say of the last of some refinements; None: it would not stop there."""
+    ratios = [result.force_ratio for result in results if result.force_ratio is not None]
+    if len(ratios) < len(results) or len(ratios) < 2:
+        return None
+    if model == "axisymmetric":
+        return axisymmetric.error_estimate(ratios, results[-1].imbalance)
+    return solid.error_estimate(ratios)
+
+
+def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:
+    return [solved[mesh.at(modulus)].force_ratio for modulus in moduli]

@@ -1,0 +1,125 @@
+"""Everything that accuracy costs, on one page: models, integrators, dwell, arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+from instrument.models.price_list import PriceList
+from procedures.accuracy.arithmetic import ArithmeticPrice
+from procedures.accuracy.dwell import TARGETS, DwellPrices
+
+TOLERANCES = TARGETS
+INTERVAL = 1  # of the price list: the rubber samples, the one that every model answers in
+CPU, BENCH = "CPU time", "dwell on the bench"
+MODELS, INTEGRATORS, DWELL, ARITHMETIC = "sensor models", "time integration", "dwell", "arithmetic"
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One way at one setting: relative error, None where it fails, and seconds."""
+
+    name: str
+    setting: str
+    error: float | None
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Recommended:
+    """The cheapest way that meets a tolerance; nothing but why, where none does."""
+
+    tolerance: float
+    name: str | None
+    setting: str | None
+    error: float | None
+    seconds: float | None
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One kind of cost. `floor`: relative error that nothing in it beats."""
+
+    name: str
+    error_of: str
+    time: str
+    ways: tuple[Way, ...]
+    recommended: tuple[Recommended, ...]
+    floor: float = 0.0
+
+    def summary(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+class Integrated(Protocol):
+    """One integrator at one setting; see `simulators.integrators`."""
+
+    @property
+    def method(self) -> str: ...
+    @property
+    def setting(self) -> float | None: ...
+    @property
+    def error(self) -> float | None: ...
+    @property
+    def seconds(self) -> float: ...
+
+
+def of_models(prices: PriceList, design: str) -> Part:
+    """From the stored list: refinements of each model that answers for the rubber samples."""
+    (reference,) = (r for r in prices.references if r.design == design)
+    smallest = min(reference.force_ratios[INTERVAL : INTERVAL + 2])
+    ways = []
+    for price in prices.prices:
+        error, seconds = price.errors[INTERVAL], price.seconds
+        if price.design == design and seconds is not None:
+            ways.append(Way(price.model, price.refinement, None if error is None else error / smallest, seconds))
+    return _part(MODELS, f"force ratio of design {design}", CPU, ways)
+
+
+def of_integrators(measured: Iterable[Integrated]) -> Part:
+    """Of a stiff chain's output."""
+    ways = [Way(m.method, "" if m.setting is None else f"{m.setting:.3g}", m.error, m.seconds) for m in measured]
+    return _part(INTEGRATORS, "output of a stiff chain over 10 s", CPU, ways)
+
+
+def of_dwells(prices: DwellPrices, scene: str) -> Part:
+    """Noise and bias of each estimator; recommended is what least squares need, floor and all."""
+    ways = [Way(p.estimator, f"{p.dwell_s:g} s", (p.u**2 + p.bias**2) ** 0.5, p.dwell_s) for p in prices.points]
+    recommended = tuple(
+        Recommended(r.target, r.why, f"{r.dwell_s:g} s", r.u, r.dwell_s, "")
+        if r.dwell_s is not None
+        else Recommended(r.target, None, None, None, None, r.why)
+        for r in prices.recommended
+    )
+    error_of = f"force ratio of scene {scene}, noise and bias"
+    return Part(DWELL, error_of, BENCH, tuple(ways), recommended, prices.floor_u)
+
+
+def of_arithmetic(measured: Sequence[ArithmeticPrice]) -> list[Part]:
+    """A part a task: a cheap phase is no answer to a coarse register."""
+    tasks = dict.fromkeys(m.task for m in measured)
+    return [
+        _part(
+            f"{ARITHMETIC}: {task}", task, CPU, [Way(m.way, "", m.error, m.seconds) for m in measured if m.task == task]
+        )
+        for task in tasks
+    ]
+
+
+def _part(name: str, error_of: str, time: str, ways: Sequence[Way]) -> Part:
+    return Part(name, error_of, time, tuple(ways), tuple(cheapest(ways, t) for t in TOLERANCES))
+
+
+def cheapest(ways: Sequence[Way], tolerance: float) -> Recommended:
+    """The fastest way whose error is within the tolerance; of equally fast ones the most accurate."""
+    known = [way for way in ways if way.error is not None]
+    good = [way for way in known if way.error is not None and way.error <= tolerance]
+    if not good:
+        best = min((way.error for way in known if way.error is not None), default=None)
+        why = "none answers" if best is None else f"the best is off by {best:.2g}"
+        return Recommended(tolerance, None, None, None, None, why)
+    found = min(good, key=lambda way: (way.seconds, way.error))
+    return Recommended(tolerance, found.name, found.setting, found.error, found.seconds, "")

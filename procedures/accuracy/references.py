@@ -1,0 +1,96 @@
+"""Converged force ratios that errors are taken against, each checked by a second way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.design import Design
+from instrument.models import axisymmetric, solid
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.price_list import Reference, fingerprint
+from instrument.quantity import show
+from procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Results, Values, references, refinements
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is known of a design's force ratios.
+
+    Attributes:
+        reference: at MODULI.
+        middles, middle_uncertainties: at MIDDLES; of the round design, whose finest mesh is cheap; else none.
+    """
+
+    reference: Reference
+    middles: Values
+    middle_uncertainties: Values
+
+
+def truth_of(design: Design, solved: Results) -> Truth:
+    """The finest mesh of a round design, the limit of the solid model's refinements of a square one."""
+    if design.outline == "round":
+        return _round(design, solved)
+    load = PHYSICAL.load(TIMED)
+    limit, left, count = _limit(design, solved)
+    (second,) = references(design, load)
+    other = solved[second.at(TIMED)]
+    if other.force_ratio is None:
+        apart, checked = 0.0, f"not checked by a finer or other mesh: {other.failure}"
+    else:
+        apart = abs(other.force_ratio - limit[MODULI.index(TIMED)])
+        way = "a finer mesh" if len(design.teeth) > 2 else "elements of another degree and grading"
+        checked = f"{way} by {apart:.0e} at {show(TIMED, 'Pa', 3)}"
+    # Where the finest mesh is missing, with what the coarser ones may leave unseen.
+    unseen = solid.LEAST[count]
+    how = f"solid, limit of its refinements up to {count - 1}: the last differs by {left.max():.0e} at most, {checked}"
+    return Truth(_reference(design, limit, np.maximum(left, max(apart, unseen)), how), (), ())
+
+
+def _round(design: Design, solved: Results) -> Truth:
+    load = PHYSICAL.load(TIMED)
+    mesh, second_way = references(design, load)
+    coarser_mesh = refinements(design, load)["axisymmetric"][-1]
+
+    def at(of: Mesh, moduli: tuple[float, ...]) -> Array:
+        return np.array([solved[of.at(modulus)].force_ratio for modulus in moduli], dtype=np.float64)
+
+    ratios, second = at(mesh, MODULI), at(second_way, MODULI)
+    coarser = np.abs(ratios - at(coarser_mesh, MODULI))
+    limit, _, _ = _limit(design, solved)
+    how = (
+        f"axisymmetric, refinement {mesh.refinement}: the plain displacement form differs by"
+        f" {np.abs(ratios - second).max():.0e} at most, refinement {axisymmetric.REFINEMENTS[-1]} by"
+        f" {coarser.max():.0e}, the limit of the solid model by {np.abs(ratios - limit).max():.0e}"
+    )
+    middles = at(mesh, MIDDLES)
+    uncertain = np.abs(middles - at(coarser_mesh, MIDDLES))
+    reference = _reference(design, ratios, np.maximum(np.abs(ratios - second), coarser), how)
+    return Truth(reference, tuple(middles.tolist()), tuple(uncertain.tolist()))
+
+
+def _reference(design: Design, ratios: Array, uncertainties: Array, how: str) -> Reference:
+    return Reference(
+        design=design.name,
+        fingerprint=fingerprint(design, PHYSICAL.load(TIMED)),
+        force_ratios=tuple(ratios.tolist()),
+        uncertainties=tuple(uncertainties.tolist()),
+        how=how,
+    )
+
+
+def _limit(design: Design, solved: Results) -> tuple[Array, Array, int]:
+    """Where the solid model's last three meshes lead if the changes go on falling alike, how far that still is, and
+    how many of its own refinements were solved."""
+    family = refinements(design, PHYSICAL.load(TIMED))["solid"]
+    found = [[solved[mesh.at(modulus)].force_ratio for modulus in MODULI] for mesh in family]
+    known = [ratios for ratios in found if None not in ratios]
+    ratios = np.array(known[-3:], dtype=np.float64)
+    before, change = np.diff(ratios, axis=0)
+    falling = np.clip(np.divide(change, before, out=np.full_like(change, 0.5), where=before != 0), 0.1, 0.5)
+    left = change * falling / (1 - falling)
+    return ratios[-1] + left, np.abs(left), len(known) - 1
