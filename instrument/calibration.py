@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from instrument.classification import (
     Classification,
@@ -28,6 +28,15 @@ STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
 
 
+def _is_a_date(value: str) -> str:
+    try:
+        date.fromisoformat(value)
+    except ValueError:
+        raise ValueError(f"{value!r} is not a date such as 2027-11-21") from None
+    return value
+
+
+IsoDate = Annotated[str, AfterValidator(_is_a_date)]
 _Positive = Annotated[float, Field(gt=0)]
 _Fraction = Annotated[float, Field(ge=0)]
 _Name = Annotated[str, Field(min_length=1)]
@@ -99,7 +108,7 @@ class LoadCellCalibration(Config):
     simulated: bool
     source: _Name
     created: _Name
-    expires: _Name | None = None
+    expires: IsoDate | None = None
     curvature: Curvature | None = None
 
     @field_validator("covariance")
@@ -116,16 +125,6 @@ class LoadCellCalibration(Config):
         least = info.data.get("least_N", -math.inf)
         if not value > least:
             raise ValueError(f"{value:g} N is not above least_N = {least:g} N")
-        return value
-
-    @field_validator("expires")
-    @classmethod
-    def _is_a_date(cls, value: str | None) -> str | None:
-        if value is not None:
-            try:
-                date.fromisoformat(value)
-            except ValueError:
-                raise ValueError(f"{value!r} is not a date such as 2027-11-21") from None
         return value
 
     @model_validator(mode="after")

@@ -10,6 +10,7 @@ import tomli_w
 from instrument.calibration import LoadCellCalibration
 from instrument.config import Config, read
 from instrument.errors import RecordError
+from instrument.film_calibration import FilmCalibration
 
 
 def read_calibration(path: Path) -> LoadCellCalibration:
@@ -19,6 +20,11 @@ def read_calibration(path: Path) -> LoadCellCalibration:
         ConfigError: no such file, not TOML, or keys that are unknown, missing or invalid: all of them at once.
     """
     return read(path, LoadCellCalibration)
+
+
+def read_film_calibration(path: Path) -> FilmCalibration:
+    """As `read_calibration`."""
+    return read(path, FilmCalibration)
 
 
 def write_calibration(path: Path, calibration: Config) -> None:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options
+from procedures.cli.options import Choice, Output, bench_options, budget_option, extrapolate_option
 
 
 @click.group()
@@ -45,13 +45,12 @@ def load_cell(
     certificate; stores the calibration: later sweeps with the same indicator use and name it, until it expires and
     within its loads.
     """
-    from instrument.calibration_file import write_calibration
     from procedures import load_cell as procedure
     from procedures.certificate import write_certificate
-    from procedures.cli.session import calibration_path, conduct
+    from procedures.cli.calibrations import keep, load_cell_path
+    from procedures.cli.session import conduct
     from procedures.load_plan import parse_loads
     from procedures.report.load_cell import plot_load_cell, print_load_cell
-    from procedures.run import storing
 
     settings = procedure.LoadCellSettings(
         parse_loads(loads),
@@ -66,16 +65,13 @@ def load_cell(
         choice,
         output,
         {**asdict(settings), "repeats": procedure.REPEATS},
-        lambda bench: procedure.check(settings, bench.force_limit),
+        lambda target: procedure.check(settings, target.force_limit),
         lambda session, progress: procedure.run(session.bench, settings, session.record, progress, session.started),
-        calibrating=True,
+        calibrating="load cell",
     )
     folder = session.record.folder
-    write_calibration(folder / "calibration.toml", result.calibration)
-    path = calibration_path(session.bench.indicator.serial)
-    with storing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    write_calibration(path, result.calibration)
+    path = load_cell_path(session.bench.indicator.serial)
+    keep(result.calibration, folder, path)
     certificate = write_certificate(folder, result.calibration)
     plot = plot_load_cell(result, session.bench.simulated, folder)
     outcome = {
@@ -88,6 +84,80 @@ def load_cell(
         output.json({**outcome, "points": result.points, **result.summary(), "plot": str(plot)})
     elif output.for_people:
         print_load_cell(result, outcome, plot)
+
+
+@calibrate.command(
+    epilog="Examples:\n\n  palpate calibrate films --budget"
+    "\n\n  palpate calibrate films --frequencies '5 Hz, 10 Hz, 20 Hz'"
+    "\n\n  palpate calibrate films --scene array_16 --json\n\n  palpate calibrate films --bench lab.toml"
+)
+@click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
+@click.option("--frequencies", default="10 Hz", show_default=True, help="Of the load, in a list.")
+@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
+@extrapolate_option
+@budget_option
+@bench_options
+def films(
+    loads: str,
+    frequencies: str,
+    dwell: str,
+    valid_days: int,
+    extrapolate: bool,
+    budget: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Calibrate the films against the load cell, each tooth pressed alone (thesis 5.4).
+
+    For each film its sensitivity, linearity and clamping factor (sensitivity over the design's own), for several
+    teeth what each hears of the others. Stores the calibration: later runs with the same sensor on the same node use
+    and name it in place of the design's sensitivities.
+    """
+    from instrument.quantity import parse
+    from procedures import film_calibration as procedure
+    from procedures.cli.calibrations import films_path, keep
+    from procedures.cli.session import conduct
+    from procedures.load_plan import parse_loads
+    from procedures.report.budget import print_budgets
+    from procedures.report.film_calibration import plot_films, print_films
+
+    settings = procedure.FilmSettings(
+        parse_loads(loads),
+        tuple(parse(part, "Hz") for part in frequencies.split(",")),
+        parse(dwell, "s"),
+        valid_days,
+        extrapolate,
+    )
+    session, result, outcome = conduct(
+        procedure.PROCEDURE,
+        choice,
+        output,
+        asdict(settings),
+        lambda target: procedure.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, progress: procedure.run(
+            session.bench,
+            session.design,
+            session.calibration,
+            settings,
+            session.record,
+            progress,
+            session.started,
+        ),
+        calibrating="films",
+    )
+    folder, found = session.record.folder, result.calibration
+    path = films_path(found.device, found.design)
+    keep(found, folder, path)
+    plot = plot_films(result, session.design, folder)
+    outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
+    if output.as_json:
+        budgets = [entry.summary() for entry in found.budgets()]
+        output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
+    elif output.for_people:
+        print_films(result, session.design, outcome, plot)
+        if budget:
+            print_budgets(found.budgets(), found.simulated)
 
 
 def parse_positions(text: str) -> tuple[float, ...]:

@@ -59,6 +59,12 @@ def output_options(command: F) -> F:
     return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
+def extrapolate_option(command: F) -> F:
+    """--extrapolate: the command gets it as `extrapolate`."""
+    text = "Let loads pass that lie outside the calibrated range."
+    return click.option("--extrapolate", is_flag=True, help=text)(command)
+
+
 def budget_option(command: F) -> F:
     """--budget: the command gets it as `budget`, and prints with `procedures.report.budget.print_budgets`."""
     return click.option("--budget", is_flag=True, help="Print the uncertainty budget of each result.")(command)

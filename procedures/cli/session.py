@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import click
 
@@ -20,15 +20,16 @@ from drivers.bench import Bench
 from drivers.clock import Clock, WallClock
 from instrument.bench import BenchDescription, read_bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
-from instrument.calibration_file import read_calibration
 from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import BenchError, ConfigError, UsageError
+from instrument.errors import BenchError, UsageError
+from instrument.film_calibration import FilmCalibration
 from instrument.operator import Operator
 from instrument.quantity import show
 from instrument.sample import Sample
-from procedures.cli.options import Choice, Output, Progress, result_folder, store
+from procedures.cli.calibrations import films_of, load_cell_of
+from procedures.cli.options import Choice, Output, Progress, result_folder
 from procedures.record import Recorder
 from procedures.run import storing
 from simulators.bench import SimulatedBench
@@ -48,6 +49,7 @@ class Target:
 
 
 Check = Callable[[Target], None]
+Calibrating = Literal["load cell", "films"]
 
 
 class Result(Protocol):
@@ -62,12 +64,13 @@ R = TypeVar("R", bound=Result)
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """An open bench with the run that is being recorded on it."""
+    """An open bench with the run that is being recorded on it; the design's sensitivities are those of `films`."""
 
     bench: Bench
     design: Design
     scene: Scene | None
     calibration: LoadCellCalibration
+    films: FilmCalibration | None
     record: Recorder
     started: datetime
     wall_start: float
@@ -82,6 +85,7 @@ class Session:
             "model": self.scene.model if self.scene else None,
             "seed": self.scene.seed if self.scene else None,
             "calibration": self.calibration.source,
+            "film_calibration": self.films.source if self.films else None,
             "bench_seconds": self.bench.clock.now_ns() / 1e9,
             "wall_seconds": time.monotonic() - self.wall_start,
         }
@@ -126,11 +130,11 @@ def open_session(
     check: Check,
     *,
     model: str | None = None,
-    calibrating: bool = False,
+    calibrating: Calibrating | None = None,
 ) -> Iterator[Session]:
     """Open the bench and its run; on the way out outputs are off, then the run is closed.
 
-    A run that is `calibrating` the load cell needs no calibration of it.
+    A run that is `calibrating` the load cell needs no calibration of it; one of the films uses none of theirs.
 
     Raises:
         UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses.
@@ -151,7 +155,9 @@ def open_session(
         assert description is not None
         opening = stack.enter_context(ExitStack())
         opened = opening.enter_context(Bench(description, clock, operator))
-        calibration = THESIS_LOAD_CELL if calibrating else _calibration(opened, started.date())
+        calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(opened, started.date())
+        design = get_design(description.design)
+        films = None if calibrating else films_of(opened, design, started.date())
         header = {
             "procedure": procedure,
             "simulated": opened.simulated,
@@ -165,6 +171,7 @@ def open_session(
             "devices": {device.name: device.serial for device in opened.devices},
             "contracts": contracts_digest(),
             "calibration": calibration.model_dump(),
+            "film_calibration": films.model_dump() if films else None,
             "versions": {"python": platform.python_version(), **{p: metadata.version(p) for p in PACKAGES}},
             "commit": _commit(),
         }
@@ -174,9 +181,10 @@ def open_session(
             (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
             if chosen is not None:
                 (folder / "scene.toml").write_text(chosen.to_toml(), encoding="utf-8")
-        design = get_design(description.design)
+        if films is not None:
+            design = films.apply(design)
         try:
-            yield Session(opened, design, chosen, calibration, record, started, wall_start)
+            yield Session(opened, design, chosen, calibration, films, record, started, wall_start)
         except BaseException as error:
             if record.points:
                 error.add_note(f"points already taken are kept in {record.folder}")
@@ -192,7 +200,7 @@ def conduct(
     work: Callable[[Session, Progress], R],
     *,
     model: str | None = None,
-    calibrating: bool = False,
+    calibrating: Calibrating | None = None,
 ) -> tuple[Session, R, dict[str, Any]]:
     """Do the work of a procedure in a session, from the opened bench to the finished record.
 
@@ -210,28 +218,6 @@ def conduct(
         outcome = session.outcome()
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
     return session, result, outcome
-
-
-def calibration_path(serial: str) -> Path:
-    """Where the load-cell calibration of an indicator is kept."""
-    name = "".join(c if c.isalnum() or c in "-_" else "-" for c in serial) or "unknown"
-    return store() / "calibrations" / f"load_cell-{name}.toml"
-
-
-def _calibration(bench: Bench, today: date) -> LoadCellCalibration:
-    """The stored calibration of this bench's indicator; a simulated one that has none takes the thesis' own."""
-    path = calibration_path(bench.indicator.serial)
-    if not path.exists():
-        if not bench.simulated:
-            raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
-        return THESIS_LOAD_CELL
-    calibration = read_calibration(path)
-    gage_factor = bench.description.strain_indicator.gage_factor
-    try:
-        calibration.check_use(bench.indicator.serial or "unknown", bench.simulated, gage_factor, today)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    return calibration
 
 
 def target_of(choice: Choice, model: str | None = None) -> Target:

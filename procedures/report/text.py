@@ -42,7 +42,8 @@ def stamped(simulated: bool, text: str) -> Text:
 
 
 def where(outcome: dict[str, Any], plot: Path) -> list[str]:
-    lines = [f"calibration    {outcome['calibration']}"] if outcome["calibration"] else []
+    named = {"calibration": outcome["calibration"], "films": outcome.get("film_calibration")}
+    lines = [f"{name:<14} {source}" for name, source in named.items() if source]
     bench, wall = outcome["bench_seconds"], outcome["wall_seconds"]
     return [
         *lines,

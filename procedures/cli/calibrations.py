@@ -1,0 +1,80 @@
+"""Stored calibrations: one of each load cell with its indicator, one of each sensor on its node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+from typing import TypeVar
+
+from drivers.bench import Bench
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
+from instrument.calibration_file import read_calibration, read_film_calibration, write_calibration
+from instrument.config import Config
+from instrument.design import Design
+from instrument.errors import ConfigError
+from instrument.film_calibration import FilmCalibration
+from procedures.cli.options import store
+from procedures.run import storing
+
+C = TypeVar("C", LoadCellCalibration, FilmCalibration)
+
+
+def load_cell_path(serial: str) -> Path:
+    """Where the load-cell calibration of an indicator is kept."""
+    return _path(f"load_cell-{serial or 'unknown'}")
+
+
+def films_path(serial: str, design: str) -> Path:
+    """Where the film calibration of a sensor of this design on a node is kept."""
+    return _path(f"films-{serial or 'unknown'}-{design}")
+
+
+def _path(name: str) -> Path:
+    return store() / "calibrations" / f"{''.join(c if c.isalnum() or c in '-_' else '-' for c in name)}.toml"
+
+
+def keep(calibration: Config, folder: Path, path: Path) -> None:
+    """Write a calibration into the folder of its run, and where later runs look for it. Raises RecordError."""
+    write_calibration(folder / "calibration.toml", calibration)
+    with storing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_calibration(path, calibration)
+
+
+def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
+    """The stored calibration of this bench's indicator; a simulated one that has none takes the thesis' own.
+
+    Raises:
+        ConfigError: a real bench has none, or it is damaged, expired, or not of this device and gage factor.
+    """
+    path = load_cell_path(bench.indicator.serial)
+    if not path.exists():
+        if not bench.simulated:
+            raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
+        return THESIS_LOAD_CELL
+    gage_factor = bench.description.strain_indicator.gage_factor
+    serial = bench.indicator.serial or "unknown"
+    return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
+
+
+def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | None:
+    """The stored calibration of this sensor's films; without one the design's sensitivities serve.
+
+    Raises:
+        ConfigError: it is damaged, expired, or not of this sensor.
+    """
+    serial = bench.nodes[0].serial or "unknown"
+    path = films_path(serial, design.name)
+    if not path.exists():
+        return None
+    found = read_film_calibration(path)
+    return _checked(path, found, lambda c: c.check_use(design, serial, bench.simulated, today))
+
+
+def _checked(path: Path, calibration: C, check: Callable[[C], None]) -> C:
+    try:
+        check(calibration)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return calibration

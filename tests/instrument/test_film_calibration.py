@@ -1,0 +1,152 @@
+"""Film sensitivities: the mean that was there, an uncertainty that covers it, and crosstalk tooth by tooth."""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.calibration_file import read_film_calibration, write_calibration
+from instrument.design import Design
+from instrument.designs import get_design
+from instrument.errors import ConfigError, EstimateError
+from instrument.film_calibration import FilmCalibration, FilmReading, calibrate_films
+from instrument.uncertainty import coverage_factor
+
+LOADS = np.arange(1.5, 4.1, 0.5)
+SINGLE, PAIR = get_design("single"), get_design("common_base")
+ORIGIN = {
+    "device": "N-1", "simulated": True, "source": "run 1", "created": "2020-01-01T00:00:00Z", "expires": "2021-01-01",
+}  # fmt: skip
+
+
+def readings(
+    design: Design, gains: np.ndarray | None = None, crosstalk: float = 0.0, frequency: float = 10.0
+) -> list[FilmReading]:
+    """Each tooth under each load; `gains`, (films, teeth · loads), multiply the films' sensitivities."""
+    found = []
+    for tooth in range(len(design.teeth)):
+        for load in LOADS:
+            shares = [1.0 if tooth in film.teeth else crosstalk for film in design.films]
+            volts = np.array([film.sensitivity for film in design.films]) * shares * load
+            if gains is not None:
+                volts = volts * gains[:, len(found)]
+            found.append(FilmReading(tooth, frequency, float(load), float(load), 0.03, volts))
+    return found
+
+
+def calibrate(design: Design = SINGLE, points: list[FilmReading] | None = None) -> FilmCalibration:
+    return calibrate_films(design, readings(design) if points is None else points, THESIS_LOAD_CELL, ORIGIN)
+
+
+def test_the_sensitivity_is_the_design_s_where_nothing_scatters() -> None:
+    for film, own in zip(calibrate().films, SINGLE.films, strict=True):
+        assert film.sensitivity_mV_per_N == pytest.approx(1e3 * own.sensitivity)
+        assert film.clamping == pytest.approx(1)
+        assert film.linearity == pytest.approx(0, abs=1e-12)
+        assert film.scatter_u == pytest.approx(0, abs=1e-12)
+
+
+def test_the_load_cell_is_in_all_films_alike() -> None:
+    found = calibrate()
+    u = np.array([film.load_cell_u for film in found.films])
+    assert np.array(found.covariance) == pytest.approx(np.outer(u, u))
+    # by hand: standard uncertainty of the line over the load, mean over the loads
+    c = THESIS_LOAD_CELL
+    line = np.sqrt(c.zero_u**2 + (LOADS * c.sensitivity_u) ** 2 + 2 * LOADS * c.covariance) / c.sensitivity_mV_per_N
+    assert u == pytest.approx(np.mean(line / LOADS) * np.array([f.sensitivity_mV_per_N for f in found.films]))
+
+
+def test_the_interval_covers_the_sensitivity_under_gain_scatter() -> None:
+    rng = np.random.default_rng(4)
+    design, true = SINGLE, 1e3 * SINGLE.films[1].sensitivity
+    common = THESIS_LOAD_CELL
+    covered = 0
+    for _ in range(200):
+        # what the calibration's line is off by turns all loads alike
+        slope, zero = rng.multivariate_normal(
+            [0, 0], [[common.sensitivity_u**2, common.covariance], [common.covariance, common.zero_u**2]]
+        )
+        off = (zero + slope * LOADS) / common.sensitivity_mV_per_N
+        gains = (1 + 0.03 * rng.normal(size=(2, LOADS.size))) / (1 + off / LOADS)
+        found = calibrate(design, readings(design, gains))
+        (budget,) = [b for b in found.budgets() if b.quantity.endswith("total")]
+        low, high = budget.interval()
+        covered += low <= true <= high
+        assert budget.u == pytest.approx(found.films[1].sensitivity_u)
+    assert 182 <= covered <= 198
+
+
+def test_films_that_scatter_together_are_correlated_and_the_matrix_stays_a_covariance() -> None:
+    together = 1 + 0.05 * np.random.default_rng(1).normal(size=LOADS.size)
+    found = calibrate(SINGLE, readings(SINGLE, np.array([together, together])))
+    matrix = np.array(found.covariance)
+    u = np.sqrt(np.diagonal(matrix))
+    assert matrix[0, 1] / (u[0] * u[1]) == pytest.approx(1)
+    assert u == pytest.approx([film.sensitivity_u for film in found.films])
+    scattered = calibrate(PAIR, readings(PAIR, 1 + 0.05 * np.random.default_rng(2).normal(size=(3, 12))))
+    assert np.linalg.eigvalsh(np.array(scattered.covariance)).min() > 0
+
+
+def test_crosstalk_is_what_a_film_hears_of_the_tooth_beside_it() -> None:
+    found = calibrate(PAIR, readings(PAIR, crosstalk=0.05))
+    assert np.array(found.crosstalk) == pytest.approx(np.array([[1, 0.05], [0.05, 1]]))
+    assert found.films[2].degrees_of_freedom == 11
+    assert [film.clamping for film in found.films] == pytest.approx([1, 1, 1])
+
+
+def test_gain_is_told_apart_by_frequency() -> None:
+    low = [FilmReading(r.tooth, 1.0, r.set_load, r.load, r.load_u, 0.9 * r.voltage) for r in readings(SINGLE)]
+    found = calibrate(SINGLE, [*low, *readings(SINGLE)])
+    assert found.frequencies_Hz == (1.0, 10.0)
+    assert np.array(found.gain) == pytest.approx(np.array([[0.9, 1.0], [0.9, 1.0]]) / 0.95)
+
+
+def test_a_film_that_bends_is_not_linear() -> None:
+    bent = [FilmReading(r.tooth, 10.0, r.load, r.load, 0.0, r.voltage * (1 + 0.1 * r.load)) for r in readings(SINGLE)]
+    volts = LOADS + 0.1 * LOADS**2
+    slope, zero = np.polyfit(LOADS, volts, 1)
+    expected = np.abs(volts - zero - slope * LOADS).max() / (slope * np.ptp(LOADS))
+    assert calibrate(SINGLE, bent).films[0].linearity == pytest.approx(expected)
+
+
+def test_a_calibration_comes_back_from_its_file_and_is_applied(tmp_path: Path) -> None:
+    found = calibrate(PAIR, readings(PAIR, np.full((3, 12), 0.5)))
+    write_calibration(tmp_path / "films.toml", found)
+    assert read_film_calibration(tmp_path / "films.toml") == found
+    assert [f.sensitivity for f in found.apply(PAIR).films] == pytest.approx([f.sensitivity / 2 for f in PAIR.films])
+    assert coverage_factor(found.films[0].degrees_of_freedom) == pytest.approx(2.571, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (readings(SINGLE)[:2], "2 readings of a film give no scatter; use at least 3"),
+        ([FilmReading(0, 10.0, 2.0, 2.0, 0.03, np.ones(2))] * 3, "1 distinct loads cannot give a line"),
+        (readings(SINGLE, np.zeros((2, 6))), "film 'rigid' on channel 1 gives 0 mV/N"),
+        ([FilmReading(0, 10.0, 2.0, -0.1, 0.03, np.ones(2))] * 3, r"load -0\.1 N by the load cell is not above 0"),
+    ],
+)
+def test_readings_that_give_no_sensitivity_are_refused(points: list[FilmReading], message: str) -> None:
+    with pytest.raises(EstimateError, match=message):
+        calibrate(SINGLE, points)
+
+
+@pytest.mark.parametrize(
+    ("design", "device", "simulated", "today", "message"),
+    [
+        (SINGLE, "N-2", True, date(2020, 6, 1), "with node N-1, not for this bench's N-2"),
+        (SINGLE, "N-1", False, date(2020, 6, 1), "was made on a simulated bench"),
+        (PAIR, "N-1", True, date(2020, 6, 1), "for design single, not common_base"),
+        (SINGLE, "N-1", True, date(2021, 1, 2), "expired on 2021-01-01"),
+    ],
+)
+def test_a_film_calibration_is_refused_where_it_does_not_belong(
+    design: Design, device: str, simulated: bool, today: date, message: str
+) -> None:
+    calibrate().check_use(SINGLE, "N-1", True, date(2021, 1, 1))
+    with pytest.raises(ConfigError, match=message):
+        calibrate().check_use(design, device, simulated, today)

@@ -1,0 +1,129 @@
+"""The films are calibrated against the load cell, and later sweeps use and name the calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.calibration_file import read_film_calibration, write_calibration
+from instrument.designs import get_design
+from instrument.errors import DeviceError
+from procedures import film_calibration
+from procedures.film_calibration import FilmSettings
+from procedures.films import UNSETTLED
+from procedures.record import Recorder
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of, silent
+from tests.procedures.test_load_cell import CREATED
+
+CALIBRATE = ("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--json")
+ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
+SETTINGS = FilmSettings((2.0, 3.0, 4.0), (10.0,), 0.2, 365)
+PAIR = """
+name = "pair"
+purpose = "Two teeth on one base that hear each other; a film that glue holds."
+design = "common_base"
+
+[effects.crosstalk]
+[effects.glue_clamping]
+factor = 0.5
+[effects.adc]
+"""
+
+
+def test_crosstalk_and_clamping_of_a_scene_are_found(tmp_path: Path) -> None:
+    with (
+        SimulatedBench(scene_of(PAIR, tmp_path)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+        Recorder.create(tmp_path / "run", HEADER) as record,
+    ):
+        result = film_calibration.run(
+            bench, get_design("common_base"), IDEAL_CALIBRATION, SETTINGS, record, silent, CREATED
+        )
+    found = result.calibration
+    assert [film.clamping for film in found.films] == pytest.approx([0.5, 0.5, 1.0], rel=2e-3)
+    assert np.array(found.crosstalk) == pytest.approx(np.array([[1, 0.052], [0.052, 1]]), abs=5e-4)
+    assert (found.device, found.expires) == (bench.nodes[0].serial, "2026-03-14")
+    stored = Run.open(tmp_path / "run").points()
+    assert [(p["tooth"], p["load_N"]) for p in stored] == [(t, n) for t in (1, 2) for n in (2.0, 3.0, 4.0)]
+    assert all(len(p["voltages_V"]) == 3 and p["valid"] and not p["extrapolated"] for p in stored)
+
+
+def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measure = film_calibration.measure
+    taken = []
+
+    def flagged(*arguments: object) -> object:
+        point = measure(*arguments)  # type: ignore[arg-type]
+        taken.append(point)
+        if len(taken) == 2:
+            object.__setattr__(point, "flags", (UNSETTLED,))
+        return point
+
+    monkeypatch.setattr(film_calibration, "measure", flagged)
+    with (
+        Recorder.create(tmp_path / "run", HEADER) as record,
+        pytest.raises(DeviceError, match=r"10 Hz, 3 N: unsettled"),
+    ):
+        film_calibration.run(bench, get_design("single"), THESIS_LOAD_CELL, SETTINGS, record, silent, CREATED)
+    assert [p["valid"] for p in Run.open(tmp_path / "run").points()] == [True, False]
+
+
+def test_a_sweep_uses_and_names_the_stored_film_calibration_alone_for_its_design(palpate: Palpate) -> None:
+    before = palpate(*ONE_POINT).object
+    assert before["film_calibration"] is None
+    made = palpate(*CALIBRATE).object
+    path = Path(made["film_calibration_file"])
+    found = read_film_calibration(path)
+    assert found.simulated
+    assert made["simulated"] is True
+    assert made["films"][1]["sensitivity_mV_per_N"] == found.films[1].sensitivity_mV_per_N
+    assert [b["components"][0]["kind"] for b in made["budgets"]] == ["A", "A"]
+
+    after = palpate(*ONE_POINT).object
+    assert after["film_calibration"] == Path(made["run"]).name == found.source
+    assert Run.open(Path(after["run"])).header["film_calibration"]["source"] == found.source  # type: ignore[index]
+    (point,) = after["points"]
+    assert point["force_total_N"] == pytest.approx(
+        point["voltage_total_V"] / (1e-3 * found.films[1].sensitivity_mV_per_N)
+    )
+    other = palpate("sweep", "loads", *ONE_POINT[2:], "--scene", "thesis_common_base").object
+    assert other["film_calibration"] is None
+
+    write_calibration(path, found.model_copy(update={"expires": "2024-02-29"}))
+    said = palpate(*ONE_POINT)
+    assert said.status == 2
+    assert f"{path}: was made on a simulated bench" in said.complaint
+    assert "expired on 2024-02-29; run palpate calibrate films" in said.complaint
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--loads", "2 N, 3 N"), "2 loads cannot show linearity and scatter; use at least 3"),
+        (("--loads", "0.5 N, 2 N, 3 N"), "load 0.5 N lies outside the 1.373 to 7.257 N that the load cell"),
+        (("--loads", "2 N, 3 N, 30 N"), "force limit of 10 N"),
+        (("--frequencies", "10 Hz, 10 Hz"), "must be distinct"),
+        (("--frequencies", "500 Hz"), "frequency 500 Hz is outside"),
+        (("--dwell", "0.05 s"), "dwell 50 ms is below one cycle of 10 Hz"),
+        (("--valid-days", "0"), "0 days are outside 1 to 791"),
+    ],
+)
+def test_what_gives_no_film_calibration_is_refused(palpate: Palpate, arguments: tuple[str, str], message: str) -> None:
+    said = palpate("calibrate", "films", *arguments)
+    assert said.status == 2
+    assert message in said.complaint
+
+
+def test_extrapolated_points_are_marked(palpate: Palpate) -> None:
+    points = palpate(
+        "calibrate", "films", "--loads", "1 N, 2 N, 3 N", "--dwell", "0.2 s", "--extrapolate", "--json"
+    ).object
+    assert [p["extrapolated"] for p in points["points"]] == [True, False, False]
