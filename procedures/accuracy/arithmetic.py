@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from instrument.quantity import parse
 from procedures.accuracy.machine import seconds_of
 
 Floats = npt.NDArray[np.float64]
-Real = type[np.float32] | type[np.float64]
+Real = Literal["float32", "float64"]
 
 FREQUENCY, RATE, DWELL = 10.0, 250.0, 10.0
 OFFSET, LATE = 1000.0, 86_400.0  # amplitudes, of a film that warms up; s, a day on the bench
@@ -48,8 +49,8 @@ def _fits() -> Iterator[ArithmeticPrice]:
     signal = OFFSET + np.cos(2 * np.pi * FREQUENCY * time + 0.3)
     ways: dict[str, Callable[[], float]] = {
         "float64, centred QR": lambda: float(amplitudes(time, signal[np.newaxis], FREQUENCY)[0]),
-        "float64, normal equations": lambda: _normal(time, signal, np.float64),
-        "float32, normal equations": lambda: _normal(time, signal, np.float32),
+        "float64, normal equations": lambda: _normal(time, signal, "float64"),
+        "float32, normal equations": lambda: _normal(time, signal, "float32"),
     }
     for way, fit in ways.items():
         yield ArithmeticPrice("fit of a late record on an offset", way, abs(fit() - 1), seconds_of(fit))
@@ -58,7 +59,7 @@ def _fits() -> Iterator[ArithmeticPrice]:
 def _normal(time: Floats, signal: Floats, real: Real) -> float:
     """Amplitude as anybody would write it down: columns as they are, squared."""
     t, y = time.astype(real), signal.astype(real)
-    angle = real(2 * np.pi * FREQUENCY) * t
+    angle = np.array(2 * np.pi * FREQUENCY, real) * t
     columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(t), t], axis=1)
     a, b, *_ = np.linalg.solve(columns.T @ columns, columns.T @ y)
     return float(np.hypot(a, b))
@@ -66,19 +67,19 @@ def _normal(time: Floats, signal: Floats, real: Real) -> float:
 
 def _phases() -> Iterator[ArithmeticPrice]:
     step = FREQUENCY / 1000  # cycles in a millisecond
-    true = STEPS * round(step * 2**BITS) % 2**BITS / 2**BITS
+    true = STEPS * round(step * (1 << BITS)) % (1 << BITS) / (1 << BITS)
 
     def summed(real: Real) -> float:
         return float(np.cumsum(np.full(STEPS, step, real))[-1]) - STEPS * step
 
     def counted() -> float:
-        words = np.cumsum(np.full(STEPS, round(step * 2**BITS), np.uint64))
-        return float(words[-1] % np.uint64(2**BITS)) / 2**BITS - true
+        words = np.cumsum(np.full(STEPS, round(step * (1 << BITS)), np.uint64))
+        return int(words[-1]) % (1 << BITS) / (1 << BITS) - true
 
     ways: dict[str, Callable[[], float]] = {
         "integer of 48 bits": counted,
-        "float64 sum": lambda: summed(np.float64),
-        "float32 sum": lambda: summed(np.float32),
+        "float64 sum": lambda: summed("float64"),
+        "float32 sum": lambda: summed("float32"),
     }
     for way, phase in ways.items():
         error = 2 * abs(float(np.sin(np.pi * phase())))  # of a sine's amplitude, two at most
@@ -93,8 +94,8 @@ def _registers() -> Iterator[ArithmeticPrice]:
     for name in RANGES:
         step = parse(name, "V") / FULL_SCALE_COUNTS
         for kind, volts, true in (("quiet", films, FILM * NEAR), ("in noise", films + noise, without)):
-            counts = np.rint(volts / step).astype(np.int16)
-            error = float(np.abs(amplitudes(time, counts * step, FREQUENCY) / true - 1).max())
+            rounded = np.rint(volts / step).astype(np.int16).astype(np.float64) * step
+            error = float(np.abs(amplitudes(time, rounded, FREQUENCY) / true - 1).max())
             way = f"int16 of {name}, {kind}"
             yield ArithmeticPrice("film's samples", way, error, _converting(volts, step, np.int16) / len(NEAR))
     single = films.astype(np.float32)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 from instrument.models.price_list import PriceList
 from procedures.accuracy.arithmetic import ArithmeticPrice
 from procedures.accuracy.dwell import TARGETS, DwellPrices
+from procedures.accuracy.plot import INTERVAL
 
 TOLERANCES = TARGETS
-INTERVAL = 1  # of the price list: the rubber samples, the one that every model answers in
 CPU, BENCH = "CPU time", "dwell on the bench"
 MODELS, INTEGRATORS, DWELL, ARITHMETIC = "sensor models", "time integration", "dwell", "arithmetic"
 
@@ -68,15 +68,23 @@ class Integrated(Protocol):
 
 
 def of_models(prices: PriceList, design: str) -> Part:
-    """From the stored list: refinements of each model that answers for the rubber samples."""
+    """From the stored list: each model that answers for the rubber samples, at each refinement.
+
+    Recommended is what a caller of a model gets: with the error that is promised, for all that it then takes.
+    """
     (reference,) = (r for r in prices.references if r.design == design)
     smallest = min(reference.force_ratios[INTERVAL : INTERVAL + 2])
-    ways = []
+    ways, offers = [], []
     for price in prices.prices:
         error, seconds = price.errors[INTERVAL], price.seconds
         if price.design == design and seconds is not None:
-            ways.append(Way(price.model, price.refinement, None if error is None else error / smallest, seconds))
-    return _part(MODELS, f"force ratio of design {design}", CPU, ways)
+            way = Way(price.model, price.refinement, None if error is None else error / smallest, seconds)
+            ways.append(way)
+            promise = price.promise(slice(INTERVAL, INTERVAL + 1))
+            if promise is not None and price.answer_s is not None:
+                offers.append(replace(way, error=promise / smallest, seconds=price.answer_s))
+    recommended = tuple(cheapest(offers, t) for t in TOLERANCES)
+    return Part(MODELS, f"force ratio of design {design}", CPU, tuple(ways), recommended)
 
 
 def of_integrators(measured: Iterable[Integrated]) -> Part:
