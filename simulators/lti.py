@@ -161,8 +161,9 @@ class StateSpace:
 
     def transfer(self, frequency: float) -> Complexes:
         """Outputs over inputs at a frequency in Hz, shape (p, m)."""
-        resolvent = 2j * np.pi * frequency * np.eye(self.order) - self.a
-        return np.asarray(self.c @ np.linalg.solve(resolvent, self.b.astype(complex)) + self.d, complex)
+        resolvent = -self.a.astype(complex)
+        resolvent.flat[:: self.order + 1] += 2j * np.pi * frequency
+        return np.asarray(self.c @ np.linalg.solve(resolvent, self.b) + self.d, complex)
 
     def drive(self, inputs: Sequence[Periodic]) -> Steady:
         """The state that periodic inputs of this system, one after the other, lead to."""
@@ -170,7 +171,7 @@ class StateSpace:
         waves = []
         for number, u in enumerate(inputs):
             columns = np.zeros((self.order, len(u.order)), complex)
-            for k, order in enumerate(u.order):
+            for k, order in enumerate(u.order if self.order else ()):
                 rate = 2j * np.pi * (u.frequency / HERTZ) * order
                 right = self.b[:, number] * u.amplitude[k]
                 columns[:, k] = np.linalg.solve(rate * np.eye(self.order) - self.a, right)
@@ -183,6 +184,8 @@ class StateSpace:
         A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
         rate and each column by its own weight: from microseconds to hours side by side, none is taken for zero.
         """
+        if not self.order:
+            return np.zeros(0)
         rate = np.abs(self.a).max(axis=1, initial=0.0)
         rows = 1 / np.where(rate > 0, rate, 1.0)
         scaled = rows[:, np.newaxis] * self.a
