@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from simulators.effects.gain_scatter import GainScatter
 
 LATE = 30 * 86_400.0  # s
+DIRECTIONS = 64  # of half a circle
 SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits
 
 
@@ -104,7 +105,15 @@ def correlated_spread(case: Case, correlation: Callable[[Floats], Floats]) -> fl
 
 def largest_within(case: Case) -> float:
     """Greatest error of an amplitude over that of any sample."""
-    return spread(case) * math.sqrt(_count(case.dwell, case.rate))
+    return _largest(case.frequency, case.dwell, case.rate)
+
+
+@functools.lru_cache(maxsize=8)
+def _largest(frequency: float, dwell: float, rate: float) -> float:
+    # Sum of |weights| seen from a direction is convex: around the circle it is below that at a polygon's corners.
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    seen = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ _weights(frequency, dwell, rate)
+    return float(np.abs(seen).sum(axis=1).max()) / math.cos(np.pi / 2 / DIRECTIONS)
 
 
 def largest_tone(case: Case, frequency: float) -> float:

@@ -24,6 +24,7 @@ from simulators.effects.effect import Effect
 
 LARGEST_SEED = 2**63 - 1
 WHEN, ON = "when", "on"  # a table's own key, and what it says if it has none
+DITHER = "white_noise"  # makes the steps of a converter average out
 EFFECTS_TOLERANCE = 1e-4  # of automatic effects, where the file has none
 
 
@@ -186,17 +187,20 @@ def _called_for(
 ) -> tuple[dict[str, Effect], dict[str, str]]:
     """The effects that are simulated, and why: of the automatic ones those that can change more than the tolerance."""
     tolerance = EFFECTS_TOLERANCE if file.tolerance is None else file.tolerance
-    called = {}
-    for name, effect in listed.items():
+    called, beside = {}, dict(listed)
+    for name in sorted(listed, key=DITHER.__ne__):  # first what the bounds of others count on
         if _when(file.effects[name]) == ON:
             called[name] = "called for"
             continue
         from simulators.plan import needed
 
-        bound = needed(effect, design, model, listed, tolerance, file.rig)
-        if bound is not None:
+        others = {other: effect for other, effect in beside.items() if other != name}
+        bound = needed(listed[name], design, model, others, tolerance, file.rig)
+        if bound is None:
+            beside = others
+        else:
             called[name] = f"can change force by {bound.force:.2g} and ratio by {bound.ratio:.2g}, above {tolerance:g}"
-    return {name: listed[name] for name in called}, called
+    return {name: effect for name, effect in listed.items() if name in called}, called
 
 
 def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:

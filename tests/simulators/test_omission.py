@@ -6,12 +6,14 @@ import math
 import os
 from dataclasses import replace
 
+import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
 from instrument.sample import SAMPLES
 from simulators.effects import EFFECTS
-from simulators.effects.effect import Bound
+from simulators.effects.effect import Bound, Effect
+from simulators.effects.white_noise import WhiteNoise
 from simulators.plan import Question, case_of
 from simulators.scene import Scene, read_scene
 from tests.simulators.measured import force_and_ratio
@@ -84,6 +86,22 @@ def test_no_bound_of_a_converter_is_given_where_warming_drives_a_film_to_its_rai
     change = changed(without, with_it, question)
     assert change is not None and change.force > 0.4
     assert bounded("adc", without, with_it, question) == Bound(math.inf, math.inf)
+
+
+def test_noise_of_a_step_makes_the_bound_of_rounding_fall_with_the_dwell_and_it_holds() -> None:
+    bounds = {}
+    for dwell in (0.5, 2.0):
+        question = Question("2", 3.0, dwell=dwell)
+        for seed in range(10):
+            quiet, dithered = scenes("adc", frozenset(), seed, strong=False)
+            noise: dict[str, Effect] = {"white_noise": WhiteNoise(density="14 µV/√Hz")}  # 157 µV, a step is 153
+            without, with_it = (replace(each, effects={**noise, **each.effects}) for each in (quiet, dithered))
+            change, bound = changed(without, with_it, question), bounded("adc", without, with_it, question)
+            assert change is not None and change.ratio <= bound.ratio
+        bounds[dwell] = bound.ratio, bounded("adc", quiet, dithered, question).ratio
+    assert bounds[2.0][0] < 0.55 * bounds[0.5][0]
+    assert bounds[2.0][0] < 0.35 * bounds[2.0][1]
+    assert bounds[2.0][1] == pytest.approx(bounds[0.5][1], rel=0.05)
 
 
 def test_films_of_unlike_phase_are_fitted_unlike_by_a_frequency_that_is_not_theirs() -> None:
