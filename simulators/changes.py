@@ -17,8 +17,6 @@ import numpy.typing as npt
 
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import FILM_KINDS, Film
-from instrument.errors import EstimateError
-from instrument.estimate import fit_sine
 from simulators.chain import Touch
 from simulators.effects import EFFECTS
 from simulators.effects.effect import (
@@ -28,12 +26,12 @@ from simulators.effects.effect import (
     DriveEffect,
     Effect,
     FilmsEffect,
-    Floats,
     HysteresisEffect,
     LeakEffect,
     ShakerEffect,
     StackEffect,
 )
+from simulators.fits import fitted, leaks, left_over, transient
 from simulators.lti import HERTZ, StateSpace
 from simulators.pickup import Additive, bound, largest_within, rounding, signal
 from simulators.randomness import Stream
@@ -43,8 +41,6 @@ if TYPE_CHECKING:
 
 Complexes = npt.NDArray[np.complex128]
 BEYOND = Bound(math.inf, math.inf)
-# Above this condition number the weights of modes say nothing about their sum.
-PARALLEL = 1e8
 LIMITS = ("rail", "current", "stop")
 PEAKS = 100.0  # of noise, over what a fit makes of it
 
@@ -153,8 +149,8 @@ def warming(case: Case, source: StateSpace, film: Film) -> float:
         chains = [chains[0].then(amplifier.system(film, case.design, leakage)) for leakage in _leakages(case)]
     errors = []
     for chain in chains:
-        weights, rates = _transient(chain, chain.b[:, 3], np.zeros(chain.order))
-        errors.append(float(weights[0] @ _leaks(case, rates)))
+        weights, rates = transient(chain, chain.b[:, 3], np.zeros(chain.order))
+        errors.append(float(weights[0] @ leaks(case, rates)))
     return max(errors)
 
 
@@ -172,7 +168,7 @@ def following(case: Case, film: Film, force: float) -> float:
     largest = 0.0
     for leakage in _leakages(case):
         system = amplifier.system(film, case.design, leakage)
-        left = abs(float(system.d[0, 0])) * float(_leaks(case, np.linalg.eigvals(system.a).astype(complex)).sum())
+        left = abs(float(system.d[0, 0])) * float(leaks(case, np.linalg.eigvals(system.a).astype(complex)).sum())
         passed = float(abs(system.transfer(case.frequency)[0, 0]))
         largest = max(largest, passed * case.amplitude + left * (case.preload + case.amplitude))
     return force * largest
@@ -220,7 +216,7 @@ def bound_of_plays(case: Case, effect: HysteresisEffect) -> Bound:
             passed = abs(system.transfer(case.frequency)[0, 0])
             high = abs(float(system.d[0, 0]))
             rates = np.linalg.eigvals(system.a).astype(complex)
-            reach = high / passed * (2 * reach + shifted * float(_leaks(case, rates).sum()))
+            reach = high / passed * (2 * reach + shifted * float(leaks(case, rates).sum()))
         changes.append(Change(1.0, reach))
     return bound_of(case, changes)
 
@@ -232,20 +228,6 @@ def gains(rig: Rig, frequency: float) -> Complexes:
     """Phasors of the films under the drive's voltage at a frequency, (films,) [V]."""
     phasors: Complexes = rig.transfer(frequency)[:-1] * abs(rig.coil_voltage().amplitude[0])
     return phasors
-
-
-def fitted(case: Case, frequency: float) -> tuple[float, float]:
-    """Least and greatest amplitude that a fit of the case's frequency finds in a unit sine of another [Hz]."""
-    angle = 2 * np.pi * frequency * _times(case)
-    amplitude, phase = _fit(case, [np.cos(angle), np.sin(angle)])
-    if not np.isfinite(amplitude).all():
-        return 0.0, math.inf
-    most, least = np.linalg.svd(amplitude * np.array([np.cos(phase), np.sin(phase)]), compute_uv=False)
-    return float(least), float(most)
-
-
-def _times(case: Case) -> Floats:
-    return np.arange(max(1, round(case.dwell * case.rate))) / case.rate
 
 
 def _with(case: Case, effect: Effect) -> Mapping[str, Effect]:
@@ -299,48 +281,3 @@ def diluted(case: Case) -> list[float]:
     """What other effects add to each film's amplitude, relatively."""
     films = [(sum(_errors(case, film)), signal(case, film)) for film in case.design.films]
     return [error / (least - error) if error < least else math.inf for error, least in films]
-
-
-def left_over(case: Case, rig: Rig) -> Floats:
-    """What a fit can find of the transients in each film [V]."""
-    system, state, forcing = rig.beginning()
-    omega = 2 * np.pi * rig.coil_voltage().frequency / HERTZ
-    weights, rates = _transient(system, system.b[:, 1], state, forcing, omega)
-    return np.asarray(weights[: len(case.design.films)] @ _leaks(case, rates))
-
-
-def _transient(
-    system: StateSpace, constant: Floats, state: Floats, forcing: Complexes | None = None, omega: float = 0.0
-) -> tuple[Floats, Complexes]:
-    """Greatest weights (p, s) of the modes in the outputs, for a drive of any phase, and the modes' rates (s,)."""
-    rates, shapes = np.linalg.eig(system.a)
-    rates = rates.astype(complex)
-    if len(rates) and np.linalg.cond(shapes) > PARALLEL:
-        return np.full((len(system.c), len(rates)), np.inf), rates
-    inverse = np.linalg.inv(shapes)
-    moving = rates != 0
-    mean = np.where(moving, -(inverse @ constant) / np.where(moving, rates, 1.0), 0.0)
-    gap = abs(inverse @ state - mean)
-    if forcing is not None:
-        gap = gap + abs(inverse @ forcing / (1j * omega - rates))
-    return abs(system.c @ shapes) * gap, rates
-
-
-def _leaks(case: Case, rates: Complexes) -> Floats:
-    """Greatest amplitude that a fit finds in exp(rate t), of unit size when the drive begins, (s,)."""
-    time = _times(case)
-    leaks = np.zeros(len(rates))
-    for k, rate in enumerate(rates):
-        if rate != 0:
-            wave = np.exp(rate * (case.settled + time))
-            leaks[k] = np.linalg.norm(_fit(case, [wave.real, wave.imag])[0])
-    return leaks
-
-
-def _fit(case: Case, waves: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Amplitudes and phases; infinite amplitudes where the dwell does not determine a sine."""
-    try:
-        fit = fit_sine(_times(case), waves, case.frequency)
-    except EstimateError:
-        return np.full(len(waves), np.inf), np.zeros(len(waves))
-    return fit.amplitude, fit.phase

@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from instrument.quantity import Hertz
-from simulators.changes import BEYOND, Change, bound_of, diluted, fitted, gains, left_over, nonlinear
+from simulators.changes import BEYOND, Change, bound_of, diluted, gains, nonlinear
 from simulators.effects.effect import Bound, Case, DriveEffect, HysteresisEffect, Kind
+from simulators.fits import fitted, left_over
 from simulators.lti import HERTZ
 from simulators.pickup import Additive
 
