@@ -112,6 +112,8 @@ class Design:
         thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
         thesis_softness_order: sample names, hard to soft.
         source: where dimensions and figures come from.
+        film_covariance: (films, films), relative, of the sensitivities; None: they were not calibrated here, and their
+            scatter is all that is known.
 
     Raises:
         RangeError: a dimension is not positive and finite, or parts overlap.
@@ -134,6 +136,7 @@ class Design:
     outline: str = "square"
     disc_radius: float = 5e-3
     support: str = "elastic"
+    film_covariance: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         for part in (self.tooth, self.ring, self.plate, self.film_sheet, self):

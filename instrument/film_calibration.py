@@ -117,9 +117,13 @@ class FilmCalibration(Config):
         )
 
     def apply(self, design: Design) -> Design:
-        """The design with these sensitivities."""
-        found = {film.name: 1e-3 * film.sensitivity_mV_per_N for film in self.films}
-        return replace(design, films=tuple(replace(film, sensitivity=found[film.name]) for film in design.films))
+        """The design with these sensitivities and their covariance."""
+        found = np.array([film.sensitivity_mV_per_N for film in self.films])
+        relative = np.array(self.covariance) / np.outer(found, found)
+        films = (
+            replace(film, sensitivity=1e-3 * float(value)) for film, value in zip(design.films, found, strict=True)
+        )
+        return replace(design, films=tuple(films), film_covariance=tuple(map(tuple, relative.tolist())))
 
     def check_use(self, design: Design, device: str, simulated: bool, today: date) -> None:
         """Raises ConfigError where it is not that of this sensor on this node, or has expired."""

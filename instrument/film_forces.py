@@ -27,7 +27,7 @@ class ToothPoint:
         voltage_V, force_N: of its own film.
         base_voltage_V, base_force_N: of the film under its base, which other teeth may share.
         force_ratio: of its force to the base's, so that those of one base add up; `force_ratio_u` with the scatter
-            of both films' gains.
+            of both films' gains and their calibration.
         noise_u: what noise has in it.
     """
 
@@ -47,8 +47,8 @@ class FilmForces:
 
     Attributes:
         force_ratio: mean over the bases of the force on a base's teeth to the force on the base, as in Tables 5.7 and
-            A2.9 to A2.20; `force_ratio_u` with the scatter of the gains.
-        noise_u: what noise has in it.
+            A2.9 to A2.20; `force_ratio_u` with the scatter of the gains and the films' calibration.
+        noise_u, calibration_u: what noise and the films' calibration have in it.
     """
 
     voltage_rigid_V: float
@@ -58,6 +58,7 @@ class FilmForces:
     force_ratio: float
     force_ratio_u: float
     noise_u: float
+    calibration_u: float
     teeth: tuple[ToothPoint, ...]
 
 
@@ -84,6 +85,8 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
                 f"standard uncertainty {show(float(fit.amplitude_u[i]), 'V')}, too little for a ratio; check its "
                 "connection"
             )
+    calibrated = np.zeros((len(films), len(films))) if design.film_covariance is None else design.film_covariance
+    force_covariance = np.asarray(calibrated) * np.outer(force, force)
     slopes = np.zeros(len(films))
     teeth = []
     for rigid, film in enumerate(films):
@@ -103,21 +106,24 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
                 base_voltage_V=float(voltage[base]),
                 base_force_N=float(force[base]),
                 force_ratio=ratio,
-                force_ratio_u=math.hypot(noise_u, ratio * ratio_scatter(design, film, films[base])),
+                force_ratio_u=math.hypot(
+                    noise_u, ratio * ratio_scatter(design, film, films[base]), _u(slope, force_covariance)
+                ),
                 noise_u=noise_u,
             )
         )
     rigids = [i for i in range(len(films)) if i not in bases]
     ratio = math.fsum(tooth.force_ratio for tooth in teeth) / len(bases)
-    noise_u = _u(slopes, covariance)
+    noise_u, calibration_u = _u(slopes, covariance), _u(slopes, force_covariance)
     return FilmForces(
         voltage_rigid_V=float(voltage[rigids].sum()),
         voltage_total_V=float(voltage[bases].sum()),
         force_rigid_N=float(force[rigids].sum()),
         force_total_N=float(force[bases].sum()),
         force_ratio=ratio,
-        force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio),
+        force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio, calibration_u),
         noise_u=noise_u,
+        calibration_u=calibration_u,
         teeth=tuple(teeth),
     )
 

@@ -33,9 +33,10 @@ class LoadPoint:
     """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
 
     Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
-    has each tooth's own. `relative_u` is `force_ratio_u` to `force_ratio`, beside what was predicted of it where the
-    dwell was chosen at the point. `extrapolated`: the load lies outside the calibrated range. Not `valid`: after the
-    last of its `attempts` it is flagged still; `flags` say why.
+    has each tooth's own. `noise_u` and `calibration_u` are what noise and the films' calibration have in
+    `force_ratio_u`. `relative_u` is that to `force_ratio`, beside what was predicted of it where the dwell was chosen
+    at the point. `extrapolated`: the load lies outside the calibrated range. Not `valid`: after the last of its
+    `attempts` it is flagged still; `flags` say why.
     """
 
     sample: str
@@ -60,6 +61,7 @@ class LoadPoint:
     flags: tuple[str, ...] = ()
     teeth: tuple[ToothPoint, ...] = ()
     extrapolated: bool = False
+    calibration_u: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,13 +190,15 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         flags=measured.flags,
         teeth=forces.teeth if len(forces.teeth) > 1 else (),
         extrapolated=not calibration.covers(step.load_N),
+        calibration_u=forces.calibration_u,
     )
 
 
 def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
     """Mean ratio of each sample over its valid load sets, and the samples from hard to soft.
 
-    The gains scatter anew with each load set, so the uncertainties of the points are independent.
+    The gains scatter anew with each load set, so the uncertainties of the points are independent but for the films'
+    calibration, which all share.
     """
     means = []
     for name in dict.fromkeys(point.sample for point in points):
@@ -204,7 +208,7 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
             SampleMean(
                 sample=name,
                 force_ratio=math.fsum(p.force_ratio for p in valid) / n if n else None,
-                force_ratio_u=math.sqrt(math.fsum(p.force_ratio_u**2 for p in valid)) / n if n else None,
+                force_ratio_u=_mean_u(valid) if n else None,
                 valid_points=n,
                 thesis_force_ratio=design.thesis_force_ratio.get(name),
                 teeth=tuple(
@@ -214,3 +218,8 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
         )
     known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
     return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)])
+
+
+def _mean_u(points: Sequence[LoadPoint]) -> float:
+    own = math.fsum(p.force_ratio_u**2 - p.calibration_u**2 for p in points)
+    return math.hypot(math.sqrt(max(own, 0.0)), math.fsum(p.calibration_u for p in points)) / len(points)
