@@ -132,7 +132,9 @@ class Comparison:
                     answered = math.isfinite(ours)
                     record[series.name] = ours if answered else None
                     record[f"{series.name}_difference"] = ours - thesis if answered else None
+                    # Both definitions of an error: as a share of the thesis' value, and of ours.
                     record[f"{series.name}_relative_difference"] = ours / thesis - 1 if answered and thesis else None
+                    record[f"{series.name}_relative_to_ours"] = 1 - thesis / ours if answered and ours else None
                 yield record
 
 

@@ -20,7 +20,8 @@ from instrument.design import Design
 from instrument.designs import get_design
 from instrument.models.film import film_response, get_film_material
 from instrument.models.parameter_sets import ParameterSet, get_parameter_set
-from instrument.models.parameters import round_parameters, solid_parameters
+from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from procedures.reproduce.solutions import Solutions
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]
@@ -54,6 +55,11 @@ class Case:
         design = self.parameter_set.design(get_design(self.design))
         material = replace(design.ring.material, modulus=self.ring)
         return replace(design, ring=replace(design.ring, material=material))
+
+    def parameters_at(self, modulus: float) -> RoundParameters | SolidParameters:
+        """What its model is asked at a modulus of the object [Pa]."""
+        sensor, load = self.sensor(), self.parameter_set.load(modulus)
+        return (round_parameters if self.model == "axisymmetric" else solid_parameters)(sensor, load)
 
     @property
     def like(self) -> Case | None:
@@ -120,9 +126,17 @@ class Curves:
     Args:
         wanted: all cases that will be asked for.
         extra: solutions that `step` counts beside those of the curves.
+        solutions: those that are known; None: none.
     """
 
-    def __init__(self, wanted: Iterable[Case], extra: int = 0, progress: Progress = lambda *_: None) -> None:
+    def __init__(
+        self,
+        wanted: Iterable[Case],
+        extra: int = 0,
+        progress: Progress = lambda *_: None,
+        solutions: Solutions | None = None,
+    ) -> None:
+        self.solutions = Solutions() if solutions is None else solutions
         self._curves: dict[Case, Curve] = {}
         self._solved: dict[tuple[Case, float, int], Solved] = {}
         self._progress = progress
@@ -171,7 +185,9 @@ class Curves:
         """As `solve`, at a logarithm of the modulus ratio."""
         key = (case, round(place, 9), mesh)  # a node of two interpolants is the same but for rounding
         if key not in self._solved:
-            self._solved[key] = solve(case, case.ring * math.exp(place), mesh)
+            modulus = case.ring * math.exp(place)
+            solved = self.solutions.of(case.parameters_at(modulus), f"mesh {mesh}", lambda: solve(case, modulus, mesh))
+            self._solved[key] = solved[0], solved[1], solved[2], solved[3], solved[4]
             self.step(f"{case.design} by {case.model}, {case.parameters}")
         return self._solved[key]
 
@@ -185,16 +201,16 @@ def solve(case: Case, modulus: float, mesh: int) -> Solved:
     """
     from instrument.models import axisymmetric, solid
 
-    sensor, load = case.sensor(), case.parameter_set.load(modulus)
+    parameters = case.parameters_at(modulus)
     tooth = base = (0.0, 0.0)
     ratio: float
-    if case.model == "axisymmetric":
-        disc = axisymmetric.solve(round_parameters(sensor, load), mesh)
+    if isinstance(parameters, RoundParameters):
+        disc = axisymmetric.solve(parameters, mesh)
         ratio = disc.force_ratio
         if disc.films:
             tooth, base = ((disc.films[film].plane_stress,) * 2 for film in (TOOTH, BASE))
     else:
-        square = solid.solve(solid_parameters(sensor, load), mesh)
+        square = solid.solve(parameters, mesh)
         ratio = square.force_ratio
         if square.tooth_films:
             tooth, base = square.tooth_films[0], square.base_films[0]

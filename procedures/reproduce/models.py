@@ -14,6 +14,7 @@ from procedures.reproduce.comparison import Comparison
 from procedures.reproduce.curves import Case, Curves, Progress
 from procedures.reproduce.figures import FIGURES, Picture
 from procedures.reproduce.files import write_summary, write_table
+from procedures.reproduce.solutions import Solutions
 
 PROCEDURE = "reproduce-models"
 SETS = ("physical", "identified")
@@ -59,14 +60,18 @@ def cases(parameters: Sequence[str]) -> list[Case]:
     return [*wanted, *figures.cases(parameters)]
 
 
-def run(parameters: Sequence[str], done: Reproduction, progress: Progress) -> None:
+def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> None:
     """Make table after table, then the figures; each is on disk, and in `done`, before the next begins.
+
+    Args:
+        fresh: solve everything anew, and write the solutions, instead of taking those that are known.
 
     Raises:
         EstimateError: a linear system cannot be solved accurately.
         RecordError: a file cannot be written.
     """
-    curves = Curves(cases(parameters), extra=len(parameters), progress=progress)
+    solutions = Solutions() if fresh else Solutions.shipped()
+    curves = Curves(cases(parameters), extra=len(parameters), progress=progress, solutions=solutions)
     for compare in TABLES.values():
         comparison = compare(parameters, curves)
         done.tables.append((comparison, write_table(comparison, done.folder)))
@@ -76,3 +81,5 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress) -> No
     for figure in FIGURES:
         done.pictures.append(figures.draw(figure, parameters, curves, done.folder))
         done.summary = write_summary(done.tables, done.pictures, done.folder)
+    if fresh:
+        solutions.write(done.folder)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
 
 from instrument.designs import get_design
 from instrument.models.parameter_sets import get_parameter_set
-from instrument.models.parameters import solid_parameters
+from instrument.models.parameters import SolidParameters, solid_parameters
 from instrument.thesis import read_table
 from procedures.reproduce.comparison import Comparison, column_of, fit_sentence
 from procedures.reproduce.curves import BASE, COARSE_MESH, TOOTH, Curves, film_voltages
@@ -20,8 +21,6 @@ MODULUS = 430e3
 
 def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
     """The table; the mesh is the coarsest, within 5e-3 N of the next finer one."""
-    from instrument.models.solid import point_loads
-
     table = read_table("A2.7")
     x = 1e-3 * table.keys()
     forces = {}
@@ -29,7 +28,13 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
         chosen = get_parameter_set(name, MODEL)
         sensor = chosen.design(get_design("common_base"))
         places = [(float(place), sensor.cell[1] / 2) for place in x]
-        forces[name, MODEL] = point_loads(solid_parameters(sensor, chosen.load(MODULUS)), places, COARSE_MESH)
+        asked = solid_parameters(sensor, chosen.load(MODULUS))
+        solved = curves.solutions.of(
+            asked,
+            f"mesh {COARSE_MESH}, point loads at {places}",
+            functools.partial(_solve, asked, places),
+        )
+        forces[name, MODEL] = np.reshape(solved, (len(places), len(sensor.teeth)))
         curves.step(f"common_base under a point load, {name}")
     left, right = ({key: teeth[:, tooth] for key, teeth in forces.items()} for tooth in (0, 1))
     none = np.zeros(len(x))
@@ -66,6 +71,12 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
         " shape is not printed. Below zero, our model holds the contact where it would lift off"
     )
     return Comparison(table, columns, tuple(said))
+
+
+def _solve(asked: SolidParameters, places: list[tuple[float, float]]) -> list[float]:
+    from instrument.models.solid import point_loads
+
+    return list(point_loads(asked, places, COARSE_MESH).ravel())
 
 
 def _at_modulus() -> float:

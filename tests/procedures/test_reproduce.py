@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from instrument.errors import UnknownName
 from instrument.models import solid, springs
-from instrument.thesis import TABLES, Cell, Table, read_table
-from procedures.reproduce import curves, figures, models, pair, position, theory
+from instrument.thesis import Cell, Table, read_table
+from procedures.reproduce import curves, figures, models, pair, position, solutions, theory
 from procedures.reproduce.comparison import Column, Comparison, Series, fit_sentence
 from procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, TOOTH, Case, Curves, Solved
 from procedures.reproduce.films import voltage_sentence
@@ -49,6 +49,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
 
     monkeypatch.setattr(curves, "solve", solve)
     monkeypatch.setattr(solid, "point_loads", point_loads)
+    monkeypatch.setattr(solutions, "SHIPPED", Path("nothing is known"))
     return asked
 
 
@@ -74,6 +75,7 @@ def test_a_difference_is_ours_less_the_repaired_value_of_the_thesis() -> None:
         "sample": "1", "quantity": "force_ratio", "printed": "0.2", "thesis": 0.2, "repaired": "",
         "physical_solid": 0.21, "physical_solid_difference": pytest.approx(0.01),
         "physical_solid_relative_difference": pytest.approx(0.05),
+        "physical_solid_relative_to_ours": pytest.approx(0.05 / 1.05),
     }  # fmt: skip
     assert (second["printed"], second["thesis"], second["repaired"]) == ("0.44", 0.4, "thesis slip")
     assert second["physical_solid_difference"] == pytest.approx(-0.03)
@@ -205,7 +207,7 @@ def test_json_has_the_tables_their_cells_and_where_everything_lies(palpate: Palp
     assert list(said) == ["parameters", "folder", "summary", "tables", "figures"]
     assert (said["parameters"], said["folder"]) == (["physical", "identified"], "compared")
     assert [table["table"] for table in said["tables"]] == ["A2.1", "4.1", "A2.3", "4.5", "A2.5", "4.3", "A2.7", "5.8"]
-    assert sorted(table["table"] for table in said["tables"]) == sorted(TABLES)
+    assert sorted(table["table"] for table in said["tables"]) == sorted(models.TABLES)
     for table in said["tables"]:
         assert list(table) == ["table", "title", "doubt", "file", "summary", "said", "repaired", "rows"]
         assert table["said"] and table["rows"]
@@ -254,7 +256,7 @@ def test_people_get_tables_pictures_and_a_summary_in_a_new_folder_of_the_store(p
     numbers = [figure.number.replace(".", "_") for figure in figures.FIGURES]
     assert {file.name for file in folder.iterdir()} == {
         "summary.md", "table_A2_7.png", *(f"figure_{number}.png" for number in numbers),
-        *(f"table_{number.replace('.', '_')}.csv" for number in TABLES),
+        *(f"table_{number.replace('.', '_')}.csv" for number in models.TABLES),
     }  # fmt: skip
     assert "Table A2.5: two sensors on different bases" in said.out
     assert "Captions are inferred" in said.out
@@ -290,7 +292,7 @@ def test_a_run_that_leaves_nothing_leaves_no_folder(palpate: Palpate, monkeypatc
         raise KeyboardInterrupt
 
     monkeypatch.setattr(curves, "solve", fails)
-    assert palpate(*REPRODUCE).status == 130
+    assert palpate(*REPRODUCE, "--fresh").status == 130
     assert not list(Path("runs").iterdir())
 
 

@@ -1,0 +1,80 @@
+"""Tables 5.1 to 5.4: the load cell and the rubbers, beside a calibration and compressions on the simulated bench."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.compression import LOADING
+from instrument.sample import SAMPLES
+from instrument.thesis import Cell, read_table
+from procedures.load_cell import LoadCellResult
+from procedures.modulus import ModulusResult
+from procedures.reproduce.rows import Row, RowTable
+
+DIGIT_U = math.sqrt(2 / 3)  # mV: Table 5.1 knows each reading to ±1 digit, and so do we
+
+
+def calibration(found: LoadCellResult) -> RowTable:
+    """Table 5.1: readings under dead weights, and the line through them."""
+    table = read_table("5.1")
+    ours = {(p["direction"], round(p["load_gf"])): p["reading_mV"] for p in found.points if p["direction"] != "creep"}
+    rows = [
+        Row(row, column, table.columns[column][index], ours[direction, round(float(row))], DIGIT_U)
+        for index, row in enumerate(table.rows)
+        for direction, column in (("loading", "reading_loading_mV"), ("unloading", "reading_unloading_mV"))
+    ]
+    line, thesis = found.calibration, THESIS_LOAD_CELL
+    for name, printed, value, u, value_u in (
+        ("sensitivity_mV_per_N", "", line.sensitivity_mV_per_N, line.sensitivity_u, thesis.sensitivity_u),
+        ("zero_mV", "", line.zero_mV, line.zero_u, thesis.zero_u),
+    ):
+        cell = Cell(printed, float(getattr(thesis, name)), "not printed: the line through the readings")
+        rows.append(Row("line", name, cell, value, math.hypot(u, value_u)))
+    said = (
+        f"sensitivity {thesis.sensitivity_mV_per_N:.3f} mV/N by the line; the printed 0.1053 mV/N is mV per gram-force,"
+        f" {0.1053 / 9.80665e-3:.2f} mV/N, and takes no zero into account",
+    )
+    return RowTable("5.1", table.title, table.doubt, tuple(rows), said, experimental=True)
+
+
+def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
+    """Tables 5.2 and 5.3: stress and secant modulus at the thesis' strains, ours along the loading line."""
+    table, c = read_table(number), found.compression
+    printed = table.values("modulus_Pa")
+    spread = float(printed.std(ddof=1))
+    points = [p for p in c.points if p.direction == LOADING]
+    tangent, tangent_u = c.tangent.value, c.tangent.u
+    rows = []
+    for index, row in enumerate(table.rows):
+        strain = table.columns["strain"][index].value
+        u = math.hypot(spread, tangent_u)
+        rows += [
+            Row(row, "stress_Pa", table.columns["stress_Pa"][index], tangent * strain, u * strain),
+            Row(row, "modulus_Pa", table.columns["modulus_Pa"][index], tangent, u),
+        ]
+    mean = float(printed.mean())
+    rows.append(Row("mean", "modulus_Pa", Cell(f"{mean:.1f}", mean), tangent, math.hypot(spread, tangent_u)))
+    said = (
+        f"sample {sample}: ours up to a strain of {max(p.strain for p in points):.2f}, by the face of 1 cm2 and the"
+        " calibration of Table 5.1; the scatter stated is that of the thesis' moduli, and our standard uncertainty",
+        "the readings themselves are not compared: at the printed moduli they would be 9.5 times smaller",
+    )
+    return RowTable(number, table.title, table.doubt, tuple(rows), said, experimental=True)
+
+
+def catalogue(tested: Mapping[str, ModulusResult]) -> RowTable:
+    """Table 5.4: whether a modulus lies in the range of its rubber; tested where we did, else the one on file."""
+    table = read_table("5.4")
+    low, high = table.values("compression_deflection_min_Pa"), table.values("compression_deflection_max_Pa")
+    rows = []
+    for index, row in enumerate(table.rows):
+        ours = tested[row].compression.tangent.value if row in tested else SAMPLES[row].modulus
+        cell = Cell(f"{low[index]:g} to {high[index]:g}", float(np.mean([low[index], high[index]])))
+        # Twice the standard uncertainty is half the range: inside it is within.
+        rows.append(Row(row, "modulus_Pa", cell, ours, float(high[index] - low[index]) / 4))
+    said = ("thesis: the middle of the catalogue's range; half the range counts as two standard uncertainties",)
+    return RowTable("5.4", table.title, table.doubt, tuple(rows), said)

@@ -1,0 +1,157 @@
+"""Everything on one HTML page that needs no other file: counts, tables, pictures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from procedures.report.figure import new_figure, save
+from procedures.report.text import STAMP, number
+from procedures.reproduce.figures import INFERRED
+from procedures.reproduce.rows import Row, RowTable
+from procedures.run import storing
+
+if TYPE_CHECKING:
+    from procedures.reproduce.comparison import Comparison
+    from procedures.reproduce.everything import Everything
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 75em; padding: 0 1em; }
+table { border-collapse: collapse; margin: 1em 0; font-variant-numeric: tabular-nums; }
+th, td { border-bottom: 1px solid #ddd; padding: .15em .7em; text-align: right; }
+th { border-bottom-color: #555; }
+.outside { background: #fdd; } .repaired { background: #ffc; } .stamp { color: #c00; }
+img { max-width: 100%; }
+"""
+HEADER = (
+    "row", "quantity", "printed", "thesis", "ours", "difference", "% of theory", "% of experiment", "scatter u",
+    "within 2 u",
+)  # fmt: skip
+
+
+def write_page(done: Everything, folder: Path) -> Path:
+    """The page, with pictures in it; returns the file. Raises RecordError."""
+    path = folder / "index.html"
+    tables = [table for table, _ in done.tables]
+    pictures = [(plot_experiments(tables, folder), "Force ratio of the experiments: thesis and ours")]
+    pictures += [(p.file, f"{p.name}: {p.content}") for p in done.models.pictures]
+    parts = [
+        "<!doctype html><html lang=en><meta charset=utf-8><title>Against the thesis</title>",
+        f"<style>{STYLE}</style><h1>Against the thesis</h1>",
+        "<p>H. Singh, Design, Finite Element and Experimental Analysis of Piezoelectric Tactile Sensors for Endoscopic"
+        f" Graspers. What is measured is <b class=stamp>{STAMP}</b>. Yellow: a slip of the thesis, repaired, with the"
+        " reason; red: outside its stated scatter.</p>",
+        _list(summary_lines(done)),
+        *(_section(table) for table in tables),
+        "<h1>Models</h1>",
+        *(_comparison(comparison) for comparison, _ in done.models.tables),
+        f"<h1>Pictures</h1><p>{escape(INFERRED)}</p>",
+        *(_picture(file, text) for file, text in pictures),
+    ]
+    with storing(path):
+        path.write_text("\n".join(parts) + "\n", encoding="utf-8")
+    return path
+
+
+def summary_lines(done: Everything) -> list[str]:
+    """What the page and the terminal say first."""
+    found = done.summary()
+    share = found["experimental_share"]
+    lines = [
+        f"{found['within']} of {found['judged']} rows lie within their stated scatter",
+        f"experiments: {found['experimental_within']} of {found['experimental_cells']} cells within two standard"
+        f" uncertainties of their scatter{'' if share is None else f', {share:.1%}'}; 93 % are asked for",
+    ]
+    lines += [
+        f"softness order, design {design}: {'right' if right else 'WRONG'}" for design, right in done.orders.items()
+    ]
+    return lines
+
+
+def plot_experiments(tables: Iterable[RowTable], folder: Path) -> Path:
+    """Our force ratios over the thesis', a panel a kind of table; returns the PNG."""
+    groups = (("A2.9 to A2.14, 5.5", "single"), ("A2.15 to A2.20, 5.6", "common base"), ("5.7", "different bases"))
+    figure, axes = new_figure(True, len(groups))
+    figure.suptitle(f"{STAMP}: force ratio, ours and the thesis'")
+    by_title = list(tables)
+    for ax, (numbers, title) in zip(axes, groups, strict=True):
+        rows = [
+            row
+            for table in by_title
+            if title.split()[0] in table.title
+            for row in table.rows
+            if row.quantity == "force_ratio"
+        ]
+        thesis, ours = [row.cell.value for row in rows], [row.ours for row in rows]
+        ax.errorbar(thesis, ours, [row.u or 0.0 for row in rows], fmt="o", ms=3, capsize=2)
+        ends = [min(thesis, default=0.0), max(thesis, default=1.0)]
+        ax.plot(ends, ends, "k-", lw=1)
+        ax.set(title=f"{title}: Tables {numbers}", xlabel="thesis", ylabel="ours")
+    return save(figure, folder)
+
+
+def _section(table: RowTable) -> str:
+    judged = f"{table.inside} of {len(table.judged)} rows within" if table.judged else "nothing is judged"
+    doubt = f"<p>Doubtful as a whole: {escape(table.doubt)}.</p>" if table.doubt else ""
+    return "\n".join(
+        [
+            f"<h2>Table {escape(table.number)}: {escape(table.title)}</h2><p>{judged}.</p>{doubt}",
+            _list(table.said),
+            f"<table><tr>{_cells('th', HEADER)}</tr>",
+            *(_row(row) for row in table.rows),
+            "</table>",
+        ]
+    )
+
+
+def _row(row: Row) -> str:
+    kind = "outside" if row.within is False else "repaired" if row.cell.reason else ""
+    of_theory, of_experiment = (number(error) for error in row.errors())
+    verdict = "-" if row.within is None else "yes" if row.within else "NO"
+    cells = (
+        row.row, row.quantity, row.cell.printed, number(row.cell.value), number(row.ours), number(row.difference),
+        of_theory, of_experiment, number(row.u), verdict,
+    )  # fmt: skip
+    return f'<tr class="{kind}" title="{escape(row.cell.reason)}">{_cells("td", cells)}</tr>'
+
+
+def _comparison(comparison: Comparison) -> str:
+    table = comparison.table
+    header = ("quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "cells", "goal", "within goal")
+    rows = [[number(value) for value in astuple(deviation)] for deviation in comparison.deviations()]
+    repaired = [
+        f"{row}, {column}: printed {c.printed}, is {c.value:g}: {c.reason}" for row, column, c in table.repaired()
+    ]
+    return "\n".join(
+        [
+            f"<h2>Table {escape(table.number)}: {escape(table.title)}</h2>",
+            _list([*comparison.said, *([f"doubtful as a whole: {table.doubt}"] if table.doubt else [])]),
+            f"<table><tr>{_cells('th', header)}</tr>",
+            *(f"<tr>{_cells('td', row)}</tr>" for row in rows),
+            "</table>",
+            f"<details><summary>{len(repaired)} repaired cells</summary>{_list(repaired)}</details>"
+            if repaired
+            else "",
+        ]
+    )
+
+
+def _picture(file: Path, text: str) -> str:
+    with storing(file):
+        data = base64.b64encode(file.read_bytes()).decode()
+    caption = escape(text)
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+    )
+
+
+def _list(lines: Sequence[str]) -> str:
+    return f"<ul>{''.join(f'<li>{escape(line)}' for line in lines)}</ul>" if lines else ""
+
+
+def _cells(tag: str, values: Sequence[str]) -> str:
+    return "".join(f"<{tag}>{escape(value)}</{tag}>" for value in values)

@@ -1,0 +1,257 @@
+"""Everything of chapters 4 and 5 beside ours: rows that are judged, kept solutions, one page, an exit status."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.compression import compress
+from instrument.designs import get_design
+from instrument.film_forces import ToothPoint
+from instrument.sample import get_sample
+from instrument.thesis import Cell, read_table
+from procedures import load_cell, load_sweep, modulus
+from procedures.load_cell import LoadCellResult
+from procedures.load_sweep import LoadPoint, SweepResult
+from procedures.modulus import ModulusResult
+from procedures.reproduce import bench_tables, curves, everything, experiments, models, percent
+from procedures.reproduce.curves import Case
+from procedures.reproduce.everything import Everything
+from procedures.reproduce.models import Reproduction
+from procedures.reproduce.page import write_page
+from procedures.reproduce.rows import Row, RowTable
+from procedures.reproduce.solutions import Solutions
+from tests.instrument.test_compression import three
+from tests.procedures.conftest import Palpate, silent
+
+SINGLE, COMMON, DIFFERENT = experiments.ARRANGEMENTS
+
+
+def row(thesis: float, ours: float, u: float | None, measured: bool = True, reason: str = "") -> Row:
+    return Row("1", "force_ratio", Cell(f"{thesis:g}", thesis, reason), ours, u, measured)
+
+
+def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepResult:
+    """What the thesis' mean ratios give under every load, its forces times a factor."""
+    design = get_design(arrangement.design)
+    count = len(design.teeth)
+    bases = sum(film.kind == "total" for film in design.films)
+    rigid = [film.sensitivity for film in design.films if film.kind == "rigid"]
+    total = [film.sensitivity for film in design.films if film.kind == "total"]
+    points = []
+    for sample, ratio in design.thesis_force_ratio.items():
+        for load in arrangement.loads:
+            force = 1.029 * load * factor
+            teeth = tuple(
+                ToothPoint(
+                    n + 1, ratio * force / count * rigid[n], ratio * force / count, force / bases * total[n % bases],
+                    force / bases, ratio, 0.04 * ratio, 0.0,
+                )
+                for n in range(count)
+            )  # fmt: skip
+            points.append(
+                LoadPoint(
+                    sample, load, 1.81 + 10.3 * load, load, 0.05, sum(t.voltage_V for t in teeth), force * total[0],
+                    ratio * force, force, ratio, 0.04 * ratio, 0.0, 1.0, True, teeth=teeth,
+                )
+            )  # fmt: skip
+    return load_sweep.evaluate(points, design)
+
+
+def pressed(sample: str) -> ModulusResult:
+    return ModulusResult(get_sample(sample), compress(*three(), THESIS_LOAD_CELL, 1e-4, 1e-6))
+
+
+def weighed() -> LoadCellResult:
+    """Table 5.1 itself."""
+    table = read_table("5.1")
+    points = [
+        {"direction": direction, "load_gf": float(load), "reading_mV": cell.value}
+        for direction in ("loading", "unloading")
+        for load, cell in zip(table.rows, table.columns[f"reading_{direction}_mV"], strict=True)
+    ]
+    return LoadCellResult(THESIS_LOAD_CELL, points)
+
+
+# --- rows ----------------------------------------------------------------------------------------------
+
+
+def test_an_error_is_a_percentage_of_the_theory_and_of_the_experiment_whichever_is_ours() -> None:
+    assert row(0.2, 0.25, None).errors() == pytest.approx((-20.0, -25.0))
+    assert row(0.2, 0.25, None, measured=False).errors() == pytest.approx((25.0, 20.0))
+    assert row(0.0, 0.25, None).errors() == (-100.0, None)
+
+
+def test_a_row_is_within_two_standard_uncertainties_and_without_any_it_is_not_judged() -> None:
+    assert [row(1.0, ours, 0.1).within for ours in (1.19, 1.21, 0.81, 0.79, math.nan)] == [
+        True, False, True, False, False,
+    ]  # fmt: skip
+    assert row(1.0, 2.0, None).within is None
+
+
+# --- experiments ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("arrangement", "cells"), [(SINGLE, 258), (COMMON, 390), (DIFFERENT, 60)])
+def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
+    arrangement: experiments.Arrangement, cells: int
+) -> None:
+    tables = list(experiments.compare(arrangement, swept(arrangement)))
+    assert [table.number for table in tables] == [*arrangement.tables.values(), arrangement.summary]
+    judged, inside = sum(len(t.judged) for t in tables), sum(t.inside for t in tables)
+    assert judged == cells
+    assert inside / judged > everything.LEAST_SHARE
+    assert tables[-1].said == ("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right",)
+
+
+def test_forces_that_are_wrong_by_a_third_lie_outside() -> None:
+    tables = list(experiments.compare(SINGLE, swept(SINGLE, 1.33)))
+    forces = [r for table in tables for r in table.rows if r.quantity == "force_total_N"]
+    assert sum(r.within is False for r in forces) > 0.8 * len(forces)
+
+
+def test_a_wrong_order_of_softness_is_said() -> None:
+    wrong = replace(swept(DIFFERENT), softness_order=["2", "1", "3", "4", "5", "6"])
+    (table,) = experiments.compare(DIFFERENT, wrong)
+    assert table.said[0].endswith("WRONG: by modulus it is 1 > 6 > 4 > 3 > 5 > 2")
+
+
+def test_table_5_1_is_its_own_and_its_line_stands_beside_the_printed_sensitivity() -> None:
+    table = bench_tables.calibration(weighed())
+    assert {r.difference for r in table.rows} == {0.0}
+    assert table.inside == len(table.judged) == 16
+    assert "10.306 mV/N by the line; the printed 0.1053 mV/N is mV per gram-force, 10.74 mV/N" in table.said[0]
+
+
+def test_a_modulus_of_60_kpa_is_not_that_of_sample_1_and_lies_below_its_catalogue() -> None:
+    table = bench_tables.compression("5.2", "1", pressed("1"))
+    assert table.inside == 0
+    assert [r.cell.reason[:12] for r in table.rows if r.cell.reason] == ["scan or thes"]
+    catalogue = bench_tables.catalogue({"1": pressed("1")})
+    assert [r.within for r in catalogue.rows] == [False, True, True, True, True]
+
+
+def test_the_columns_of_table_5_8_do_not_share_a_definition() -> None:
+    assert [re.match(r"\w+: percent of the (\w+)", said).group(1) for said in percent.errors().said] == [  # type: ignore[union-attr]
+        "theory", "theory", "experiment", "experiment",
+    ]  # fmt: skip
+
+
+# --- kept solutions ------------------------------------------------------------------------------------
+
+
+def test_a_kept_solution_is_what_the_model_gives() -> None:
+    case, ratios = Case("single", "axisymmetric", "identified"), (curves.LOWEST, curves.HIGHEST)
+    middle = case.ring * math.sqrt(ratios[0] * ratios[1])  # the node in the middle
+    kept = Solutions.shipped()
+    assert list(kept.known.values())
+    found = kept.of(case.parameters_at(middle), f"mesh {curves.ROUND_MESH}", lambda: pytest.fail("it is not kept"))
+    assert found[0] == pytest.approx(curves.solve(case, middle, 1)[0], rel=1e-3)  # a mesh coarser, a tenth of the time
+
+
+def test_every_solution_that_is_needed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curves, "solve", lambda *_: pytest.fail("not kept: palpate reproduce models --fresh"))
+    monkeypatch.setattr(models, "FIGURES", ())
+    made = curves.Curves(models.cases(models.SETS), solutions=Solutions.shipped())
+    for case in models.cases(models.SETS):
+        made.of(case)
+
+
+def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
+    case = Case("single", "axisymmetric", "identified")
+    changed = replace(case.parameters_at(1e5), tooth_radius=1.3e-3)
+    kept = Solutions({}, {})
+    assert kept.of(case.parameters_at(1e5), "mesh 1", lambda: [1.0]) == [1.0]
+    assert kept.of(changed, "mesh 1", lambda: [2.0]) == [2.0]
+    again = Solutions(json.loads(kept.write(tmp_path).read_text(encoding="utf-8")))
+    assert again.of(changed, "mesh 1", lambda: [3.0]) == [2.0]
+    assert again.of(changed, "mesh 2", lambda: [3.0]) == [3.0]
+
+
+# --- all of it -----------------------------------------------------------------------------------------
+
+
+def test_everything_is_made_judged_and_on_one_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = []
+
+    @contextmanager
+    def open_bench(scene: str, procedure: str) -> Iterator[Any]:
+        opened.append((scene, procedure))
+        yield SimpleNamespace(bench=None, record=None)
+
+    monkeypatch.setattr(
+        load_sweep,
+        "run",
+        lambda _b, design, *_: swept(next(a for a in experiments.ARRANGEMENTS if a.design == design.name)),
+    )
+    monkeypatch.setattr(load_cell, "run", lambda *_: weighed())
+    monkeypatch.setattr(modulus, "run", lambda _b, _c, settings, *_: pressed(settings.sample))
+    monkeypatch.setattr(models, "run", lambda *_: None)
+    done = Everything(Reproduction(tmp_path))
+    everything.run(open_bench, done, silent)
+    assert [procedure for _, procedure in opened] == [
+        *3 * ["sweep-loads"],
+        "calibrate-load-cell",
+        *2 * ["test-modulus"],
+    ]
+    assert done.orders == {"single": True, "common_base": True, "different_base": True}
+    summary = done.summary()
+    assert summary["judged"] - summary["within"] == len(summary["outside"])
+    assert {one["table"] for one in summary["outside"]} >= {"5.2", "5.3"}
+    for table, file in done.tables:
+        with file.open(encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+        assert len(rows) == len(table.rows)
+        assert {"printed", "thesis", "repaired", "ours", "difference", "error_percent_of_theory"} <= rows[0].keys()
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert page.count("<h2>") == len(done.tables)
+    assert re.findall(r'(?:src|href)="(?!data:)', page) == []
+    assert "SIMULATED" in page
+
+
+def test_what_stands_on_the_page_is_escaped(tmp_path: Path) -> None:
+    table = RowTable("9.9 <i>", "a & b", "<script>", (row(1.0, 1.0, 0.1, reason='"quoted" <b>'),), ("x < y",))
+    done = Everything(Reproduction(tmp_path), [(table, tmp_path / "none.csv")])
+    page = write_page(done, tmp_path).read_text(encoding="utf-8")
+    assert "<script>" not in page
+    for text in ("Table 9.9 &lt;i&gt;: a &amp; b", "&quot;quoted&quot; &lt;b&gt;", "x &lt; y"):
+        assert text in page
+
+
+@pytest.mark.parametrize(("ours", "status"), [(1.0, 0), (2.0, 1)])
+def test_the_exit_status_says_whether_all_rows_lie_within(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, ours: float, status: int
+) -> None:
+    def run(_open: object, done: Everything, _progress: object) -> None:
+        table = RowTable("5.5", "one sensor", "", (row(1.0, ours, 0.1),), experimental=True)
+        done.tables.append((table, table.write(done.models.folder)))
+
+    monkeypatch.setattr(everything, "run", run)
+    said = palpate("reproduce", "--json")
+    assert (said.status, said.err) == (status, "")
+    found = json.loads(said.out)
+    assert found.keys() >= {
+        "folder", "page", "judged", "within", "experimental_cells", "experimental_within", "experimental_share",
+        "softness_order_right", "outside", "tables", "models",
+    }  # fmt: skip
+    assert len(found["outside"]) == status
+
+
+def test_bad_input_is_one_error(palpate: Palpate) -> None:
+    assert palpate("reproduce", "--seed", "-1").status == 2
+    Path("full").mkdir()
+    (Path("full") / "file").touch()
+    said = palpate("reproduce", "--out", "full")
+    assert said.status == 2
+    assert "full holds other files; choose a new or empty folder" in said.complaint
