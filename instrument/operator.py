@@ -30,3 +30,6 @@ class Operator(Protocol):
 
     def turn_load_cell(self, degrees: float) -> None:
         """Turn the load cell about its axis to this position, without load."""
+
+    def set_temperature(self, kelvin: float) -> None:
+        """Make the surroundings of the sensor so many kelvin warmer than they were at the start."""

@@ -39,6 +39,11 @@ class SimulatedOperator:
         with self._clock.lock:
             self._rig.turn_load_cell(degrees)
 
+    def set_temperature(self, kelvin: float) -> None:
+        self._clock.wait(PLACING)
+        with self._clock.lock:
+            self._rig.set_temperature(kelvin)
+
     def _under_the_probe(self, put: Callable[[], None]) -> None:
         self._clock.wait(MOUNTING)
         with self._clock.lock:

@@ -60,6 +60,7 @@ class Rig:
         self.cell_position = 0.0  # degrees
         self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
         self._weight = 0.0
+        self._ambient = 0.0
         self._set_at_ns = 0
         self._changed_ns = 0
         self.changes = 0  # so often anything has changed
@@ -107,6 +108,11 @@ class Rig:
         """Dead weights of `mass` kg in all stand on the load cell."""
         self.placed.append((self._clock.now_ns(), mass * STANDARD_GRAVITY - self._weight))
         self._weight = mass * STANDARD_GRAVITY
+        self._begin()
+
+    def set_temperature(self, kelvin: float) -> None:
+        """The surroundings are so much warmer than they were as the bench was opened."""
+        self._ambient = kelvin
         self._begin()
 
     def turn_load_cell(self, degrees: float) -> None:
@@ -280,7 +286,7 @@ class Rig:
         signals = gain(matrix @ shares)
         for effect in self.scene.effects.values():
             if isinstance(effect, SourceEffect):
-                signals = signals.plus(effect.source(self.scene.design))
+                signals = signals.plus(effect.source(self.scene.design, self._ambient))
         return signals
 
     def _part(self, film: Film) -> float:

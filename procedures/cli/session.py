@@ -110,6 +110,9 @@ class ConsoleOperator:
     def turn_load_cell(self, degrees: float) -> None:
         _ask(f"Turn the load cell about its axis to {degrees:g} degrees")
 
+    def set_temperature(self, kelvin: float) -> None:
+        _ask(f"Make the surroundings of the sensor {kelvin:g} K warmer than at the start")
+
 
 def _described(sample: Sample) -> str:
     return f"{sample.name} ({sample.material}, {show(sample.thickness, 'm')})"

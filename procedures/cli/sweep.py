@@ -113,6 +113,55 @@ def frequency(
     _sweep(frequency_sweep, frequency_sweep, report, settings, choice, output, dry_run, model)
 
 
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep temperature --scene humid_body"
+    "\n\n  palpate sweep temperature --temperatures '0 K, 5 K, 15 K, 10 K' --soak '10 min' --bench lab.toml"
+)
+@click.option("--temperatures", default="0 K, 5 K, 15 K, 10 K", show_default=True, help="Against the start, in order.")
+@click.option("--soak", default="30 min", show_default=True, help="Time before each change.")
+@click.option("--sample", default="1", show_default=True, help="Rubber sample.")
+@click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
+@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@MODEL
+@EXTRAPOLATE
+@DRY_RUN
+@bench_options
+def temperature(
+    temperatures: str,
+    soak: str,
+    sample: str,
+    load: str,
+    dwell: str,
+    frequency: str,
+    model: str | None,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """What warming films add to their signals, and what the fitted trend takes away of it.
+
+    A point is measured right after each change of the surroundings. Beside the fit with a trend stands what a lock-in
+    amplifier and a voltmeter would have read off the same record. A simulated bench needs a scene with pyroelectric
+    films: humid_body, long_drift or everything.
+    """
+    from instrument.quantity import parse
+    from procedures import temperature_sweep
+    from procedures.report import temperature_sweep as report
+
+    settings = temperature_sweep.TemperatureSettings(
+        temperature_sweep.parse_temperatures(temperatures),
+        sample,
+        parse(load, "N"),
+        parse(dwell, "s"),
+        parse(frequency, "Hz"),
+        parse(soak, "s"),
+        extrapolate,
+    )
+    _sweep(temperature_sweep, temperature_sweep, report, settings, choice, output, dry_run, model)
+
+
 def _sweep(
     planned: ModuleType,
     procedure: ModuleType,

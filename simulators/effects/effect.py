@@ -131,8 +131,11 @@ class SourceEffect(Effect, ABC):
     """Adds to the films' signals before their amplifiers."""
 
     @abstractmethod
-    def source(self, design: Design) -> StateSpace:
-        """From tooth force, ring force, the plays' force [N] and the constant 1 to what is added, (films,) [V]."""
+    def source(self, design: Design, ambient: float = 0.0) -> StateSpace:
+        """From tooth force, ring force, the plays' force [N] and the constant 1 to what is added, (films,) [V].
+
+        ambient: so much warmer are the surroundings than they were as the bench was opened [K].
+        """
 
 
 class AmplifierEffect(Effect, ABC):

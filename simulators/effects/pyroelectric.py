@@ -18,7 +18,8 @@ from simulators.pickup import SIGMAS, spread
 class Pyroelectric(SourceEffect):
     """The films warm up from the moment the bench is opened, at first by `drift`, in the end by drift times settling.
 
-    T' = drift - T / settling.
+    T' = drift + (ambient - T) / settling; the ambient is what an operator has set, 0 K as the bench is opened. Without
+    drift there is no effect, whatever is set.
     """
 
     kind: ClassVar[Kind] = "additive"
@@ -31,13 +32,13 @@ class Pyroelectric(SourceEffect):
     drift: KelvinPerSecond = Field(default=20e-3, ge=-10, le=10)
     settling: Seconds = Field(default=300.0, ge=1e-3, le=1e6)
 
-    def source(self, design: Design) -> StateSpace:
+    def source(self, design: Design, ambient: float = 0.0) -> StateSpace:
         if not self.drift:
             return gain(np.zeros((len(design.films), 4)))
         volts = [film.sensitivity * (self.disc if film.kind == FILM_KINDS[0] else self.square) for film in design.films]
         return StateSpace(
             np.array([[-1 / self.settling]]),
-            np.array([[0.0, 0.0, 0.0, self.drift]]),
+            np.array([[0.0, 0.0, 0.0, self.drift + ambient / self.settling]]),
             np.array(volts)[:, np.newaxis],
             np.zeros((len(volts), 4)),
         )

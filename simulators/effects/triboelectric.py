@@ -26,7 +26,7 @@ class Triboelectric(SourceEffect):
     # of the films, by which their sensitivities turn a charge into a voltage [T]
     d33: CoulombsPerNewton = Field(default=20e-12, gt=0, le=1e-9)
 
-    def source(self, design: Design) -> StateSpace:
+    def source(self, design: Design, ambient: float = 0.0) -> StateSpace:
         return gain(np.outer([self._volts(film) for film in design.films], [1.0, 1.0, 0.0, 0.0]))
 
     def _volts(self, film: Film) -> float:

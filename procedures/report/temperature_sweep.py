@@ -1,0 +1,53 @@
+"""What a temperature sweep found."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+from instrument.design import Design
+from procedures.report.figure import MARKERS, new_figure, save
+from procedures.report.text import STAMP, new_table, print_all, stamped, where
+from procedures.temperature_sweep import TemperatureResult
+
+
+def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Each change with the ratio and the errors, then the slopes."""
+    names = [film.name for film in design.films]
+    points = new_table(
+        stamped(outcome["simulated"], "Right after a change of temperature (errors against the fit with a trend)"),
+        "K", "change\nK", *(f"{name}\noffset N" for name in names), "force\nratio", "u", "lock-in\nerror %",
+        "voltmeter\nerror %", "valid",
+    )  # fmt: skip
+    for p in result.points:
+        points.add_row(
+            f"{p.temperature_K:g}", f"{p.step_K:+g}", *(f"{film.offset_N:+.3f}" for film in p.films),
+            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", f"{100 * p.error_lock_in:+.3f}",
+            f"{100 * p.error_rms:+.2f}", "yes" if p.valid else " ".join(("NO", *p.flags)),
+        )  # fmt: skip
+    said = [
+        f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+.4f} N/K, u = {found[1]:.4f} N/K")
+        for name, found in result.offsets.items()
+    ]
+    if result.ratio_per_K is not None:
+        slope, u = (100 * value for value in result.ratio_per_K)
+        said.append(f"force ratio, with trend  {slope:+.3f} %/K, u = {u:.3f} %/K")
+    print_all(points, *said, *where(outcome, plot))
+
+
+def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Apparent force of each film, and errors of the ratio, against the change; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}warming films, design {design.name}")
+    change = [p.step_K for p in result.points]
+    for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
+        left.plot(change, [p.films[i].offset_N for p in result.points], marker, ms=5, label=film.name)
+    left.set(xlabel="change of temperature (K)", ylabel="apparent force (N)")
+    left.legend(fontsize=8)
+    right.plot(change, [100 * p.error_lock_in for p in result.points], "o", ms=5, label="lock-in amplifier")
+    right.plot(change, [100 * p.error_rms for p in result.points], "s", ms=5, label="voltmeter (RMS)")
+    right.axhline(0, color="k", lw=1, label="fit with trend")
+    right.set(xlabel="change of temperature (K)", ylabel="error of the force ratio (%)")
+    right.legend(fontsize=8)
+    return save(figure, folder)

@@ -1,0 +1,75 @@
+"""`palpate sweep temperature` finds what warming films add, and that the fitted trend takes it away."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate
+
+SWEEP = ("sweep", "temperature")
+WARM = (
+    IDEAL_SCENE
+    + """[effects.charge_amplifier]
+[effects.load_cell]
+[effects.pyroelectric]
+drift = "1 mK/s"
+settling = "300 s"
+"""
+)
+
+
+def test_offsets_are_those_of_the_films_and_the_ratio_is_spared(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "warm.toml"
+    scene.write_text(WARM)
+    arguments = (
+        "--temperatures",
+        "0 K, 10 K, 5 K",
+        "--load",
+        "4 N",
+        "--dwell",
+        "0.5 s",
+        "--scene",
+        str(scene),
+        "--json",
+    )
+    found = palpate(*SWEEP, *arguments).object
+    assert [(p["temperature_K"], p["step_K"], p["valid"]) for p in found["points"]] == [
+        (0, 0, True), (10, 10, True), (5, -5, True),
+    ]  # fmt: skip
+    # A charge amplifier of 1 s makes 150 and 9.2 N/K, warming within 300 s, a constant force; some seconds on.
+    for offset, newtons in zip(found["offsets"], (9.2, 150.0), strict=True):
+        assert offset["offset_N_per_K"] == pytest.approx(newtons / 300, rel=0.05)
+        assert offset["offset_u"] < 0.03 * offset["offset_N_per_K"]
+    ratios = [p["force_ratio"] for p in found["points"]]
+    assert max(ratios) / min(ratios) - 1 < 1e-3
+    assert abs(found["largest_error_lock_in"]) > 2 * (max(ratios) / min(ratios) - 1)
+    assert abs(found["ratio_per_K"]) < found["ratio_per_K_u"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--temperatures", "0 K, 5 K"), "make 2 different changes; 3 to 50 give a slope"),
+        (("--temperatures", "0 K, 5 K, 10 K, 15 K"), "make 2 different changes"),
+        (("--temperatures", "0 K, 20 K, 70 K"), "temperature 70 K against the start is outside -20 to 40 K"),
+        (("--temperatures", "0, 5, 15"), "'0' has no unit where K belongs"),
+        (("--soak", "-1 s"), "soak -1 s is outside 0 to 86400 s"),
+        (("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),
+        (("--frequency", "1 kHz"), "frequency 1000 Hz is outside 0.5 to 100 Hz"),
+        (("--load", "9.5 N"), "above the bench's force limit of 10 N"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused_before_a_bench_starts(
+    palpate: Palpate, benches: Benches, arguments: tuple[str, str], message: str
+) -> None:
+    spoken = palpate(*SWEEP, *arguments)
+    assert (spoken.status, message in spoken.complaint) == (2, True), spoken.err
+    assert (benches, list(Path().iterdir())) == ([], [])
+
+
+def test_a_dry_run_counts_the_soak(palpate: Palpate, benches: Benches) -> None:
+    found = palpate(*SWEEP, "--soak", "10 min", "--dry-run", "--json").object
+    assert found["expected_seconds"] == pytest.approx(4 * 600 + 4 * 60 + 110, rel=0.05)
+    assert benches == []
