@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from instrument.classification import (
     Classification,
@@ -20,26 +20,12 @@ from instrument.classification import (
     quantities,
     spread_over_positions,
 )
-from instrument.config import Config, check
+from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
 from instrument.errors import ConfigError, EstimateError, RangeError
 from instrument.interpolation import best_degree, interpolate
 
 STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
-
-
-def _is_a_date(value: str) -> str:
-    try:
-        date.fromisoformat(value)
-    except ValueError:
-        raise ValueError(f"{value!r} is not a date such as 2027-11-21") from None
-    return value
-
-
-IsoDate = Annotated[str, AfterValidator(_is_a_date)]
-_Positive = Annotated[float, Field(gt=0)]
-_Fraction = Annotated[float, Field(ge=0)]
-_Name = Annotated[str, Field(min_length=1)]
 
 
 class Curvature(Config):
@@ -48,7 +34,7 @@ class Curvature(Config):
     model_config = ConfigDict(strict=True)
 
     mV_per_N2: float
-    u: _Positive
+    u: Positive
     with_sensitivity: float
     with_zero: float
 
@@ -83,31 +69,31 @@ class LoadCellCalibration(Config):
 
     model_config = ConfigDict(strict=True)
 
-    sensitivity_mV_per_N: _Positive
-    sensitivity_u: _Positive
+    sensitivity_mV_per_N: Positive
+    sensitivity_u: Positive
     zero_mV: float
-    zero_u: _Positive
+    zero_u: Positive
     covariance: float
     degrees_of_freedom: Annotated[int, Field(ge=1)]
     least_N: float
     greatest_N: float
-    linearity: _Fraction
-    reversibility: _Fraction
-    reversibility_of_reading: _Fraction
-    repeatability: _Fraction | None = None
-    reproducibility: _Fraction | None = None
-    interpolation: _Fraction
-    zero_return: _Fraction | None = None
-    creep: _Fraction | None = None
-    resolution_mV: _Positive
-    lower_limit_factor_N: _Fraction
+    linearity: NotNegative
+    reversibility: NotNegative
+    reversibility_of_reading: NotNegative
+    repeatability: NotNegative | None = None
+    reproducibility: NotNegative | None = None
+    interpolation: NotNegative
+    zero_return: NotNegative | None = None
+    creep: NotNegative | None = None
+    resolution_mV: Positive
+    lower_limit_factor_N: NotNegative
     astm_e74: Classification
     iso_376: Classification
-    gage_factor: _Positive
-    device: _Name
+    gage_factor: Positive
+    device: Name
     simulated: bool
-    source: _Name
-    created: _Name
+    source: Name
+    created: Name
     expires: IsoDate | None = None
     curvature: Curvature | None = None
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import tomllib
+from datetime import date
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from instrument.errors import ConfigError, nearest
 
@@ -20,6 +21,20 @@ class Config(BaseModel):
 
 
 M = TypeVar("M", bound=Config)
+
+
+def _is_a_date(value: str) -> str:
+    try:
+        date.fromisoformat(value)
+    except ValueError:
+        raise ValueError(f"{value!r} is not a date such as 2027-11-21") from None
+    return value
+
+
+IsoDate = Annotated[str, AfterValidator(_is_a_date)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Name = Annotated[str, Field(min_length=1)]
 
 
 def read(path: Path, model: type[M]) -> M:

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field
 
-from instrument.calibration import IsoDate, LoadCellCalibration
-from instrument.config import Config, check
+from instrument.calibration import LoadCellCalibration
+from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import ConfigError, EstimateError
 from instrument.interpolation import interpolate
@@ -22,9 +22,6 @@ from instrument.uncertainty import Budget, Component
 Floats = npt.NDArray[np.float64]
 FEWEST = 3  # points for each film, below which there is no scatter
 REPEATS, LOAD_CELL = "scatter from one load set to the next", "load cell"
-
-_Positive = Annotated[float, Field(gt=0)]
-_Name = Annotated[str, Field(min_length=1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +57,14 @@ class CalibratedFilm(Config):
 
     model_config = ConfigDict(strict=True)
 
-    name: _Name
-    sensitivity_mV_per_N: _Positive
-    sensitivity_u: _Positive
-    scatter_u: Annotated[float, Field(ge=0)]
+    name: Name
+    sensitivity_mV_per_N: Positive
+    sensitivity_u: Positive
+    scatter_u: NotNegative
     degrees_of_freedom: Annotated[int, Field(ge=1)]
-    load_cell_u: Annotated[float, Field(ge=0)]
-    linearity: Annotated[float, Field(ge=0)]
-    clamping: _Positive
+    load_cell_u: NotNegative
+    linearity: NotNegative
+    clamping: Positive
 
 
 class FilmCalibration(Config):
@@ -84,7 +81,7 @@ class FilmCalibration(Config):
         load_cell: the calibration of the load cell, with the degrees of freedom of its uncertainty.
     """
 
-    design: _Name
+    design: Name
     films: tuple[CalibratedFilm, ...]
     covariance: tuple[tuple[float, ...], ...]
     crosstalk: tuple[tuple[float, ...], ...]
@@ -93,12 +90,12 @@ class FilmCalibration(Config):
     gain: tuple[tuple[float, ...], ...]
     least_N: float
     greatest_N: float
-    load_cell: _Name
+    load_cell: Name
     load_cell_degrees_of_freedom: Annotated[int, Field(ge=1)]
-    device: _Name
+    device: Name
     simulated: Annotated[bool, Field(strict=True)]
-    source: _Name
-    created: _Name
+    source: Name
+    created: Name
     expires: IsoDate
 
     def budgets(self) -> tuple[Budget, ...]:

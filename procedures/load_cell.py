@@ -14,6 +14,8 @@ from drivers.bench import Bench
 from instrument.calibration import STANDARD_GRAVITY, LoadCellCalibration, calibrate_load_cell
 from instrument.classification import Run
 from instrument.errors import DeviceError, RangeError
+from instrument.load_budget import load_budget
+from instrument.uncertainty import Budget
 from procedures.record import Recorder
 
 PROCEDURE = "calibrate-load-cell"
@@ -82,6 +84,11 @@ class LoadCellResult:
             "iso_376": c.iso_376.model_dump(),
             "expires": c.expires,
         }
+
+    def budgets(self) -> tuple[Budget, ...]:
+        """Of the least load, that in the middle, and the greatest."""
+        c = self.calibration
+        return tuple(load_budget(c, load) for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N))
 
 
 def check(settings: LoadCellSettings, force_limit: float) -> None:

@@ -35,9 +35,18 @@ def calibrate() -> None:
 )
 @click.option("--creep", is_flag=True, help="Watch the greatest load for 300 s.")
 @click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
+@budget_option
 @bench_options
 def load_cell(
-    loads: str, runs: int, positions: str, degree: str, creep: bool, valid_days: int, choice: Choice, output: Output
+    loads: str,
+    runs: int,
+    positions: str,
+    degree: str,
+    creep: bool,
+    valid_days: int,
+    budget: bool,
+    choice: Choice,
+    output: Output,
 ) -> None:
     """Calibrate the load cell with dead weights, 140 to 740 gf up and down (thesis Table 5.1).
 
@@ -50,6 +59,7 @@ def load_cell(
     from procedures.cli.calibrations import keep, load_cell_path
     from procedures.cli.session import conduct
     from procedures.load_plan import parse_loads
+    from procedures.report.budget import print_budgets
     from procedures.report.load_cell import plot_load_cell, print_load_cell
 
     settings = procedure.LoadCellSettings(
@@ -81,9 +91,12 @@ def load_cell(
         "certificate": str(certificate),
     }
     if output.as_json:
-        output.json({**outcome, "points": result.points, **result.summary(), "plot": str(plot)})
+        budgets = [entry.summary() for entry in result.budgets()]
+        output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
     elif output.for_people:
         print_load_cell(result, outcome, plot)
+        if budget:
+            print_budgets(result.budgets(), outcome["simulated"])
 
 
 @calibrate.command(

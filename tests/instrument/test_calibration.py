@@ -22,6 +22,7 @@ from instrument.calibration_file import read_calibration, write_calibration
 from instrument.classification import Classification, Run
 from instrument.errors import ConfigError, EstimateError, RangeError, RecordError
 from instrument.interpolation import best_degree, interpolate
+from instrument.load_budget import load_budget
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies
@@ -175,6 +176,17 @@ def test_a_load_read_back_is_the_load_with_an_honest_uncertainty(load: float) ->
     gradient = np.array([load, 1.0])
     expected = math.sqrt(float(gradient @ covariance @ gradient) + cell.resolution_mV**2 / 12)
     assert u * cell.sensitivity_mV_per_N == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_budget_of_a_load_adds_up_to_its_uncertainty(degree: int) -> None:
+    load = np.arange(1.0, 8.0)
+    reading = 2 + 10 * load + 0.05 * load**2 + np.random.default_rng(1).normal(size=7)
+    calibration = calibrate(load, reading, reading, degree=degree)
+    for at in (0.0, 3.3, 7.0):
+        budget = load_budget(calibration, at)
+        assert budget.u == pytest.approx(calibration.load(calibration.reading(at))[1])
+        assert {c.degrees_of_freedom for c in budget.components} == {6 - degree, math.inf}
 
 
 def test_the_uncertainty_is_least_at_the_mean_of_the_calibrated_loads() -> None:

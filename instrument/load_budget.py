@@ -1,0 +1,28 @@
+"""What is uncertain in a load that the load cell measured."""
+
+from __future__ import annotations
+
+import math
+
+from instrument.calibration import LoadCellCalibration
+from instrument.uncertainty import Budget, Component
+
+
+def load_budget(calibration: LoadCellCalibration, load: float) -> Budget:
+    """Budget of a load in N, of one reading; its `u` is that of `LoadCellCalibration.load`."""
+    c = calibration
+    bend = 0.0 if c.curvature is None else c.curvature.mV_per_N2
+    slope = c.sensitivity_mV_per_N + 2 * bend * load
+    freedom = float(c.degrees_of_freedom)
+    components = [
+        Component("zero", c.zero_u, -1 / slope, freedom, "A"),
+        Component("sensitivity", c.sensitivity_u, -load / slope, freedom, "A"),
+        Component("resolution", c.resolution_mV / math.sqrt(12), 1 / slope),
+    ]
+    correlations = {("zero", "sensitivity"): c.covariance / (c.zero_u * c.sensitivity_u)}
+    if c.curvature is not None:
+        bent = c.curvature
+        components.append(Component("curvature", bent.u, -(load**2) / slope, freedom, "A"))
+        correlations["zero", "curvature"] = bent.with_zero / (c.zero_u * bent.u)
+        correlations["sensitivity", "curvature"] = bent.with_sensitivity / (c.sensitivity_u * bent.u)
+    return Budget("load", load, "N", tuple(components), correlations)
