@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
 from instrument.errors import RangeError, UnknownName
+from instrument.limits import require_nested
 from instrument.material import Material
 
 # How the names of films begin: under a tooth, under a base.
@@ -153,13 +154,15 @@ class Design:
             raise UnknownName("outline of a ring", self.ring.outline, OUTLINES)
         if self.support not in SUPPORTS:
             raise UnknownName("support of a design", self.support, SUPPORTS)
-        half = min(self.cell) / 2
-        radii = (self.tooth.radius, self.ring.inner_radius, self.ring.outer_radius, half * (1 + 1e-12))
-        if not (radii[0] <= radii[1] < radii[2] <= radii[3]):
-            raise RangeError(
-                f"design {self.name!r}: parts overlap: tooth radius {radii[0]:g}, ring from {radii[1]:g} to"
-                f" {radii[2]:g} and half the cell {half:g} m must follow in this order; make the inner ones smaller"
-            )
+        require_nested(
+            {
+                "radius of the tooth": self.tooth.radius,
+                "inner radius of the ring": self.ring.inner_radius,
+                "outer radius of the ring": self.ring.outer_radius,
+                "half of the cell": min(self.cell) / 2,
+            },
+            f"design {self.name!r}: ",
+        )
 
     @property
     def columns(self) -> int:

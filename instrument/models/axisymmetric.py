@@ -9,6 +9,7 @@ by 6 to 10 times a refinement.
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Sequence
@@ -94,6 +95,8 @@ class AxisymmetricSolution:
         )
 
 
+# A sample is mounted again and again, and a sweep asks for the same sensor at every load.
+@functools.lru_cache(maxsize=64)
 def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[AxisymmetricSolution, float]:
     """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
 

@@ -32,7 +32,6 @@ A E / T per beam length, which has the right dimension, changes the ratio by les
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.design import Design
-from instrument.errors import RangeError
+from instrument.limits import require_positive
 from instrument.models.springs import stretch_stiffness
 from instrument.sample import Sample
 
@@ -155,15 +154,10 @@ def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple
 
 def require_beam(bending: float, beam: Sequence[Stretch]) -> None:
     """Raises RangeError: bending stiffness, a length or a foundation is not positive and finite."""
-    _require_positive("bending stiffness", bending, "N m2")
+    require_positive(bending, "bending stiffness", "N m2", "beam")
     for stretch in beam:
-        _require_positive("length of a stretch", stretch.length, "m")
-        _require_positive("foundation of a stretch", stretch.foundation, "N/m2")
-
-
-def _require_positive(label: str, value: float, unit: str) -> None:
-    if not (0 < value < math.inf):
-        raise RangeError(f"beam: {label} {value:g} {unit} is not above 0 and finite; give a positive one")
+        require_positive(stretch.length, "length of a stretch", "m", "beam")
+        require_positive(stretch.foundation, "foundation of a stretch", "N/m2", "beam")
 
 
 def _bending_matrix(h: float) -> Array:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise
 from typing import Any
 
 from instrument.design import OUTLINES, SUPPORTS, Design
 from instrument.errors import RangeError, UnknownName
+from instrument.limits import require_nested, require_positive
 from instrument.load import INTERFACES, Load
 
 LOADS = ("pressure", "platen")
@@ -68,14 +68,18 @@ class SensorParameters:
     film_thickness: float = 25e-6  # 3.1.2
 
     def __post_init__(self) -> None:
-        require_positive(self, _MODULI, "Pa")
-        require_positive(self, _LENGTHS, "m")
+        _require_positive(self, _MODULI, "Pa")
+        _require_positive(self, _LENGTHS, "m")
         for name in _POISSON:
             value = getattr(self, name)
             if not (-1 < value <= 0.5):
                 raise RangeError(f"{name} {value:g} is outside (-1, 0.5]; give a Poisson ratio")
         require_name(self, "interface", INTERFACES)
         require_name(self, "support", SUPPORTS)
+
+    def _require_nested(self, outermost: str, limit: float) -> None:
+        radii = {name: getattr(self, name) for name in ("tooth_radius", "ring_inner_radius", "ring_outer_radius")}
+        require_nested({**radii, outermost: limit})
 
     @property
     def modulus_ratio(self) -> float:
@@ -103,12 +107,8 @@ class RoundParameters(SensorParameters):
 
     def __post_init__(self) -> None:
         SensorParameters.__post_init__(self)
-        require_positive(self, ("sensed_radius", "plate_radius"), "m")
-        order = ("tooth_radius", "ring_inner_radius", "ring_outer_radius", "plate_radius")
-        for inner, outer in pairwise(order):
-            low, high = getattr(self, inner), getattr(self, outer)
-            if low > high or (low == high and inner == "ring_inner_radius"):
-                raise RangeError(f"parts overlap: {inner} {low:g} m is not below {outer} {high:g} m; make it smaller")
+        _require_positive(self, ("sensed_radius", "plate_radius"), "m")
+        self._require_nested("plate_radius", self.plate_radius)
         if self.sensed_radius <= self.ring_inner_radius:
             raise RangeError(
                 f"sensed_radius {self.sensed_radius:g} m does not reach the ring at ring_inner_radius"
@@ -148,17 +148,12 @@ class SolidParameters(SensorParameters):
 
     def __post_init__(self) -> None:
         SensorParameters.__post_init__(self)
-        require_positive(self, ("cell_length", "cell_width"), "m")
-        require_positive(self, ("force",), "N")
+        _require_positive(self, ("cell_length", "cell_width"), "m")
+        _require_positive(self, ("force",), "N")
         require_name(self, "ring_outline", OUTLINES)
         require_name(self, "outline", OUTLINES)
         require_name(self, "load", LOADS)
-        limit = min(self.cell_length, self.cell_width) / 2 * (1 + 1e-12)
-        if not (self.tooth_radius <= self.ring_inner_radius < self.ring_outer_radius <= limit):
-            raise RangeError(
-                f"parts overlap: tooth_radius {self.tooth_radius:g}, ring_inner_radius {self.ring_inner_radius:g}, "
-                f"ring_outer_radius {self.ring_outer_radius:g} and half the cell {limit:g} m must follow in this order"
-            )
+        self._require_nested("half of the cell", min(self.cell_length, self.cell_width) / 2)
         if self.columns < 1 or self.rows < 1:
             raise RangeError(f"{self.columns} x {self.rows} teeth: give at least one column and one row")
         if self.outline == "round" and (self.columns, self.rows) != (1, 1):
@@ -191,12 +186,10 @@ class SolidParameters(SensorParameters):
         return math.pi * self.ring_outer_radius**2 if self.outline == "round" else self.length * self.width
 
 
-def require_positive(of: object, names: Sequence[str], unit: str) -> None:
+def _require_positive(of: object, names: Sequence[str], unit: str) -> None:
     """Raises RangeError: an attribute is not above 0 and finite."""
     for name in names:
-        value = getattr(of, name)
-        if not (0 < value < math.inf):
-            raise RangeError(f"{name} {value:g} {unit} is not above 0 and finite; give a positive one")
+        require_positive(getattr(of, name), name, unit)
 
 
 def require_name(of: object, kind: str, valid: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ Every model here is linear in the force.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from instrument.design import FILM_KINDS, Design
@@ -131,7 +131,8 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
     from instrument.models import solid
 
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
-    solution, estimate = solid.solve_to(solid_parameters(design, load), asked)
+    # Forces and stresses grow with the load: of one newton they are kept for the next.
+    solution, estimate = solid.solve_to(solid_parameters(design, replace(load, force=1.0)), asked)
     films = {}
     for film in design.films:
         if film.kind == FILM_KINDS[0]:
@@ -139,14 +140,16 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
         else:
             place = film.teeth[0] if design.separate_bases else 0
             forces, stresses = solution.base_forces, solution.base_films
-        films[film.name] = FilmLoad(forces[place], stresses[place] if stresses else None)
+        felt = (stresses[place][0] * load.force, stresses[place][1] * load.force) if stresses else None
+        films[film.name] = FilmLoad(forces[place] * load.force, felt)
+    tooth_forces = tuple(force * load.force for force in solution.tooth_forces)
     return Response(
         model="solid",
-        force_rigid=sum(solution.tooth_forces),
-        force_total=solution.total_force,
+        force_rigid=sum(tooth_forces),
+        force_total=solution.total_force * load.force,
         force_ratio=solution.force_ratio,
         error_estimate=estimate,
-        tooth_forces=solution.tooth_forces,
+        tooth_forces=tooth_forces,
         films=films,
         stiffness=springs.stiffness(design, load.sensed),
     )

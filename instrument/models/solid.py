@@ -9,6 +9,7 @@ of them. Contact holds in both directions (no lift-off). Symmetry planes of sens
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Sequence
@@ -123,6 +124,8 @@ def point_loads(
     return np.array([evaluate(system, system.solve(system.load(place))).teeth for place in places])
 
 
+# A sample is mounted again and again, and a sweep asks for the same sensor at every load.
+@functools.lru_cache(maxsize=64)
 def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") -> tuple[SolidSolution, float]:
     """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
 

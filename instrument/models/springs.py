@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.design import Design
-from instrument.errors import RangeError
+from instrument.limits import require_positive
 from instrument.sample import Sample
 
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
@@ -40,8 +40,8 @@ def ratio_of_modulus(design: Design, modulus: Moduli, thickness: float) -> Modul
     Raises:
         RangeError: a modulus or the thickness is not positive and finite.
     """
-    _require_positive(modulus, "modulus", "Pa")
-    _require_positive(thickness, "thickness", "m")
+    require_positive(modulus, "modulus", "Pa", "object")
+    require_positive(thickness, "thickness", "m", "object")
     share = design.tooth.area / (design.tooth.area + design.ring.area)
     hardness = modulus * (design.ring.height / (design.ring.material.modulus * thickness))
     # Divided through by 1 + λ: neither end of the range of moduli overflows or cancels.
@@ -63,17 +63,8 @@ def stretch_stiffness(design: Design, modulus: float, thickness: float) -> tuple
     Raises:
         RangeError: the modulus or the thickness is not positive and finite.
     """
-    _require_positive(modulus, "modulus", "Pa")
-    _require_positive(thickness, "thickness", "m")
+    require_positive(modulus, "modulus", "Pa", "object")
+    require_positive(thickness, "thickness", "m", "object")
     tooth = design.tooth.area * modulus / thickness
     ring = design.ring.area / (thickness / modulus + design.ring.height / design.ring.material.modulus)
     return tooth, ring, tooth + ring
-
-
-def _require_positive(value: float | NDArray[np.float64], label: str, unit: str) -> None:
-    values = np.atleast_1d(value)
-    bad = ~((values > 0) & np.isfinite(values))
-    if bad.any():
-        raise RangeError(
-            f"{label} {values[bad][0]:g} {unit} of the object is not above 0 and finite; give a positive one"
-        )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from instrument.designs import get_design
-from instrument.models import axisymmetric, film, solid_system
+from instrument.models import axisymmetric, film, solid, solid_system
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import RoundParameters, SolidParameters
 from instrument.models.response import response
@@ -23,8 +24,24 @@ APART = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=2, separate
 
 
 @pytest.fixture
-def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
+def one_layer(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(solid_system, "RESOLUTIONS", (SMALLEST,) * 4)
+    solid.solve_to.cache_clear()
+    yield
+    solid.solve_to.cache_clear()
+
+
+def test_another_force_on_the_same_sensor_is_not_solved_again(one_layer: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    sensor, load = get_design("single"), PHYSICAL.load(1e5)
+    one = response(sensor, load, "solid")
+    monkeypatch.setattr(solid, "solve", None)
+    three = response(sensor, replace(load, force=3.0), "solid")
+    assert (three.force_ratio, three.error_estimate) == (one.force_ratio, one.error_estimate)
+    assert three.tooth_forces == pytest.approx([3 * force for force in one.tooth_forces])
+    assert three.force_total == pytest.approx(3.0, abs=1e-9)
+    for name, film_load in three.films.items():
+        assert film_load.force == pytest.approx(3 * one.films[name].force)
+        assert film_load.plane_stress == pytest.approx([3 * s for s in one.films[name].plane_stress or ()])
 
 
 @pytest.mark.parametrize("plate_modulus, limit", [(70e6, 0.17), (3e9, 0.02)])
