@@ -186,7 +186,7 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
 
     (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), r the correlation of the two amplitudes: noise common to
     both channels cancels only as far as they move in phase. In phase over whole cycles this is
-    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S].
+    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The ratio's bias is taken off.
 
     Args:
         fit: of both channels together.
@@ -205,7 +205,18 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
     ratio = top / bottom
     common = float(fit.amplitude_correlation[numerator, denominator]) * top_u * bottom_u
     variance = top_u**2 + (ratio * bottom_u) ** 2 - 2 * ratio * common
-    return ratio, math.sqrt(max(variance, 0.0)) / bottom
+    return ratio - quotient_bias(ratio, bottom, bottom_u**2, common), math.sqrt(max(variance, 0.0)) / bottom
+
+
+def quotient_bias(ratio: float, bottom: float, variance: float, covariance: float) -> float:
+    """What noise adds to a quotient in the mean, to second order: a bottom that is too small counts for more.
+
+    Args:
+        ratio: top over bottom.
+        variance: of the bottom.
+        covariance: of top and bottom.
+    """
+    return (ratio * variance - covariance) / bottom**2
 
 
 def _check_samples(time: Floats, signals: Floats) -> None:

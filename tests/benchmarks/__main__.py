@@ -11,7 +11,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import array, driver_call, models, numbers, peers, scenes, solid, start_up, sweep
+from tests.benchmarks import array, driver_call, estimators, models, numbers, peers, scenes, solid, start_up, sweep
 from tests.benchmarks.row import Row
 
 PARTS = {
@@ -19,6 +19,7 @@ PARTS = {
     "sweep": sweep.measure,
     "array": array.measure,
     "numbers": numbers.measure,
+    "estimators": estimators.measure,
     "models": models.measure,
     "solid": solid.measure,
     "peers": peers.measure,
