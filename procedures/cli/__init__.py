@@ -10,6 +10,7 @@ import click
 
 from procedures.cli.accuracy import accuracy
 from procedures.cli.calibrate import calibrate
+from procedures.cli.characterise import characterise
 from procedures.cli.contracts import contracts
 from procedures.cli.model import model
 from procedures.cli.reproduce import reproduce
@@ -32,7 +33,7 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, test, softness, runs, contracts, model, scene, reproduce, accuracy):
+for group in (sweep, calibrate, test, softness, characterise, runs, contracts, model, scene, reproduce, accuracy):
     palpate.add_command(group)
 
 

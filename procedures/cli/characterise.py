@@ -1,0 +1,54 @@
+"""palpate characterise."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import click
+
+from procedures.cli.options import Choice, Output, bench_options
+
+
+@click.command(
+    epilog="Examples:\n\n  palpate characterise\n\n  palpate characterise --scene noisy_lab --drift-time '10 min'"
+)
+@click.option("--sample", default="1", show_default=True, help="Rubber sample under the probe.")
+@click.option(
+    "--loads", default="1.5 N:4.5 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak."
+)
+@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@click.option("--drift-time", default="5 min", show_default=True, help="How long one load is held to see drift.")
+@bench_options
+def characterise(
+    sample: str, loads: str, dwell: str, frequency: str, drift_time: str, choice: Choice, output: Output
+) -> None:
+    """Find what the sensor can do (thesis 2.1), each figure with its standard uncertainty.
+
+    Signal-to-noise ratio, force sensitivity, resolution, linearity, hysteresis, dynamic range and drift of every film,
+    and the sensor's spatial resolution: loads up, loads down, then the middle one held.
+    """
+    from instrument.quantity import parse
+    from procedures import characterise as procedure
+    from procedures.cli.session import conduct
+    from procedures.load_plan import parse_loads
+    from procedures.report.characterise import plot_characteristics, print_characteristics
+
+    settings = procedure.CharacteriseSettings(
+        sample, parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz"), parse(drift_time, "s")
+    )
+    session, result, outcome = conduct(
+        procedure.PROCEDURE,
+        choice,
+        output,
+        asdict(settings),
+        lambda target: procedure.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, progress: procedure.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress
+        ),
+    )
+    plot = plot_characteristics(result, session.bench.simulated, session.record.folder)
+    if output.as_json:
+        output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
+    elif output.for_people:
+        print_characteristics(result, outcome, plot)

@@ -1,0 +1,120 @@
+"""What a sensor can do is found from loads up and down and one that is held."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.designs import get_design
+from instrument.errors import EstimateError
+from procedures import characterise
+from procedures.characterise import CharacteriseSettings, Characteristic, FilmsPoint
+from tests.procedures.conftest import Palpate
+
+SINGLE = get_design("single")
+LOADS = (1.5, 2.0, 2.5, 3.0)
+SETTINGS = CharacteriseSettings("1", LOADS, dwell=1.0, frequency=10.0, drift_time=300.0)
+NOISE = 1e-5  # V, of a sample
+QUANTITIES = [
+    "signal-to-noise ratio", "force sensitivity", "resolution", "linearity", "hysteresis", "dynamic range", "drift",
+]  # fmt: skip
+
+
+def point(direction: str, load: float, volts: float, time: float = 0.0) -> FilmsPoint:
+    noise_u = NOISE * math.sqrt(8 / 250)
+    return FilmsPoint(
+        direction, time, load, load, 0.05, (0.1 * volts, volts), (noise_u,) * 2, (NOISE,) * 2, 250, True, ()
+    )
+
+
+def measured(bend: float = 0.0, lag: float = 0.0, drift: float = 0.0) -> list[FilmsPoint]:
+    """Of a film of 70 mV/N with a bend [V/N2], a lag when unloading [V], and a relative drift a minute."""
+
+    def volts(load: float) -> float:
+        return 70e-3 * load + bend * load**2
+
+    return [
+        *(point("loading", load, volts(load)) for load in LOADS),
+        *(point("unloading", load, volts(load) + lag) for load in LOADS[::-1]),
+        *(point("holding", 2.0, volts(2.0) * (1 + drift * n / 2), 30.0 * n) for n in range(11)),
+    ]
+
+
+def rows(points: list[FilmsPoint], film: str = "total") -> dict[str, Characteristic]:
+    found = characterise.evaluate(points, SINGLE, THESIS_LOAD_CELL, SETTINGS, force_limit=10.0)
+    return {row.quantity: row for row in found.rows if row.film == film}
+
+
+def test_a_straight_quiet_film_has_the_figures_of_its_noise() -> None:
+    found = rows(measured())
+    assert list(found) == QUANTITIES
+    assert found["force sensitivity"].value == pytest.approx(70e-3)
+    known = THESIS_LOAD_CELL.sensitivity_u / THESIS_LOAD_CELL.sensitivity_mV_per_N
+    assert found["force sensitivity"].u == pytest.approx(known * 70e-3, rel=0.01)
+    assert found["signal-to-noise ratio"].value == pytest.approx(20 * math.log10(0.21 / math.sqrt(8) / NOISE))
+    resolution = 2 * NOISE * math.sqrt(8 / 250) / 70e-3
+    assert found["resolution"].value == pytest.approx(resolution)
+    assert found["dynamic range"].value == pytest.approx(20 * math.log10(10.0 / resolution))
+    assert "bench's force limit" in found["dynamic range"].how
+    for name in ("linearity", "hysteresis", "drift"):
+        assert abs(found[name].value) < 1e-9
+        assert found[name].u > 0
+
+
+def test_a_bend_a_lag_and_a_drift_show_each_in_its_own_figure() -> None:
+    span = 70e-3 * 1.5
+    assert rows(measured(lag=1e-3))["hysteresis"].value == pytest.approx(1e-3 / span)
+    assert rows(measured(lag=1e-3))["linearity"].value < 1e-9
+    bent = rows(measured(bend=5e-3))
+    assert bent["linearity"].value == pytest.approx(5e-3 * 0.25 / (span + 5e-3 * 4.5 * 1.5), rel=0.02)
+    drifting = rows(measured(drift=0.01))["drift"]
+    assert drifting.value == pytest.approx(0.01, rel=0.06)
+
+
+def test_a_cell_is_as_fine_as_a_single_tooth_tells_where() -> None:
+    place = rows(measured(), film="")["spatial resolution"]
+    assert (place.value, place.u) == (10e-3, pytest.approx(10e-3 / math.sqrt(12)))
+
+
+def test_without_valid_points_there_is_an_error_that_says_so() -> None:
+    flagged = [replace(p, valid=False) if p.direction == "loading" else p for p in measured()]
+    with pytest.raises(
+        EstimateError, match="film 'rigid': 0 loads up and 11 while holding are valid, 3 and 3 are needed"
+    ):
+        rows(flagged)
+
+
+def test_the_command_measures_each_film_and_gives_the_public_names(palpate: Palpate) -> None:
+    arguments = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--drift-time", "2 s", "--json")
+    result = palpate("characterise", *arguments).object
+    assert result.keys() >= {"films", "rows", "points", "plot", "run", "simulated"}
+    assert [(row["film"], row["quantity"]) for row in result["rows"]] == [
+        *((film, name) for film in ("rigid", "total") for name in QUANTITIES),
+        ("", "spatial resolution"),
+    ]
+    total = next(r for r in result["rows"] if (r["film"], r["quantity"]) == ("total", "force sensitivity"))
+    assert abs(total["value"] - 68.6e-3) < 4 * max(total["u"], 0.03 * 68.6e-3)
+    assert [p["direction"] for p in result["points"]] == [*3 * ["loading"], *3 * ["unloading"], *11 * ["holding"]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--sample", "9"), "unknown sample '9'"),
+        (("--loads", "2 N, 3 N"), "2 loads do not give a line with its scatter; give 3 or more"),
+        (("--loads", "2 N, 3 N, 30 N"), "above the bench's force limit of 10 N"),
+        (("--drift-time", "2 s"), "drift time 2 s is outside 3 s, 3 dwells, to 86400 s"),
+        (("--frequency", "200 Hz"), "frequency 200 Hz is outside 0.5 to 100 Hz"),
+    ],
+)
+def test_what_cannot_be_characterised_is_one_error_before_anything_moves(
+    palpate: Palpate, arguments: tuple[str, ...], message: str
+) -> None:
+    said = palpate("characterise", *arguments)
+    assert said.status == 2
+    assert message in said.complaint
+    assert not list(Path("runs").glob("*"))
