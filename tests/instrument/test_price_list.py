@@ -225,7 +225,7 @@ def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: py
 
 # --- the list that comes with palpate ------------------------------------------------------------------
 
-PRICED = ("single_round", "single", "common_base")
+PRICED = ("single_round", "single", "common_base", "different_base")
 
 
 def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:
