@@ -19,6 +19,12 @@ class Operator(Protocol):
         The positioner is at its home position.
         """
 
+    def place_probe(self, x: float, y: float) -> None:
+        """Set a point probe above (x, y) from the sensor's corner [m], on the sample that is mounted.
+
+        The positioner is at its home position.
+        """
+
     def press_tooth(self, tooth: int) -> None:
         """Stand a pin on one tooth of the sensor, by its number from 0, so that the probe presses that tooth alone.
 

@@ -46,27 +46,35 @@ class LoadStep(Step):
 
 
 def parse_loads(text: str) -> tuple[float, ...]:
-    """Loads in N from "1.5 N:4 N:0.5 N" (first, last, step; the last is included) or "1.5 N, 2 N".
+    """Loads in N, as `parse_steps`. Raises QuantityError; RangeError: not above zero, too."""
+    loads = parse_steps(text, "N", "loads", "1.5 N:4 N:0.5 N")
+    if not all(load > 0 for load in loads):
+        raise RangeError(f"loads {text!r}: loads must be above zero, increasing and distinct")
+    return loads
+
+
+def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, ...]:
+    """Values in a unit from "1.5 N:4 N:0.5 N" (first, last, step; the last is included) or "1.5 N, 2 N".
 
     Raises:
-        QuantityError: not a force. RangeError: empty, not positive, not increasing, or over 1000 loads.
+        QuantityError: not of the unit. RangeError: empty, not increasing, or over 1000 of them.
     """
     parts = text.split(":")
     if len(parts) == 3:
-        first, last, step = (parse(part, "N") for part in parts)
+        first, last, step = (parse(part, unit) for part in parts)
         if not (step > 0 and last >= first):
-            raise RangeError(f"loads {text!r}: give first:last:step with last >= first and step > 0")
+            raise RangeError(f"{name} {text!r}: give first:last:step with last >= first and step > 0")
         steps = (last - first) / step * (1 + 1e-12) + 1e-9
         if not steps < LARGEST_COUNT:
-            raise RangeError(f"loads {text!r}: more than {LARGEST_COUNT} loads; take a larger step")
-        loads = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
+            raise RangeError(f"{name} {text!r}: more than {LARGEST_COUNT} {name}; take a larger step")
+        values = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
     elif len(parts) == 1:
-        loads = tuple(parse(part, "N") for part in text.split(","))
+        values = tuple(parse(part, unit) for part in text.split(","))
     else:
-        raise RangeError(f"loads {text!r}: give first:last:step, such as '1.5 N:4 N:0.5 N', or a list with commas")
-    if not all(load > 0 for load in loads) or list(loads) != sorted(set(loads)):
-        raise RangeError(f"loads {text!r}: loads must be above zero, increasing and distinct")
-    return loads
+        raise RangeError(f"{name} {text!r}: give first:last:step, such as {example!r}, or a list with commas")
+    if list(values) != sorted(set(values)):
+        raise RangeError(f"{name} {text!r}: {name} must be increasing and distinct")
+    return values
 
 
 def preload_for(loads: Sequence[float]) -> float:

@@ -26,6 +26,9 @@ class SimulatedOperator:
     def lay_on_support(self, sample: Sample | None) -> None:
         self._under_the_probe(lambda: self._rig.lay_on_support(sample))
 
+    def place_probe(self, x: float, y: float) -> None:
+        self._under_the_probe(lambda: self._rig.place_probe(x, y))
+
     def press_tooth(self, tooth: int) -> None:
         self._under_the_probe(lambda: self._rig.press_tooth(tooth))
 

@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 from instrument.calibration import STANDARD_GRAVITY
 from instrument.design import Film
+from instrument.errors import RangeError
 from instrument.load import Load
+from instrument.models.influence import tooth_shares
 from instrument.models.response import Response, response
 from instrument.sample import Sample
 from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
@@ -56,6 +58,7 @@ class Rig:
         self._response: Response | None = None
         self._on_support = False
         self._tooth: int | None = None
+        self._probe_at: tuple[float, float] | None = None
         self.position = 0.0
         self.cell_position = 0.0  # degrees
         self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
@@ -89,14 +92,26 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        self._sample, self._on_support, self._tooth = sample, False, None
+        self._sample, self._on_support, self._tooth, self._probe_at = sample, False, None, None
         scene = self.scene
         self._response = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
         self._begin()
 
+    def place_probe(self, x: float, y: float) -> None:
+        """The probe is a point, above (x, y) from the sensor's corner [m]; the stack stays as stiff [A].
+
+        Raises RangeError: nothing is mounted, or no model knows what the teeth take there.
+        """
+        if self._sample is None or self._on_support:
+            raise RangeError("no sample lies on the sensor: mount one before the point probe is placed")
+        tooth_shares(self.scene.design, self._sample, (x, y))
+        self._probe_at = (x, y)
+        self._begin()
+
     def lay_on_support(self, sample: Sample | None) -> None:
         """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
-        self._sample, self._on_support, self._response, self._tooth = sample, True, None, None
+        self._sample, self._on_support, self._response = sample, True, None
+        self._tooth = self._probe_at = None
         self._begin()
 
     def press_tooth(self, tooth: int) -> None:
@@ -278,7 +293,8 @@ class Rig:
         for number, film in enumerate(self._films):
             part = self._part(film)
             played = part if hysteresis is not None and film.kind == hysteresis.path else 0.0
-            shares[number] = (part, part if film.kind == "total" else 0.0, played, 0.0)
+            both = film.kind == "total" or self._probe_at is not None
+            shares[number] = (part, part if both else 0.0, played, 0.0)
         matrix = np.diag([film.sensitivity for film in self._films])
         for name, effect in self.scene.effects.items():
             if isinstance(effect, FilmsEffect):
@@ -290,11 +306,13 @@ class Rig:
         return signals
 
     def _part(self, film: Film) -> float:
-        """Of the force on all teeth, what those of a film take."""
+        """Of the force on all teeth, what those of a film take; under a point probe, of the whole force."""
         if self._on_support:
             return 0.0
         if self._tooth is not None:
             return float(self._tooth in film.teeth)
+        if self._probe_at is not None and self._sample is not None and film.kind != "total":
+            return tooth_shares(self.scene.design, self._sample, self._probe_at)[film.teeth[0]]
         return len(film.teeth) / len(self.scene.design.teeth)
 
     def _amplifiers(self) -> list[StateSpace]:

@@ -101,6 +101,9 @@ class ConsoleOperator:
         laid = "bare" if sample is None else f"with sample {_described(sample)} on it"
         _ask(f"Put the rigid support in the sensor's place, {laid}")
 
+    def place_probe(self, x: float, y: float) -> None:
+        _ask(f"Set the point probe {show(x, 'm')} along and {show(y, 'm')} across from the sensor's corner")
+
     def press_tooth(self, tooth: int) -> None:
         _ask(f"Stand the pin on tooth {tooth + 1} alone, under the probe")
 

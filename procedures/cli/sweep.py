@@ -162,6 +162,52 @@ def temperature(
     _sweep(temperature_sweep, temperature_sweep, report, settings, choice, output, dry_run, model)
 
 
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep position"
+    "\n\n  palpate sweep position --positions '6 mm, 12 mm, 18 mm' --sample 6 --load '3 N'"
+)
+@click.option("--positions", default="0 mm:24 mm:2 mm", show_default=True, help="first:last:step or a list; along x.")
+@click.option("--sample", default="1", show_default=True, help="Rubber sample.")
+@click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
+@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@EXTRAPOLATE
+@DRY_RUN
+@bench_options
+def position(
+    positions: str,
+    sample: str,
+    load: str,
+    dwell: str,
+    frequency: str,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Move a point load along the base of two teeth; find its place and size by the films.
+
+    Simulated on the scene thesis_common_base where none is named. Table A2.7 stands beside, with its doubts.
+    """
+    from dataclasses import replace
+
+    from instrument.quantity import parse
+    from procedures import load_plan, position_sweep
+    from procedures.report import position_sweep as report
+
+    settings = position_sweep.PositionSettings(
+        load_plan.parse_steps(positions, "m", "positions", "0 mm:24 mm:2 mm"),
+        sample,
+        parse(load, "N"),
+        parse(dwell, "s"),
+        parse(frequency, "Hz"),
+        extrapolate,
+    )
+    if choice.bench is None and choice.scene is None:
+        choice = replace(choice, scene="thesis_common_base")
+    _sweep(position_sweep, position_sweep, report, settings, choice, output, dry_run, None)
+
+
 def _sweep(
     planned: ModuleType,
     procedure: ModuleType,

@@ -1,0 +1,87 @@
+"""Under a point load: what share of it each tooth of the common base takes, by a table of the solid model.
+
+    tooth_shares(get_design("common_base"), get_sample("1"), (6e-3, 6e-3))      # (0.77, 0.0)
+
+`influence.csv` holds the force on the left tooth for 1 N on the centre line, over each of the six samples: from
+`solid.point_loads` on the coarsest mesh, places 0.5 mm apart; one load would take seconds. Its object sticks to the
+sensor and would pull at a tooth far away, which a touching object cannot: such shares count as none.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from instrument.design import Design
+from instrument.designs import get_design
+from instrument.errors import RangeError
+from instrument.quantity import show
+from instrument.sample import SAMPLES, Sample
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+Floats = npt.NDArray[np.float64]
+DESIGN = "common_base"
+STORED = Path(__file__).with_suffix(".csv")
+ERROR = 1.4e-2
+"""Bound on the error of a share: four times what the next finer mesh changes (3.4e-3, sample 1), and the spline's 1e-4.
+
+Of the discretisation alone: an object that slides, or a load of some width, changes more.
+"""
+
+
+def tooth_shares(design: Design, sample: Sample, at: tuple[float, float]) -> tuple[float, ...]:
+    """Force on each tooth over the whole force, under a load in one point, (x, y) from the sensor's corner [m].
+
+    Raises:
+        RangeError: another design or object than those of the table, or a place off the sensor or its centre line.
+    """
+    _check(design, sample)
+    check_place(design, at[0])
+    if abs(at[1] - design.cell[1] / 2) > 1e-9:
+        raise RangeError(
+            f"place y = {show(at[1], 'm')} is off the centre line; the table of point loads has "
+            f"y = {show(design.cell[1] / 2, 'm')} only"
+        )
+    return tuple(float(share) for share in shares_along(design, sample, np.array([at[0]]))[:, 0])
+
+
+def shares_along(design: Design, sample: Sample, x: Floats) -> Floats:
+    """Shares of the teeth, (2, n), under loads on the centre line at x [m], (n,). Raises RangeError."""
+    _check(design, sample)
+    left = _spline(sample.name)
+    found: Floats = np.maximum(np.stack([left(x), left(design.plate.length - x)]), 0.0)
+    return found
+
+
+def check_place(design: Design, x: float) -> None:
+    """Refuse a place off the sensor. Raises RangeError."""
+    if not 0 <= x <= design.plate.length:
+        raise RangeError(
+            f"position {show(x, 'm')} is off the sensor, which reaches from 0 to {show(design.plate.length, 'm')}"
+        )
+
+
+def _check(design: Design, sample: Sample) -> None:
+    if design != get_design(DESIGN) or SAMPLES.get(sample.name) != sample:
+        raise RangeError(
+            f"design {design.name!r} with object {sample.name!r}: point loads are known for design {DESIGN!r} with "
+            f"samples {', '.join(SAMPLES)}; take those, or `palpate model` with the model 'solid'"
+        )
+
+
+@functools.cache
+def _spline(sample: str) -> CubicSpline:
+    from scipy.interpolate import CubicSpline
+
+    with STORED.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return CubicSpline(
+        [1e-3 * float(row["x_mm"]) for row in rows], [float(row[f"sample_{sample}"]) for row in rows], extrapolate=False
+    )

@@ -1,0 +1,81 @@
+"""Shares under a point load, and the place that they tell, with an interval that holds it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from instrument.designs import get_design
+from instrument.errors import RangeError
+from instrument.load import Load
+from instrument.models.influence import ERROR, shares_along, tooth_shares
+from instrument.models.parameters import solid_parameters
+from instrument.models.solid import point_loads
+from instrument.position import locate
+from instrument.sample import get_sample
+
+DESIGN = get_design("common_base")
+HARD = get_sample("1")
+MIDDLE = 6e-3
+
+
+def test_the_table_is_what_the_solid_model_says() -> None:
+    place = (12e-3, MIDDLE)  # in the middle, where a quarter of the sensor is solved for
+    (shares,) = point_loads(solid_parameters(DESIGN, Load(1.0, HARD)), [place], 0)
+    assert tooth_shares(DESIGN, HARD, place) == pytest.approx(tuple(shares), abs=1e-4)
+
+
+@pytest.mark.parametrize("name", list("123456"))
+def test_shares_are_mirrored_peak_above_the_teeth_and_never_pull(name: str) -> None:
+    x = np.linspace(0, 24e-3, 97)
+    left, right = shares_along(DESIGN, get_sample(name), x)
+    assert left[::-1] == pytest.approx(right)
+    assert x[left.argmax()] == pytest.approx(6e-3)
+    assert (left >= 0).all()
+    assert (left + right <= 1).all()
+
+
+def test_a_harder_object_hands_less_to_the_tooth_below_it_where_it_spreads_the_load() -> None:
+    at = (10e-3, MIDDLE)
+    assert tooth_shares(DESIGN, HARD, at)[0] > tooth_shares(DESIGN, get_sample("2"), at)[0]
+
+
+@pytest.mark.parametrize("place", [0.0, 3e-3, 9e-3, 12e-3, 17e-3, 22.5e-3])
+def test_exact_shares_give_their_place(place: float) -> None:
+    found = locate(DESIGN, HARD, tooth_shares(DESIGN, HARD, (place, MIDDLE)), (1e-4, 1e-4), (1e-3, 1e-3))
+    assert found.position == pytest.approx(place, abs=1e-4)
+    assert found.low <= place <= found.high
+
+
+def test_the_interval_holds_the_place_as_often_as_it_says() -> None:
+    random = np.random.default_rng(5)
+    scatter, inside = np.array([0.06, 0.03]), 0
+    for place in np.linspace(0.2e-3, 23.8e-3, 200):
+        true = np.array(tooth_shares(DESIGN, HARD, (float(place), MIDDLE)))
+        model = ERROR / np.sqrt(3) * random.standard_normal(2)
+        seen = true * (1 + scatter * random.standard_normal(2)) + model
+        found = locate(DESIGN, HARD, tuple(seen), (0.0, 0.0), tuple(scatter))
+        inside += found.low <= place <= found.high
+    assert 0.91 <= inside / 200 <= 0.99
+
+
+def test_where_two_places_give_the_same_the_uncertainty_says_so() -> None:
+    beside, between = (
+        locate(DESIGN, HARD, tooth_shares(DESIGN, HARD, (x, MIDDLE)), (1e-3, 1e-3), (0.06, 0.03)) for x in (4e-3, 12e-3)
+    )
+    assert beside.u > 5 * between.u
+
+
+@pytest.mark.parametrize(
+    ("design", "sample", "place", "message"),
+    [
+        ("single", "1", (5e-3, 5e-3), "point loads are known for design 'common_base'"),
+        ("common_base", "1", (25e-3, 6e-3), "position 25 mm is off the sensor, which reaches from 0 to 24 mm"),
+        ("common_base", "1", (6e-3, 5e-3), "y = 5 mm is off the centre line"),
+    ],
+)
+def test_what_the_table_does_not_hold_is_refused(
+    design: str, sample: str, place: tuple[float, float], message: str
+) -> None:
+    with pytest.raises(RangeError, match=message):
+        tooth_shares(get_design(design), get_sample(sample), place)
