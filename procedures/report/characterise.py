@@ -18,6 +18,7 @@ def print_characteristics(result: CharacteriseResult, outcome: dict[str, Any], p
     )
     for column in (0, 1, 4):
         table.columns[column].justify = "left"
+    table.columns[4].no_wrap = False
     for row in result.rows:
         table.add_row(row.film or "sensor", row.quantity, *_shown(row), row.how)
     print_all(table, *where(outcome, plot))

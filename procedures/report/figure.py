@@ -30,8 +30,8 @@ def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def save(figure: Figure, folder: Path) -> Path:
-    path = folder / "plot.png"
+def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
+    path = folder / name
     with storing(path):
         figure.savefig(path, dpi=120, metadata={"Software": None})
     return path

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from procedures.report.figure import new_figure, save
 from procedures.report.text import STAMP, number
+from procedures.reproduce.chapter5 import draw_chapter_5
 from procedures.reproduce.figures import INFERRED
 from procedures.reproduce.rows import Row, RowTable
 from procedures.run import storing
@@ -37,8 +37,7 @@ def write_page(done: Everything, folder: Path) -> Path:
     """The page, with pictures in it; returns the file. Raises RecordError."""
     path = folder / "index.html"
     tables = [table for table, _ in done.tables]
-    pictures = [(plot_experiments(tables, folder), "Force ratio of the experiments: thesis and ours")]
-    pictures += [(p.file, f"{p.name}: {p.content}") for p in done.models.pictures]
+    drawn = [*draw_chapter_5(tables, folder), *done.models.pictures]
     parts = [
         "<!doctype html><html lang=en><meta charset=utf-8><title>Against the thesis</title>",
         f"<style>{STYLE}</style><h1>Against the thesis</h1>",
@@ -50,7 +49,7 @@ def write_page(done: Everything, folder: Path) -> Path:
         "<h1>Models</h1>",
         *(_comparison(comparison) for comparison, _ in done.models.tables),
         f"<h1>Pictures</h1><p>{escape(INFERRED)}</p>",
-        *(_picture(file, text) for file, text in pictures),
+        *(_picture(picture.file, f"{picture.name}: {picture.content}") for picture in drawn),
     ]
     with storing(path):
         path.write_text("\n".join(parts) + "\n", encoding="utf-8")
@@ -70,28 +69,6 @@ def summary_lines(done: Everything) -> list[str]:
         f"softness order, design {design}: {'right' if right else 'WRONG'}" for design, right in done.orders.items()
     ]
     return lines
-
-
-def plot_experiments(tables: Iterable[RowTable], folder: Path) -> Path:
-    """Our force ratios over the thesis', a panel a kind of table; returns the PNG."""
-    groups = (("A2.9 to A2.14, 5.5", "single"), ("A2.15 to A2.20, 5.6", "common base"), ("5.7", "different bases"))
-    figure, axes = new_figure(True, len(groups))
-    figure.suptitle(f"{STAMP}: force ratio, ours and the thesis'")
-    by_title = list(tables)
-    for ax, (numbers, title) in zip(axes, groups, strict=True):
-        rows = [
-            row
-            for table in by_title
-            if title.split()[0] in table.title
-            for row in table.rows
-            if row.quantity == "force_ratio"
-        ]
-        thesis, ours = [row.cell.value for row in rows], [row.ours for row in rows]
-        ax.errorbar(thesis, ours, [row.u or 0.0 for row in rows], fmt="o", ms=3, capsize=2)
-        ends = [min(thesis, default=0.0), max(thesis, default=1.0)]
-        ax.plot(ends, ends, "k-", lw=1)
-        ax.set(title=f"{title}: Tables {numbers}", xlabel="thesis", ylabel="ours")
-    return save(figure, folder)
 
 
 def _section(table: RowTable) -> str:

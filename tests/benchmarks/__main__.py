@@ -11,7 +11,19 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import array, driver_call, estimators, models, numbers, peers, scenes, solid, start_up, sweep
+from tests.benchmarks import (
+    array,
+    driver_call,
+    estimators,
+    models,
+    numbers,
+    peers,
+    reproduce,
+    scenes,
+    solid,
+    start_up,
+    sweep,
+)
 from tests.benchmarks.row import Row
 
 PARTS = {
@@ -23,6 +35,7 @@ PARTS = {
     "models": models.measure,
     "solid": solid.measure,
     "peers": peers.measure,
+    "reproduce": reproduce.measure,
     "scenes": scenes.measure,
     "start_up": start_up.measure,
 }

@@ -218,6 +218,7 @@ def test_everything_is_made_judged_and_on_one_page(tmp_path: Path, monkeypatch: 
     assert page.count("<h2>") == len(done.tables)
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert "SIMULATED" in page
+    assert page.count("<img") == 2
 
 
 def test_what_stands_on_the_page_is_escaped(tmp_path: Path) -> None:

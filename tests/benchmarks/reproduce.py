@@ -1,0 +1,37 @@
+"""`palpate reproduce` as a user runs it: how long it takes, and how much of the thesis it meets."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.benchmarks.row import Row
+
+GOAL_S, GOAL_SHARE = 60.0, 0.93
+
+
+def measure() -> Iterator[Row]:
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        done = subprocess.run(
+            [str(Path(sys.executable).with_name("palpate")), "reproduce", "--json"],
+            cwd=folder, stdout=subprocess.PIPE, check=False,  # exit status 1: rows outside their scatter
+        )  # fmt: skip
+        took = time.perf_counter() - start
+    found = json.loads(done.stdout)
+    yield Row("reproduce: whole process", f"{took:.1f} s", f"< {GOAL_S:.0f} s", took < GOAL_S)
+    yield Row("reproduce: rows within their stated scatter", f"{found['within']} of {found['judged']}")
+    share = found["experimental_share"]
+    yield Row(
+        "reproduce: experimental cells within 2 sigma",
+        f"{found['experimental_within']} of {found['experimental_cells']} = {share:.1%}",
+        f">= {GOAL_SHARE:.0%}",
+        share >= GOAL_SHARE,
+    )
+    for design, right in found["softness_order_right"].items():
+        yield Row(f"reproduce: softness order, {design}", "right" if right else "wrong", "right", right)
