@@ -34,6 +34,7 @@ JCGM 101 takes half a unit of the last digit that is stated; this one does not c
 """
 SEEN = 2.0  # standard uncertainties, to which curvature is looked for
 MOSTLY = 0.5  # of the variance: from there on one rectangular input shows in the interval
+MANY = 1e4  # degrees of freedom, from which on a t is as good as normal
 COARSE = 1024  # steps of a float64 that a difference spans at least
 ROUND_OFF = 64.0  # steps of a float64 that a function's result may be off
 
@@ -252,8 +253,9 @@ def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propa
 
 def _draw(problem: _Problem, generator: np.random.Generator) -> Floats:
     """(inputs, TRIALS) values of the inputs."""
-    factor = correlation_factor(problem.names, problem.correlations)
-    drawn = factor @ generator.standard_normal((factor.shape[1], TRIALS))
+    drawn = generator.standard_normal((len(problem.inputs), TRIALS))
+    if problem.correlations:
+        drawn = correlation_factor(problem.names, problem.correlations) @ drawn
     for group in groups(problem.names, problem.correlations):
         shapes = {problem.inputs[i].shape for i in group}
         fewest = min(problem.inputs[i].degrees_of_freedom for i in group)
@@ -264,6 +266,6 @@ def _draw(problem: _Problem, generator: np.random.Generator) -> Floats:
                     f"{names} are correlated and rectangular, which no one distribution is; take normal"
                 )
             drawn[group] = generator.uniform(-math.sqrt(3), math.sqrt(3), (1, TRIALS))
-        elif math.isfinite(fewest):
+        elif fewest < MANY:
             drawn[group] *= np.sqrt(fewest / generator.chisquare(fewest, TRIALS))
     return problem.values + problem.u * drawn

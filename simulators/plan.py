@@ -146,9 +146,9 @@ def plan(scene: Scene, question: Question) -> Plan:
     )
 
 
-def driven(scene: Scene, question: Question) -> Rig:
+def driven(scene: Scene, question: Question, clock: VirtualClock | None = None) -> Rig:
     """A rig with the sample preloaded and the drive just set for the load, as if nothing limited it."""
-    rig = Rig(scene, VirtualClock())
+    rig = Rig(scene, clock or VirtualClock())
     sample = get_sample(question.sample)
     rig.mount(sample)
     touching = scene.rig.sensor_position - sample.thickness
