@@ -23,6 +23,8 @@ from instrument.classification import (
 from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
 from instrument.errors import ConfigError, EstimateError, RangeError
 from instrument.interpolation import best_degree, interpolate
+from instrument.rounding import mean_u
+from instrument.uncertainty import Budget, Component
 
 STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
@@ -49,7 +51,7 @@ class LoadCellCalibration(Config):
         sensitivity_mV_per_N, sensitivity_u: slope at no load, with standard uncertainty.
         zero_mV, zero_u: reading at no load, with standard uncertainty.
         covariance: mV²/N, of sensitivity and zero.
-        degrees_of_freedom: of these uncertainties.
+        degrees_of_freedom: of these uncertainties; None: known as well as the steps of the indicator.
         curvature: of a cell for which a line does not do.
         least_N, greatest_N: the calibrated range.
         linearity: largest deviation of a mean reading from the line, as a fraction of the span.
@@ -57,6 +59,7 @@ class LoadCellCalibration(Config):
         reversibility_of_reading: v of ISO 376, which goes with the deflection at the load.
         repeatability, reproducibility, interpolation, zero_return, creep: b', b, fc, f0 and c of ISO 376.
         resolution_mV: smallest step of the indicator.
+        scatter_mV: standard deviation of single displays about their mean; None: not known.
         lower_limit_factor_N: of ASTM E74.
         astm_e74, iso_376: class "AA" or "A", "00" to "2", or "not classifiable".
         gage_factor: that the indicator was set to.
@@ -74,7 +77,7 @@ class LoadCellCalibration(Config):
     zero_mV: float
     zero_u: Positive
     covariance: float
-    degrees_of_freedom: Annotated[int, Field(ge=1)]
+    degrees_of_freedom: Annotated[int, Field(ge=1)] | None = None
     least_N: float
     greatest_N: float
     linearity: NotNegative
@@ -86,6 +89,7 @@ class LoadCellCalibration(Config):
     zero_return: NotNegative | None = None
     creep: NotNegative | None = None
     resolution_mV: Positive
+    scatter_mV: NotNegative | None = None
     lower_limit_factor_N: NotNegative
     astm_e74: Classification
     iso_376: Classification
@@ -129,11 +133,10 @@ class LoadCellCalibration(Config):
         column = np.array([self.curvature.with_zero, self.curvature.with_sensitivity])
         return np.block([[matrix, column[:, np.newaxis]], [column, np.array([self.curvature.u**2])]])
 
-    def load(self, reading_mV: float) -> tuple[float, float]:
-        """Load in N that gives this reading, and its standard uncertainty in N.
+    def load(self, reading_mV: float, displays: int = 1) -> tuple[float, float]:
+        """Load in N that gives this reading, the mean of so many displays, and its standard uncertainty in N.
 
-        The uncertainty holds the curve (with covariances) and the indicator's resolution over √12; scatter of
-        the reading itself is the reader's to add.
+        The uncertainty holds the curve (with covariances) and the reading's own (`reading_u`).
 
         Raises:
             EstimateError: the reading is not finite, or beyond the vertex of a curved calibration.
@@ -147,10 +150,24 @@ class LoadCellCalibration(Config):
             raise EstimateError(f"reading {reading_mV:g} mV is beyond the vertex of the calibration; reduce the load")
         slope = math.sqrt(slope_squared)
         load = 2 * net / (self.sensitivity_mV_per_N + slope)
+        return load, math.hypot(self.curve_u(load), self.reading_u(displays) / slope)
+
+    def curve_u(self, load_N: float) -> float:
+        """Standard uncertainty in N that the curve gives a load, by which all readings there are off alike."""
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
         covariance = self._covariance()
-        powers = load ** np.arange(len(covariance))
-        curve = float(powers @ covariance @ powers)
-        return load, math.sqrt(max(curve, 0.0) + self.resolution_mV**2 / 12) / slope
+        powers = load_N ** np.arange(len(covariance))
+        variance = max(float(powers @ covariance @ powers), 0.0)
+        return math.sqrt(variance) / (self.sensitivity_mV_per_N + 2 * bend * load_N)
+
+    def reading_u(self, displays: int = 1) -> float:
+        """Standard uncertainty in mV of the mean of so many displays: their scatter and what it leaves of the rounding.
+
+        Where the scatter is not known, of the rounding alone.
+        """
+        if self.scatter_mV is None:
+            return self.resolution_mV / math.sqrt(12)
+        return mean_u(self.scatter_mV, self.resolution_mV, displays)
 
     def reading(self, load_N: float) -> float:
         """Reading in mV that this load gives."""
@@ -231,13 +248,25 @@ def calibrate_load_cell(
         raise EstimateError(f"loads {load} N must increase, each once; put the weights in order")
     if not (math.isfinite(resolution_mV) and resolution_mV > 0):
         raise RangeError(f"resolution {resolution_mV} mV must be positive: it is the indicator's smallest step")
-    mean, reading_u = np.mean([run.mean_mV() for run in runs], axis=0), resolution_mV / math.sqrt(12)
+    mean = np.mean([run.mean_mV() for run in runs], axis=0)
+    scatter = _scatter(runs)
+    reading_u, freedom = resolution_mV / math.sqrt(12), math.inf
+    if scatter is not None:
+        displays = 2 * sum(run.repeats for run in runs)
+        reading_u, freedom = mean_u(scatter, resolution_mV, displays), (displays - 2 * len(runs)) * load.size
     line = interpolate(load, mean, reading_u)
     if degree is None:
         degree = best_degree(load, mean, reading_u)
     curve = line if degree == 1 else interpolate(load, mean, reading_u, degree)
     sensitivity = float(curve.coefficients[1])
-    sensitivity_u = math.hypot(math.sqrt(curve.covariance[1, 1]), spread_over_positions(load, runs))
+    spread, positions = spread_over_positions(load, runs), len({run.position for run in runs})
+    if curve.by_scatter:
+        freedom = curve.degrees_of_freedom
+    budget = Budget("sensitivity", sensitivity, "mV/N", (
+        Component("curve", math.sqrt(curve.covariance[1, 1]), degrees_of_freedom=freedom, kind="A"),
+        Component("positions", spread, degrees_of_freedom=max(positions - 1, 1), kind="A"),
+    ))  # fmt: skip
+    sensitivity_u, freedom = budget.u, budget.degrees_of_freedom
     if not sensitivity > 3 * sensitivity_u:
         raise EstimateError(
             f"sensitivity {sensitivity:.4g} mV/N with standard uncertainty {sensitivity_u:.2g} mV/N is not above "
@@ -253,7 +282,7 @@ def calibrate_load_cell(
         "zero_mV": float(curve.coefficients[0]),
         "zero_u": math.sqrt(curve.covariance[0, 0]),
         "covariance": float(curve.covariance[0, 1]),
-        "degrees_of_freedom": curve.degrees_of_freedom,
+        "degrees_of_freedom": max(math.floor(freedom), 1) if math.isfinite(freedom) else None,
         "least_N": float(load[0]),
         "greatest_N": float(load[-1]),
         "linearity": float(np.abs(mean - line.reading(load)).max()) / span,
@@ -264,6 +293,7 @@ def calibrate_load_cell(
             for name in ("repeatability", "reproducibility", "interpolation", "zero_return", "creep")
         },
         "resolution_mV": float(resolution_mV),
+        "scatter_mV": scatter,
         "lower_limit_factor_N": factor,
         "astm_e74": classify_astm_e74(load, 2 * load.size * len(runs), factor, resolution_mV / sensitivity),
         "iso_376": classify_iso_376(load, found),
@@ -282,6 +312,12 @@ def calibrate_load_cell(
             "with_zero": float(curve.covariance[0, 2]),
         }
     return check(fields, LoadCellCalibration, "load cell calibration")
+
+
+def _scatter(runs: Sequence[Run]) -> float | None:
+    """Of single displays, pooled over the runs; None where one does not know its own."""
+    known = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
+    return float(np.linalg.norm(known)) / math.sqrt(len(runs)) if len(known) == len(runs) else None
 
 
 def _greatest(values: npt.NDArray[np.float64] | None) -> float | None:

@@ -35,6 +35,8 @@ class Run:
         position: of the cell about its axis [degrees].
         loading_mV, unloading_mV: (k,) readings, both at increasing loads.
         zero_before_mV, zero_after_mV: readings of the unloaded cell; None: not read.
+        repeats: how many displays each reading is the mean of.
+        scatter_mV: standard deviation of a single display about such a mean; None: not known.
     """
 
     position: float
@@ -42,6 +44,8 @@ class Run:
     unloading_mV: Floats
     zero_before_mV: float | None = None
     zero_after_mV: float | None = None
+    repeats: int = 1
+    scatter_mV: float | None = None
 
     def mean_mV(self) -> Floats:
         """Of loading and unloading, (k,)."""

@@ -91,7 +91,7 @@ class FilmCalibration(Config):
     least_N: float
     greatest_N: float
     load_cell: Name
-    load_cell_degrees_of_freedom: Annotated[int, Field(ge=1)]
+    load_cell_degrees_of_freedom: Annotated[int, Field(ge=1)] | None = None
     device: Name
     simulated: Annotated[bool, Field(strict=True)]
     source: Name
@@ -100,6 +100,7 @@ class FilmCalibration(Config):
 
     def budgets(self) -> tuple[Budget, ...]:
         """Of each sensitivity."""
+        freedom = self.load_cell_degrees_of_freedom or math.inf
         return tuple(
             Budget(
                 f"sensitivity of film {film.name}",
@@ -107,7 +108,7 @@ class FilmCalibration(Config):
                 "mV/N",
                 (
                     Component(REPEATS, film.scatter_u, degrees_of_freedom=film.degrees_of_freedom, kind="A"),
-                    Component(LOAD_CELL, film.load_cell_u, degrees_of_freedom=self.load_cell_degrees_of_freedom),
+                    Component(LOAD_CELL, film.load_cell_u, degrees_of_freedom=freedom),
                 ),
             )
             for film in self.films
@@ -205,12 +206,7 @@ def _common(load_cell: LoadCellCalibration, load: Floats) -> float:
 
     The same curve turned all readings into loads, so that its errors do not average out.
     """
-    relative = 0.0
-    for value in load:
-        _, u = load_cell.load(load_cell.reading(float(value)))
-        step = load_cell.resolution() / math.sqrt(12)
-        relative += math.sqrt(max(u**2 - step**2, 0.0)) / float(value) / load.size
-    return relative
+    return math.fsum(load_cell.curve_u(float(value)) / float(value) for value in load) / load.size
 
 
 def _crosstalk(design: Design, readings: Sequence[FilmReading], ratio: Floats, mean: Floats) -> tuple[Floats, Floats]:

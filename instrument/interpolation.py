@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import fdtri
+from scipy.special import chdtri, fdtri
 
 from instrument.errors import EstimateError
 
 SIGNIFICANCE = 0.01
-"""Of the F-test: of a hundred straight cells one is taken for a curved one."""
+"""Of the tests: of a hundred straight cells one is taken for a curved one, or its scatter for more than known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,7 @@ class Interpolation:
     Args:
         coefficients: (degree + 1,), from the constant on; reading per N to the power.
         covariance: (degree + 1, degree + 1), of the coefficients.
+        by_scatter: whether the covariance is by the residuals, not by what was known of a reading before.
         residual_sd: of the readings about the curve.
         degrees_of_freedom: of `residual_sd`, points less coefficients.
     """
@@ -30,6 +31,7 @@ class Interpolation:
     covariance: npt.NDArray[np.float64]
     residual_sd: float
     degrees_of_freedom: int
+    by_scatter: bool
 
     def reading(self, load: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """At loads in N, of their shape."""
@@ -46,9 +48,9 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
     Args:
         load: (n,) N.
         reading: (n,) in the indicator's unit.
-        reading_u: standard uncertainty that no reading is better than, such as resolution/√12. It
-            stands in for the scatter where the scatter is smaller: a series in which each reading rounds the
-            same way every time shows less scatter than error.
+        reading_u: standard uncertainty of a reading, such as resolution/√12. The residuals stand for it where they
+            are more than chance makes of it (χ² test): few loads tell little of the scatter, and a series in which
+            each reading rounds the same way every time shows less scatter than error.
 
     Raises:
         EstimateError: shapes that differ, values that are not finite, fewer distinct loads than coefficients and
@@ -76,12 +78,13 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
     own = np.linalg.solve(r, q.T @ (y - centre_reading))
     degrees_of_freedom = x.size - degree - 1
     residual_sd = float(np.linalg.norm(y - centre_reading - columns @ own)) / math.sqrt(degrees_of_freedom)
-    root = np.linalg.inv(r) * max(residual_sd, reading_u)
+    by_scatter = residual_sd**2 * degrees_of_freedom > reading_u**2 * chdtri(degrees_of_freedom, SIGNIFICANCE)
+    root = np.linalg.inv(r) * (residual_sd if by_scatter else reading_u)
     back = _powers(centre, scale, degree)
     root = back @ root
     coefficients = back @ own
     coefficients[0] += centre_reading
-    return Interpolation(coefficients, root @ root.T, residual_sd, degrees_of_freedom)
+    return Interpolation(coefficients, root @ root.T, residual_sd, degrees_of_freedom, bool(by_scatter))
 
 
 def best_degree(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float) -> int:

@@ -8,16 +8,16 @@ from instrument.calibration import LoadCellCalibration
 from instrument.uncertainty import Budget, Component
 
 
-def load_budget(calibration: LoadCellCalibration, load: float) -> Budget:
-    """Budget of a load in N, of one reading; its `u` is that of `LoadCellCalibration.load`."""
+def load_budget(calibration: LoadCellCalibration, load: float, displays: int = 1) -> Budget:
+    """Budget of a load in N, by the mean of so many displays; its `u` is that of `LoadCellCalibration.load`."""
     c = calibration
     bend = 0.0 if c.curvature is None else c.curvature.mV_per_N2
     slope = c.sensitivity_mV_per_N + 2 * bend * load
-    freedom = float(c.degrees_of_freedom)
+    freedom = math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom)
     components = [
         Component("zero", c.zero_u, -1 / slope, freedom, "A"),
         Component("sensitivity", c.sensitivity_u, -load / slope, freedom, "A"),
-        Component("resolution", c.resolution_mV / math.sqrt(12), 1 / slope),
+        Component("reading", c.reading_u(displays), 1 / slope),
     ]
     correlations = {("zero", "sensitivity"): c.covariance / (c.zero_u * c.sensitivity_u)}
     if c.curvature is not None:

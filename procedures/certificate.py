@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any
 
 from instrument.calibration import STANDARD_GRAVITY, LoadCellCalibration
 from instrument.classification import Classification, iso_376_class_of
+from instrument.load_budget import load_budget
 from instrument.uncertainty import COVERAGE, coverage_factor
 from procedures.load_cell import CREEP_TIMES, FILTER, SETTLING
 from procedures.report.text import STAMP
@@ -91,23 +93,23 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
 
 
 def _results(c: LoadCellCalibration) -> Section:
-    k = coverage_factor(c.degrees_of_freedom)
-    middle = 0.5 * (c.least_N + c.greatest_N)
-    values = [
+    freedom = math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom)
+    curve = [
         ("sensitivity", c.sensitivity_mV_per_N, c.sensitivity_u, "mV/N"),
         ("zero", c.zero_mV, c.zero_u, "mV"),
         *([("curvature", c.curvature.mV_per_N2, c.curvature.u, "mV/N²")] if c.curvature else []),
-        *(
-            (f"load at a reading of {c.reading(load):.2f} mV", *c.load(c.reading(load)), "N")
-            for load in (c.least_N, middle, c.greatest_N)
-        ),
     ]
-    columns = (
-        "quantity", "value", "standard uncertainty",
-        f"expanded uncertainty ({COVERAGE:.0%}, k = {k:.2f}, {c.degrees_of_freedom} degrees of freedom)", "unit",
-    )  # fmt: skip
-    rows = [(name, f"{value:.5g}", f"{u:.2g}", f"{k * u:.2g}", unit) for name, value, u, unit in values]
+    rows = [_expanded(name, value, u, coverage_factor(freedom), unit) for name, value, u, unit in curve]
+    for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N):
+        budget = load_budget(c, load)
+        k = coverage_factor(budget.degrees_of_freedom)
+        rows.append(_expanded(f"load at one reading of {c.reading(load):.2f} mV", load, budget.u, k, "N"))
+    columns = ("quantity", "value", "standard uncertainty", "k", f"expanded uncertainty, {COVERAGE:.0%}", "unit")
     return Section("Results", columns, rows)
+
+
+def _expanded(name: str, value: float, u: float, k: float, unit: str) -> tuple[str, ...]:
+    return name, f"{value:.5g}", f"{u:.2g}", f"{k:.2f}", f"{k * u:.2g}", unit
 
 
 def _classes(c: LoadCellCalibration) -> Section:
@@ -148,7 +150,8 @@ def _markdown(simulated: bool, sections: Sequence[Section]) -> str:
 
 
 def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(' '.join(html.escape(cell).split()).replace('|', '&#124;') for cell in cells)} |"
+    safe = (" ".join(html.escape(cell, quote=False).split()).replace("|", "&#124;") for cell in cells)
+    return f"| {' | '.join(safe)} |"
 
 
 def _html(simulated: bool, sections: Sequence[Section]) -> str:

@@ -24,7 +24,7 @@ from instrument.dwell import Dwell
 from instrument.errors import DeviceError, EstimateError, RangeError
 from instrument.estimate import SineFit, fit_sine
 from procedures.record import Recorder
-from procedures.servo import LoadServo
+from procedures.servo import READINGS, LoadServo
 
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
@@ -247,7 +247,7 @@ def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellCh
     record = films.acquire(duration)
     reading = servo.read()
     films.bench.amplifier.check()
-    measured, measured_u = servo.calibration.load(reading.reading_mV)
+    measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
     faults = {
         CLIPPED: record.clipped.any(),
         NOT_FINITE: not np.isfinite(record.voltage).all(),

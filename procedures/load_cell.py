@@ -184,7 +184,9 @@ class _Series:
         unloading = [self._placed(position, number, "unloading", load) for load in reversed(loads)]
         self.bench.operator.place_weight(0.0)
         after = self._settled(position, number, "zero_after", 0.0)
-        return Run(position, np.array(loading), np.array(unloading[::-1]), before, after)
+        displays = [p["readings_mV"] for p in self.points[-2 * len(loads) - 1 : -1]]
+        scatter = float(np.sqrt(np.var(displays, axis=1, ddof=1).mean()))
+        return Run(position, np.array(loading), np.array(unloading[::-1]), before, after, REPEATS, scatter)
 
     def creep(self) -> float:
         """Change of the reading in mV under the greatest load from 30 s to 300 s; the weights come off after it."""

@@ -23,6 +23,7 @@ from instrument.classification import Classification, Run
 from instrument.errors import ConfigError, EstimateError, RangeError, RecordError
 from instrument.interpolation import best_degree, interpolate
 from instrument.load_budget import load_budget
+from instrument.uncertainty import coverage_factor
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies
@@ -40,11 +41,12 @@ def calibrate(
     device: str = "LC-1",
     degree: int | None = None,
     further: tuple[Run, ...] = (),
+    runs: tuple[Run, ...] = (),
 ) -> LoadCellCalibration:
-    """Of one run at 0 degrees, and further ones."""
+    """Of `runs`, else of one at 0 degrees and further ones."""
     return calibrate_load_cell(
         load,
-        [Run(0.0, np.array(loading), np.array(unloading)), *further],
+        runs or [Run(0.0, np.array(loading), np.array(unloading)), *further],
         resolution,
         degree=degree,
         gage_factor=8.98,
@@ -87,10 +89,12 @@ def test_the_curve_and_its_covariance_are_those_of_an_independent_fit(degree: in
         np.std(reading - np.polyval(coefficients, load)) * math.sqrt(6 / (5 - degree))
     )
     assert curve.degrees_of_freedom == 5 - degree
+    assert curve.by_scatter
 
 
 def test_readings_that_round_alike_are_no_better_than_the_resolution() -> None:
     line = interpolate([1, 2, 3, 4], [10, 20, 30, 40], 1 / math.sqrt(12))
+    assert not line.by_scatter
     assert line.residual_sd == pytest.approx(0, abs=1e-12)
     assert math.sqrt(line.covariance[1, 1]) == pytest.approx(1 / math.sqrt(12 * 5))
 
@@ -158,6 +162,23 @@ def test_the_stated_interval_covers_the_true_sensitivity_and_load() -> None:
     assert 930 <= load <= 970
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0, 5.0])
+def test_intervals_cover_whatever_the_noise_that_dithers_the_display(noise: float) -> None:
+    rng = np.random.default_rng(7)
+    sensitivities, zeros = 0, 0
+    for _ in range(200):
+        slope, zero = 10.3 * (1 + rng.uniform(-0.05, 0.05)), rng.uniform(-5, 5)
+        displays = np.rint(zero + slope * WEIGHTS_N + noise * rng.normal(size=(2, 10, 7)))
+        scatter = float(np.sqrt(displays.var(axis=1, ddof=1).mean()))
+        run = Run(0.0, *displays.mean(axis=1), repeats=10, scatter_mV=scatter)
+        found = calibrate(WEIGHTS_N, degree=1, runs=(run,))
+        k = coverage_factor(found.degrees_of_freedom or math.inf)
+        sensitivities += abs(found.sensitivity_mV_per_N - slope) <= k * found.sensitivity_u
+        zeros += abs(found.zero_mV - zero) <= k * found.zero_u
+    assert 181 <= sensitivities <= 199
+    assert 181 <= zeros <= 199
+
+
 def test_drift_between_loading_and_unloading_shows() -> None:
     calibration = calibrate([1.0, 2.0, 3.0], [12.0, 22.0, 32.0], [12.0, 22.0, 34.0])
     # means 12, 22, 33 mV: slope 10.5, deviations 1/6, −1/3, 1/6; loading and unloading differ by 2 mV at 3 N
@@ -187,6 +208,7 @@ def test_the_budget_of_a_load_adds_up_to_its_uncertainty(degree: int) -> None:
         budget = load_budget(calibration, at)
         assert budget.u == pytest.approx(calibration.load(calibration.reading(at))[1])
         assert {c.degrees_of_freedom for c in budget.components} == {6 - degree, math.inf}
+        assert len(budget.components) == degree + 2
 
 
 def test_the_uncertainty_is_least_at_the_mean_of_the_calibrated_loads() -> None:

@@ -1,0 +1,47 @@
+"""What rounding to the steps of a display leaves in a mean of readings, given the noise that dithers it.
+
+A reading of noise σ is rounded to steps q. Over all positions between two steps the mean of many readings is off by
+
+    B(σ)² = q² Σ exp(−4 π² k² σ²/q²) / (2 π² k²), k = 1, 2, …
+
+which is q²/12 without noise and gone at σ = q (Fourier series of the quantiser's error; Widrow and Kollár,
+Quantization Noise, 2008). The readings themselves scatter by s² = σ² + q²/12 − B².
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+LEAST_DITHER = 0.2
+"""Of a step: less noise shows in so few readings that it is taken for none."""
+
+_HARMONICS = np.arange(1, 201)
+_WITHOUT_NOISE = float(np.sum(1 / (2 * np.pi**2 * _HARMONICS**2)))
+
+
+def mean_u(scatter: float, step: float, count: int) -> float:
+    """Standard uncertainty of the mean of `count` readings that scatter by `scatter` about their mean.
+
+    All in one unit; for a single reading that noise dithers it is √(σ² + step²/12).
+    """
+    bias = _bias(_noise(scatter / step))
+    return step * math.sqrt(bias + (scatter / step) ** 2 / count)
+
+
+def _bias(noise: float) -> float:
+    """B²/q² for σ/q."""
+    terms = np.exp(-4 * np.pi**2 * _HARMONICS**2 * noise**2) / (2 * np.pi**2 * _HARMONICS**2)
+    return float(np.sum(terms)) / _WITHOUT_NOISE / 12
+
+
+def _noise(scatter: float) -> float:
+    """σ/q for s/q, which rises with it; 0 below `LEAST_DITHER`."""
+    from scipy.optimize import brentq
+
+    def excess(noise: float) -> float:
+        return noise**2 + 1 / 12 - _bias(noise) - scatter**2
+
+    noise = float(brentq(excess, 0.0, scatter + 1.0)) if scatter > 0 else 0.0
+    return noise if noise >= LEAST_DITHER else 0.0
