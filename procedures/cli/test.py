@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options
+from procedures.cli.options import Choice, Output, bench_options, extrapolate_option
 
 
 @click.group()
@@ -21,7 +21,7 @@ def test() -> None:
 @click.option("--sample", required=True, help="Rubber sample, by number.")
 @click.option("--strain", default="30 %", show_default=True, help="Largest strain.")
 @click.option("--steps", default=10, show_default=True, help="Equal steps to it, and back.")
-@click.option("--extrapolate", is_flag=True, help="Allow loads above the load cell's calibrated range.")
+@extrapolate_option
 @click.option("--budget", is_flag=True, help="Print the uncertainty budgets.")
 @bench_options
 def modulus(
