@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from instrument.design import FILM_KINDS, Design, Film
 from instrument.errors import EstimateError
-from instrument.estimate import SineFit
+from instrument.estimate import SineFit, quotient_bias
 from instrument.quantity import show
 
 Floats = npt.NDArray[np.float64]
@@ -63,7 +63,7 @@ class FilmForces:
 
 
 def film_forces(design: Design, fit: SineFit) -> FilmForces:
-    """Forces by the films' sensitivities, and the ratios of teeth and sensor.
+    """Forces by the films' sensitivities, and the ratios of teeth and sensor, free of the bias that noise gives them.
 
     Args:
         fit: of all films, in the design's order.
@@ -98,6 +98,8 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
         slope[base] = -force[rigid] / force[base] ** 2
         slopes += slope / len(bases)
         ratio, noise_u = float(force[rigid] / force[base]), _u(slope, covariance)
+        ratio -= quotient_bias(ratio, float(force[base]), float(covariance[base, base]), float(covariance[rigid, base]))
+        ratio -= quotient_bias(ratio, float(force[base]), float(covariance[base, base]), float(covariance[rigid, base]))
         teeth.append(
             ToothPoint(
                 tooth=film.teeth[0] + 1,

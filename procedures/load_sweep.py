@@ -17,6 +17,7 @@ from instrument.estimate import SineFit
 from instrument.film_forces import ToothPoint, film_forces
 from instrument.quantity import show
 from instrument.sample import get_sample
+from instrument.uncertainty import Budget, Component
 from procedures.films import DwellChoice, FilmPoint, Films, measure
 from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
 from procedures.pause import NOBODY, Pause, pause_here
@@ -85,9 +86,21 @@ class SweepResult:
     samples: list[SampleMean]
     softness_order: list[str]
 
+    def budgets(self) -> tuple[Budget, ...]:
+        """Of the mean force ratio of each sample that has one."""
+        return tuple(
+            _budget(mean.sample, mean.force_ratio, [p for p in self.points if p.sample == mean.sample and p.valid])
+            for mean in self.samples
+            if mean.force_ratio is not None
+        )
+
     def summary(self) -> dict[str, Any]:
         """The result without its points, for the record."""
-        return {"samples": [asdict(s) for s in self.samples], "softness_order": self.softness_order}
+        return {
+            "samples": [asdict(s) for s in self.samples],
+            "softness_order": self.softness_order,
+            "budgets": [budget.summary() for budget in self.budgets()],
+        }
 
 
 def run(
@@ -204,11 +217,12 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
     for name in dict.fromkeys(point.sample for point in points):
         valid = [point for point in points if point.sample == name and point.valid]
         n = len(valid)
+        ratio = math.fsum(p.force_ratio for p in valid) / n if n else math.nan
         means.append(
             SampleMean(
                 sample=name,
-                force_ratio=math.fsum(p.force_ratio for p in valid) / n if n else None,
-                force_ratio_u=_mean_u(valid) if n else None,
+                force_ratio=ratio if n else None,
+                force_ratio_u=_budget(name, ratio, valid).u if n else None,
                 valid_points=n,
                 thesis_force_ratio=design.thesis_force_ratio.get(name),
                 teeth=tuple(
@@ -220,6 +234,13 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
     return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)])
 
 
-def _mean_u(points: Sequence[LoadPoint]) -> float:
-    own = math.fsum(p.force_ratio_u**2 - p.calibration_u**2 for p in points)
-    return math.hypot(math.sqrt(max(own, 0.0)), math.fsum(p.calibration_u for p in points)) / len(points)
+def _budget(sample: str, ratio: float, points: Sequence[LoadPoint]) -> Budget:
+    """Of a mean: scatter and noise are of each point alone, the films' calibration is that of all."""
+    n = len(points)
+    scatter = math.fsum(max(p.force_ratio_u**2 - p.noise_u**2 - p.calibration_u**2, 0.0) for p in points)
+    components = [
+        Component("gain scatter", math.sqrt(scatter) / n),
+        Component("noise", math.sqrt(math.fsum(p.noise_u**2 for p in points)) / n, kind="A"),
+        Component("films' calibration", math.fsum(p.calibration_u for p in points) / n),
+    ]
+    return Budget(f"force ratio of sample {sample}", ratio, "", tuple(components))

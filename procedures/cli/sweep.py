@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options
+from procedures.cli.options import Choice, Output, bench_options, budget_option, extrapolate_option
 
 if TYPE_CHECKING:
     from procedures.cli.session import Target
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
-EXTRAPOLATE = click.option("--extrapolate", is_flag=True, help="Let loads pass that lie outside the calibrated range.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
 
 
@@ -34,7 +33,8 @@ def sweep() -> None:
 @click.option("--tolerance", help="Instead: relative standard uncertainty of a point, by which its dwell is chosen.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
 @MODEL
-@EXTRAPOLATE
+@extrapolate_option
+@budget_option
 @DRY_RUN
 @bench_options
 def loads(
@@ -45,6 +45,7 @@ def loads(
     frequency: str,
     model: str | None,
     extrapolate: bool,
+    budget: bool,
     dry_run: bool,
     choice: Choice,
     output: Output,
@@ -70,7 +71,12 @@ def loads(
         None if tolerance is None else parse(tolerance, ""),
         extrapolate,
     )
-    _sweep(load_plan, load_sweep, report, settings, choice, output, dry_run, model)
+    result = _sweep(load_plan, load_sweep, report, settings, choice, output, dry_run, model)
+    if budget and result is not None and output.for_people:
+        from procedures.report.budget import print_budgets
+
+        found, simulated = result
+        print_budgets(found.budgets(), simulated)
 
 
 @sweep.command(
@@ -84,7 +90,7 @@ def loads(
 @click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
 @click.option("--dwell", default="1 s", show_default=True, help="Shortest time at a point; three cycles at least.")
 @MODEL
-@EXTRAPOLATE
+@extrapolate_option
 @DRY_RUN
 @bench_options
 def frequency(
@@ -124,7 +130,7 @@ def frequency(
 @click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
 @MODEL
-@EXTRAPOLATE
+@extrapolate_option
 @DRY_RUN
 @bench_options
 def temperature(
@@ -171,7 +177,7 @@ def temperature(
 @click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
 @click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
-@EXTRAPOLATE
+@extrapolate_option
 @DRY_RUN
 @bench_options
 def position(
@@ -217,8 +223,11 @@ def _sweep(
     output: Output,
     dry_run: bool,
     model: str | None,
-) -> None:
-    """Plan and conduct a sweep; `planned` checks and plans it, `procedure` runs it."""
+) -> tuple[Any, bool] | None:
+    """Plan and conduct a sweep; `planned` checks and plans it, `procedure` runs it.
+
+    Returns the result, and whether it is simulated; None of a dry run.
+    """
     from procedures.cli.keys import keyboard
     from procedures.cli.session import conduct, target_of
     from procedures.report.plan import print_plan
@@ -234,7 +243,7 @@ def _sweep(
             output.json(plan.summary())
         elif output.for_people:
             print_plan(plan)
-        return
+        return None
     with keyboard() as pause:
         session, result, outcome = conduct(
             planned.PROCEDURE,
@@ -252,3 +261,4 @@ def _sweep(
         output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
     elif output.for_people:
         report.print_sweep(result, session.design, outcome, plot)
+    return result, session.bench.simulated

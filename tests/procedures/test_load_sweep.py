@@ -259,6 +259,17 @@ def test_only_valid_points_enter_a_mean_and_the_order() -> None:
     assert result.points == points
 
 
+def test_the_budget_of_a_mean_tells_scatter_and_noise_apart() -> None:
+    (budget,) = evaluate(
+        [point("1", 0.3), point("1", 0.32), point("1", 9.9, valid=False)], get_design("single")
+    ).budgets()
+    assert (budget.quantity, budget.value) == ("force ratio of sample 1", pytest.approx(0.31))
+    parts = {component.name: component.contribution for component in budget.components}
+    assert parts["noise"] == pytest.approx(1e-4 / math.sqrt(2))
+    assert math.hypot(parts["gain scatter"], parts["noise"]) == pytest.approx(0.04 / math.sqrt(2))
+    assert parts["films' calibration"] == 0
+
+
 @pytest.mark.parametrize(
     ("text", "loads"),
     [
