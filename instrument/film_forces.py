@@ -99,7 +99,6 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
         slopes += slope / len(bases)
         ratio, noise_u = float(force[rigid] / force[base]), _u(slope, covariance)
         ratio -= quotient_bias(ratio, float(force[base]), float(covariance[base, base]), float(covariance[rigid, base]))
-        ratio -= quotient_bias(ratio, float(force[base]), float(covariance[base, base]), float(covariance[rigid, base]))
         teeth.append(
             ToothPoint(
                 tooth=film.teeth[0] + 1,
