@@ -12,21 +12,27 @@ from instrument.errors import DeviceError
 
 COMMAND_POLL = 0.01  # s
 COMMAND_POLLS = 100
+RENEWAL_NS = 300_000_000  # the display is renewed ten times a second: after so long it must have been
 
 
 @dataclass(frozen=True, slots=True)
 class IndicatorReading:
-    """Reading in mV (NaN while the bridge is open) and what the status word says of it."""
+    """Reading in mV (NaN while the bridge is open) and what the status word says of it.
+
+    `stale`: the display has not been renewed since the last reading, though there was time for it.
+    """
 
     reading_mV: float
     resolution_mV: float
     stable: bool
     overload: bool
     bridge_open: bool
+    stale: bool = False
 
     @property
     def valid(self) -> bool:
-        return self.stable and not self.overload and not self.bridge_open and math.isfinite(self.reading_mV)
+        sick = self.overload or self.bridge_open or self.stale
+        return self.stable and not sick and math.isfinite(self.reading_mV)
 
 
 class StrainIndicator(ModbusDevice):
@@ -35,6 +41,7 @@ class StrainIndicator(ModbusDevice):
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit)
         self._clock = clock
+        self._renewed: tuple[int, float] | None = None
 
     def configure(self, gage_factor: float, full_scale_mV: float) -> None:
         """Set the gage factor and the reading in mV above which overload is flagged."""
@@ -54,7 +61,9 @@ class StrainIndicator(ModbusDevice):
         Raises:
             DeviceError: the integer and the floating-point reading differ.
         """
-        status, decimals, integer, floating = self.get_many("status", "decimals", "reading", "reading_float")
+        status, decimals, integer, floating, updates = self.get_many(
+            "status", "decimals", "reading", "reading_float", "updates"
+        )
         bits = self.contract.set_bits("status", status)
         step = 10.0**-decimals
         reading = integer * step
@@ -64,7 +73,15 @@ class StrainIndicator(ModbusDevice):
             raise DeviceError(
                 f"{self.name}: reading is {reading:g} mV as an integer and {floating:g} mV as a float; not used"
             )
-        return IndicatorReading(reading, step, "stable" in bits, "overload" in bits, "bridge_open" in bits)
+        return IndicatorReading(
+            reading, step, "stable" in bits, "overload" in bits, "bridge_open" in bits, self._stale(updates)
+        )
+
+    def _stale(self, updates: float) -> bool:
+        now = self._clock.now_ns()
+        if self._renewed is None or updates != self._renewed[1]:
+            self._renewed = now, updates
+        return now - self._renewed[0] > RENEWAL_NS
 
     def zero(self) -> None:
         """Take the present reading as zero balance. Raises DeviceError where it is not stable."""

@@ -22,9 +22,11 @@ from simulators.strain_indicator import StrainIndicator
 if TYPE_CHECKING:
     from simulators.effects.can_timing import CanTiming
     from simulators.effects.serial_timing import SerialTiming
+    from simulators.faults.inject import Injection
 
 _numbers = itertools.count(1)
 INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
+LINE_UNITS = {INDICATOR_UNIT: "strain_indicator", POSITIONER_UNIT: "positioner"}
 BITRATE = 1_000_000
 TIMEOUT: Any = "10 s"  # of the wall: a device of a busy machine is slow, not absent
 
@@ -39,9 +41,10 @@ class SimulatedBench:
         self._channel = f"palpate-{os.getpid()}-{next(_numbers)}"
         self._node_ids = list(range(1, scene.nodes + 1))
         # first on the clock: what is sampled up to an event does not know of it yet
-        self._can = CanSegment(self.clock, self.rig, self._node_ids, "virtual", self._channel)
+        self._injection = _injection(scene, self.clock)
+        self.can = CanSegment(self.clock, self.rig, self._node_ids, "virtual", self._channel, self._injection)
         self.clock.add(self.rig)
-        self.nodes = self._can.nodes
+        self.nodes = self.can.nodes
         self.generator = SignalGenerator(self.clock, "SIM-SG-0001", self._generator_changed)
         self.amplifier = ShakerAmplifier(
             self.clock, "SIM-PA-0001", self.generator.voltage, self._amplifier_changed, scene.rig.coil_resistance
@@ -56,13 +59,27 @@ class SimulatedBench:
             servers = stack.enter_context(ServerThread())
             serial = cast("SerialTiming | None", self.scene.effects.get("serial_timing"))
             bus = cast("CanTiming | None", self.scene.effects.get("can_timing"))
-            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial)
+            injection = self._injection
+            relays = injection.relays() if injection else {}
+            noise = injection.line(LINE_UNITS) if injection else None
+            timeouts = injection.timeouts() if injection else {}
+            generator = servers.serve_tcp(1, self.generator, relays.get("signal_generator"))
+            amplifier = servers.serve_tcp(1, self.amplifier, relays.get("shaker_amplifier"))
+            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial, noise)
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,
-                signal_generator=TcpAddress(host=LOOPBACK, port=servers.serve_tcp(1, self.generator), timeout=TIMEOUT),
-                shaker_amplifier=Amplifier(host=LOOPBACK, port=servers.serve_tcp(1, self.amplifier), timeout=TIMEOUT),
-                line=SerialLine(port=line, baudrate=round(serial.baudrate) if serial else BAUDRATE, timeout=TIMEOUT),
+                signal_generator=TcpAddress(
+                    host=LOOPBACK, port=generator, timeout=timeouts.get("signal_generator", TIMEOUT)
+                ),
+                shaker_amplifier=Amplifier(
+                    host=LOOPBACK, port=amplifier, timeout=timeouts.get("shaker_amplifier", TIMEOUT)
+                ),
+                line=SerialLine(
+                    port=line,
+                    baudrate=round(serial.baudrate) if serial else BAUDRATE,
+                    timeout=timeouts.get("line", TIMEOUT),
+                ),
                 strain_indicator=Indicator(unit=INDICATOR_UNIT),
                 positioner=RtuAddress(unit=POSITIONER_UNIT),
                 can=CanBus(
@@ -70,10 +87,12 @@ class SimulatedBench:
                     channel=self._channel,
                     bitrate=round(bus.bitrate) if bus else BITRATE,
                     nodes=tuple(self._node_ids),
-                    timeout=TIMEOUT,
+                    timeout=timeouts.get("can", TIMEOUT),
                 ),
             )
-            stack.enter_context(self._can)
+            stack.enter_context(self.can)
+            if injection is not None:
+                injection.into(self)
             self._stack = stack.pop_all()
         return self
 
@@ -85,3 +104,11 @@ class SimulatedBench:
 
     def _amplifier_changed(self) -> None:
         self.rig.set_voltage(self.amplifier.voltage())
+
+
+def _injection(scene: Scene, clock: VirtualClock) -> Injection | None:
+    if not scene.faults:
+        return None
+    from simulators.faults.inject import Injection
+
+    return Injection(scene, clock)

@@ -20,6 +20,7 @@ from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR,
 
 if TYPE_CHECKING:
     from simulators.effects.can_timing import CanTiming
+    from simulators.faults.inject import Injection
 
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
@@ -81,10 +82,20 @@ class _VirtualNetwork(canopen.Network):
 class CanSegment:
     """All simulated nodes on one bus; lives on the virtual clock."""
 
-    def __init__(self, clock: VirtualClock, rig: Rig, node_ids: list[int], interface: str, channel: str) -> None:
+    def __init__(
+        self,
+        clock: VirtualClock,
+        rig: Rig,
+        node_ids: list[int],
+        interface: str,
+        channel: str,
+        injection: Injection | None = None,
+    ) -> None:
         self._clock = clock
         self._rig = rig
         self._bus = can.Bus(interface=interface, channel=channel)
+        if injection is not None:
+            self._bus.send = injection.bus(self._bus.send)  # type: ignore[method-assign,assignment]
         self._network = _VirtualNetwork(self._bus, clock)
         self.nodes = [
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
@@ -128,9 +139,17 @@ class CanSegment:
                 if command == NMT_START:
                     node.start()
                 elif command in NMT_RESETS:
-                    node.reset()
-                    self._timing_changed()
-                    self._boot(self._local[node.id])
+                    self.reboot(node)
+
+    def reboot(self, node: SensorNode) -> None:
+        """As after power-on."""
+        node.reset()
+        self._timing_changed()
+        self._boot(self._local[node.id])
+
+    def emergency(self, node: SensorNode, code: int) -> None:
+        """The node sends an emergency."""
+        self._local[node.id].emcy.send(code, int(node.settings["error_register"]))
 
     def _sdo_handler(self, local: Any) -> Any:
         def handle(cob_id: int, data: bytearray, timestamp: float) -> None:

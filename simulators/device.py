@@ -40,6 +40,10 @@ class SimulatedDevice:
         """Take new settings, already checked against the contract's limits. Raises Refused."""
         self.settings.update(values)
 
+    def reset(self) -> None:
+        """As after power-on."""
+        self.write({f.name: float(f.default) for f in self.contract.fields if f.access == "rw"})
+
     def out_of_range(self) -> None:
         """A write was refused because a value lies outside the contract's limits."""
 

@@ -22,6 +22,8 @@ from simulators.device import Refused, SimulatedDevice
 
 if TYPE_CHECKING:
     from simulators.effects.serial_timing import SerialTiming
+    from simulators.faults.relay import Relay
+    from simulators.faults.rtu import NoisyLine
 
 LOOPBACK = "127.0.0.1"
 BAUDRATE = 115200
@@ -36,7 +38,7 @@ class ServerThread:
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="simulated Modbus", daemon=True)
-        self._servers: list[ModbusTcpServer | ModbusSerialServer] = []
+        self._servers: list[Any] = []
         self._descriptors: list[int] = []
 
     def __enter__(self) -> Self:
@@ -58,14 +60,14 @@ class ServerThread:
         for descriptor in self._descriptors:
             self._loop.remove_reader(descriptor)
         for server in self._servers:
-            await server.shutdown()  # type: ignore[no-untyped-call]
+            await server.shutdown()
         for task in asyncio.all_tasks() - {asyncio.current_task()}:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
-    def serve_tcp(self, unit: int, device: SimulatedDevice) -> int:
-        """Serve one device on an ephemeral loopback port; returns the port."""
+    def serve_tcp(self, unit: int, device: SimulatedDevice, relay: Relay | None = None) -> int:
+        """Serve one device on an ephemeral loopback port; returns the port, of the relay where there is one."""
 
         async def start() -> int:
             server = ModbusTcpServer(
@@ -75,16 +77,21 @@ class ServerThread:
             self._servers.append(server)
             transport: Any = server.transport
             port: int = transport.sockets[0].getsockname()[1]
+            if relay is not None:
+                self._servers.append(relay)
+                return await relay.start(port)
             return port
 
         return self._run(start())
 
-    def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None) -> str:
+    def serve_rtu(
+        self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None, noise: NoisyLine | None = None
+    ) -> str:
         """Serve several units on one serial line; returns the path of the line's other end."""
         line = _Line(devices, timing)
 
         async def start() -> str:
-            server_side, client_side = self._line()
+            server_side, client_side = self._line(noise)
             server = ModbusSerialServer(
                 [_sim_device(unit, device) for unit, device in devices.items()],
                 port=server_side,
@@ -98,7 +105,7 @@ class ServerThread:
 
         return self._run(start())
 
-    def _line(self) -> tuple[str, str]:
+    def _line(self, noise: NoisyLine | None) -> tuple[str, str]:
         """Two pseudo-terminals with their masters joined: the paths of the two ends of a serial line."""
         masters, paths = [], []
         for _ in range(2):
@@ -108,8 +115,10 @@ class ServerThread:
             paths.append(os.ttyname(slave))
             masters.append(master)
             self._descriptors += [master, slave]
-        for this, other in (masters, masters[::-1]):
-            self._loop.add_reader(this, _pump, this, other)
+        to_client, to_device = (noise.to_client, noise.to_device) if noise is not None else (_pump, _pump)
+        device, client = masters
+        self._loop.add_reader(device, to_client, device, client)
+        self._loop.add_reader(client, to_device, client, device)
         return paths[0], paths[1]
 
 

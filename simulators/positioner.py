@@ -40,6 +40,12 @@ class Positioner(SimulatedDevice):
             case "stop":
                 self._go(self._position(), new["speed"])
 
+    def reset(self) -> None:
+        """Where it stands it keeps, by an absolute scale, but not that this was found from home."""
+        self.write({"command": self.contract["command"].choices["stop"]})
+        super().reset()
+        self._homed = False
+
     def read(self, name: str) -> float:
         if name == "position":
             return self._position()

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
@@ -21,6 +21,9 @@ from instrument.quantity import Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from instrument.sample import SAMPLES
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
+
+if TYPE_CHECKING:
+    from simulators.faults.fault import Fault
 
 LARGEST_SEED = 2**63 - 1
 WHEN, ON = "when", "on"  # a table's own key, and what it says if it has none
@@ -53,6 +56,7 @@ class SceneFile(Config):
     nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict)  # a table, "on" or "auto"
+    fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ class Scene:
         why: the model was chosen; empty where the file names it.
         effects: simulated, by name, in the order of the registry.
         called: why each effect is simulated.
+        faults: what goes wrong, and when.
     """
 
     name: str
@@ -79,6 +84,7 @@ class Scene:
     effects: Mapping[str, Effect]
     called: Mapping[str, str]
     file: SceneFile
+    faults: tuple[Fault, ...] = ()
 
     def to_toml(self) -> str:
         """The scene file that gives this scene: its seed, and the model that answers."""
@@ -137,6 +143,12 @@ def read_scene(name_or_file: str) -> Scene:
             f" give {needed} or more, or leave it out"
         )
     effects, called = _called_for(listed, file, design, model)
+    nodes = needed if file.nodes is None else file.nodes
+    faults: tuple[Fault, ...] = ()
+    if file.fault:
+        from simulators.faults.fault import parse_faults
+
+        faults = parse_faults(file.fault, nodes, str(path))
     return Scene(
         name=file.name,
         purpose=file.purpose,
@@ -145,11 +157,12 @@ def read_scene(name_or_file: str) -> Scene:
         tolerance=tolerance,
         why=why,
         seed=file.seed,
-        nodes=needed if file.nodes is None else file.nodes,
+        nodes=nodes,
         rig=file.rig,
         effects=effects,
         called=called,
         file=file,
+        faults=faults,
     )
 
 

@@ -93,9 +93,17 @@ class ShakerAmplifier(SimulatedDevice):
 
     def advance(self, start_ns: int, end_ns: int) -> None:
         if self.settings["enable"] and end_ns >= min(self._watchdog_ns(), self._hot_ns()):
-            self._trip("watchdog" if end_ns >= self._watchdog_ns() else "over_temperature")
-            self._power_changed()
-            self._changed()
+            self.trip("watchdog" if end_ns >= self._watchdog_ns() else "over_temperature")
+
+    def trip(self, fault: str) -> None:
+        """Latch a fault and drop the output."""
+        self._trip(fault)
+        self._power_changed()
+        self._changed()
+
+    def reset(self) -> None:
+        self._latched = 0
+        super().reset()
 
     def _watchdog_ns(self) -> int:
         """When the watchdog drops the output unless a request comes."""

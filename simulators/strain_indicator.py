@@ -53,6 +53,11 @@ class StrainIndicator(SimulatedDevice):
         if "filter" in values:
             self._rig.set_bridge_filter(values["filter"])
 
+    def reset(self) -> None:
+        self._command, self._command_due_ns = 0, NEVER
+        self._zero = self._tare = 0.0
+        super().reset()
+
     def next_event_ns(self) -> int:
         return self._command_due_ns
 
@@ -64,6 +69,8 @@ class StrainIndicator(SimulatedDevice):
         match name:
             case "command":
                 return self._command
+            case "updates":
+                return self.clock.now_ns() // UPDATE_NS % 65536
             case "decimals":
                 return self._decimals
             case "reading":

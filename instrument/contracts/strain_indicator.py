@@ -33,5 +33,6 @@ CONTRACT = Contract(
         Field("decimals", 0x21, "uint16", "decimals of the integer reading: reading = integer / 10**decimals"),
         Field("reading", 0x22, "int32", "reading, net of tare, in units of the last decimal", "mV"),
         Field("reading_float", 0x24, "float32", "the same reading, not a number while the bridge is open", "mV"),
+        Field("updates", 0x26, "uint16", "how often the display was renewed, modulo 65536"),
     ),
 )  # fmt: skip

@@ -156,7 +156,7 @@ def test_resetting_the_integrators_starts_the_films_from_zero(scene: Scene) -> N
 
 def tamper(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, change: Callable[[Any, can.Message], None]) -> None:
     """Let `change(send, message)` stand between the nodes and the bus."""
-    bus = sim._can._bus
+    bus = sim.can._bus
     send = bus.send
     monkeypatch.setattr(bus, "send", lambda message: change(send, message))
 

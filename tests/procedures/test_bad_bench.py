@@ -141,7 +141,7 @@ def test_a_device_cut_off_in_the_middle_ends_the_run_with_the_other_outputs_off(
         if (done, what) != (1, "sample 1, 3 N"):
             return
         if cut == NODE:
-            can = benches[0]._can
+            can = benches[0].can
             can._network.unsubscribe(can._local[1].sdo.rx_cobid)
         else:
             servers[0]._run(servers[0]._servers[cut].shutdown())

@@ -1,0 +1,93 @@
+"""What befalls a device itself: it loses its settings, trips, or somebody turns its knobs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from instrument.contracts import CONTRACTS, sensor_node
+from instrument.errors import UnknownName
+from simulators.device import SimulatedDevice
+from simulators.faults.fault import MODBUS, NODE, Fault
+
+if TYPE_CHECKING:
+    from simulators.bench import SimulatedBench
+    from simulators.sensor_node import SensorNode
+
+
+class DeviceFault(Fault):
+    """Begins and ends under the clock's lock."""
+
+    def begin(self, sim: SimulatedBench) -> None:
+        """It strikes."""
+        raise NotImplementedError
+
+    def end(self, sim: SimulatedBench) -> None:
+        """It is over, where it lasts a time."""
+
+
+class PowerCycle(DeviceFault):
+    """The device starts anew, with the settings it left the factory with."""
+
+    targets: ClassVar[tuple[str, ...]] = MODBUS
+
+    def begin(self, sim: SimulatedBench) -> None:
+        device(sim, self.on).reset()
+
+
+class _Trip(DeviceFault):
+    targets: ClassVar[tuple[str, ...]] = ("shaker_amplifier",)
+    latches: ClassVar[str]
+
+    def begin(self, sim: SimulatedBench) -> None:
+        sim.amplifier.trip(self.latches)
+
+
+class OverCurrent(_Trip):
+    latches: ClassVar[str] = "over_current"
+
+
+class OverTemperature(_Trip):
+    latches: ClassVar[str] = "over_temperature"
+
+
+class LatchedFault(_Trip):
+    """Of the amplifier's supply."""
+
+    latches: ClassVar[str] = "supply"
+
+
+class FrontPanel(DeviceFault):
+    """Somebody changes a setting at the device: `setting` to `value`, in the contract's unit."""
+
+    targets: ClassVar[tuple[str, ...]] = (*MODBUS, NODE)
+    setting: str
+    value: float
+
+    def problem(self) -> str:
+        contract = sensor_node.CONTRACT if self.on.startswith(NODE) else CONTRACTS[self.on]
+        settings = [field.name for field in contract.fields if field.access == "rw"]
+        if self.setting not in settings:
+            return str(UnknownName(f"setting of the {contract.title}", self.setting, settings))
+        if not contract.allows(self.setting, self.value):
+            return f"value: {self.value:g} is not allowed: {contract.described(self.setting, self.value)}"
+        return ""
+
+    def begin(self, sim: SimulatedBench) -> None:
+        if self.on.startswith(NODE):
+            found = node(sim, self.on)
+            found.write(sensor_node.CONTRACT[self.setting], self.value)
+        else:
+            device(sim, self.on).write({self.setting: self.value})
+
+
+def device(sim: SimulatedBench, name: str) -> SimulatedDevice:
+    """A Modbus device of the bench by its name in a scene."""
+    found: dict[str, SimulatedDevice] = dict(
+        zip(MODBUS, (sim.generator, sim.amplifier, sim.indicator, sim.positioner), strict=True)
+    )
+    return found[name]
+
+
+def node(sim: SimulatedBench, name: str) -> SensorNode:
+    """A node of the bench by its name in a scene."""
+    return sim.nodes[int(name.removeprefix(NODE)) - 1]

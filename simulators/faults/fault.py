@@ -1,0 +1,112 @@
+"""What all faults share: where they strike, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from pydantic import Field
+from scipy.special import ndtri
+
+from instrument.config import Config, check
+from instrument.errors import ConfigError, UnknownName
+from instrument.quantity import Seconds
+from simulators.faults import FAULTS, fault_class
+from simulators.randomness import Stream
+
+MOST = 100  # faults of a scene
+WHEN = ("at", "transaction", "probability")
+MODBUS = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")
+LINE, CAN, NODE = "line", "can", "sensor_node_"
+
+
+class Fault(Config):
+    """A `[[fault]]` of a scene.
+
+    Attributes:
+        on: the device or link that has it.
+        at: bench time at which it strikes; or
+        transaction: the number, from 1, of the request (on CAN: the frame) that it strikes; or
+        probability: that it strikes a request, by the scene's seed.
+        lasts: how long it goes on; 0: it strikes once, and what a device has become it stays.
+    """
+
+    targets: ClassVar[tuple[str, ...]]
+
+    kind: str
+    on: str
+    at: Seconds | None = Field(default=None, ge=0)
+    transaction: int | None = Field(default=None, ge=1, strict=True)
+    probability: float | None = Field(default=None, gt=0, le=1, strict=True)
+    lasts: Seconds = Field(default=0.0, ge=0)
+
+    def problem(self) -> str:
+        """What is wrong with its own parameters, together; empty: nothing."""
+        return ""
+
+    @property
+    def lasts_ns(self) -> int:
+        return round(self.lasts * 1e9)
+
+
+class Trigger:
+    """When a fault strikes, counted by the transactions of what it is on: the same for the same scene and seed."""
+
+    def __init__(self, fault: Fault, number: int, seed: int) -> None:
+        self._fault = fault
+        self._stream = Stream(seed, "fault", number)
+        self._threshold = float(ndtri(fault.probability)) if fault.probability is not None else None
+        self._count = 0
+        self._until_ns: int | None = None
+
+    def strikes(self, now_ns: int) -> bool:
+        """Whether the transaction that begins now is struck; asked once for each."""
+        self._count += 1
+        if self._until_ns is not None and now_ns < self._until_ns:
+            return True
+        struck = self._begins(now_ns)
+        if struck:
+            self._until_ns = now_ns + self._fault.lasts_ns
+        return struck
+
+    def _begins(self, now_ns: int) -> bool:
+        if self._threshold is not None:
+            return bool(self._stream.normal(self._count - 1, 1)[0] < self._threshold)
+        if self._fault.at is not None:
+            return self._until_ns is None and now_ns >= round(self._fault.at * 1e9)
+        return self._count == self._fault.transaction
+
+
+def parse_faults(given: Sequence[Mapping[str, Any]], nodes: int, where: str) -> tuple[Fault, ...]:
+    """The faults of a scene file, checked.
+
+    Raises:
+        ConfigError: unknown kinds, devices or keys, or not one time; names the file, the number of the fault, the key.
+    """
+    if len(given) > MOST:
+        raise ConfigError(f"{where}: fault: {len(given)} faults are more than {MOST}; leave some out")
+    return tuple(_parse(dict(table), nodes, f"{where}: fault {number}") for number, table in enumerate(given, 1))
+
+
+def _parse(table: dict[str, Any], nodes: int, where: str) -> Fault:
+    kind = table.get("kind")
+    if not isinstance(kind, str):
+        raise ConfigError(f"{where}: kind: is missing or no text; valid: {', '.join(FAULTS)}")
+    try:
+        fault = check(table, fault_class(kind), where)
+        valid = [name for target in fault.targets for name in _expanded(target, nodes)]
+        if fault.on not in valid:
+            raise UnknownName(f"place of a {kind}", fault.on, valid)
+    except UnknownName as error:
+        raise ConfigError(f"{where}: {error}") from None
+    times = [name for name in WHEN if getattr(fault, name) is not None]
+    if len(times) != 1:
+        said = " and ".join(times) or "none"
+        raise ConfigError(f"{where}: {said} given of {', '.join(WHEN)}: exactly one says when it strikes")
+    if problem := fault.problem():
+        raise ConfigError(f"{where}: {problem}")
+    return fault
+
+
+def _expanded(target: str, nodes: int) -> list[str]:
+    return [f"{NODE}{number}" for number in range(1, nodes + 1)] if target == NODE else [target]

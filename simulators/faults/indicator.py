@@ -1,0 +1,83 @@
+"""Faults of load cell and strain indicator: what the indicator's registers say meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import Field
+
+from instrument.contracts import strain_indicator
+from simulators.faults.device import DeviceFault
+
+if TYPE_CHECKING:
+    from simulators.bench import SimulatedBench
+
+Read = Callable[[str], float]
+BITS = strain_indicator.CONTRACT["status"].bits
+NO_READING = 0x7FFF_FFFF
+DISPLAY = ("reading", "reading_float", "updates")
+
+
+class IndicatorFault(DeviceFault):
+    targets: ClassVar[tuple[str, ...]] = ("strain_indicator",)
+
+    def begin(self, sim: SimulatedBench) -> None:
+        sim.indicator.read = self.instead(sim.indicator.read, sim.clock.now_ns)  # type: ignore[method-assign,assignment]
+
+    def end(self, sim: SimulatedBench) -> None:
+        vars(sim.indicator).pop("read", None)
+
+    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
+        """What is read in place of `read`."""
+        raise NotImplementedError
+
+
+class StuckReading(IndicatorFault):
+    """The display is not renewed any more."""
+
+    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
+        stuck = {name: read(name) for name in DISPLAY}
+        return lambda name: stuck[name] if name in stuck else read(name)
+
+
+class BridgeOpen(IndicatorFault):
+    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
+        open_ = {"reading": NO_READING, "reading_float": math.nan}
+
+        def seen(name: str) -> float:
+            if name == "status":
+                return int(read(name)) | 1 << BITS["bridge_open"]
+            return open_[name] if name in open_ else read(name)
+
+        return seen
+
+
+class Overload(IndicatorFault):
+    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
+        return lambda name: int(read(name)) | 1 << BITS["overload"] if name == "status" else read(name)
+
+
+class NotANumber(IndicatorFault):
+    """The reading as a float is no number, and nothing in the status says why."""
+
+    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
+        return lambda name: math.nan if name == "reading_float" else read(name)
+
+
+class ZeroDrift(IndicatorFault):
+    """The zero of the bridge runs away by `rate` mV in a second."""
+
+    rate: float = Field(default=0.5)
+
+    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
+        start = now_ns()
+
+        def seen(name: str) -> float:
+            drift = self.rate * 1e-9 * (now_ns() - start)
+            if name == "reading_float":
+                return read(name) + drift
+            return round(read(name) + drift * 10.0 ** read("decimals")) if name == "reading" else read(name)
+
+        return seen

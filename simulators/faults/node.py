@@ -1,0 +1,72 @@
+"""Faults of a sensor node and the films on it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from instrument.contracts.sensor_node import CHANNELS
+from simulators.faults.device import DeviceFault, node
+from simulators.faults.fault import NODE
+
+if TYPE_CHECKING:
+    from simulators.bench import SimulatedBench
+
+HARDWARE = 0x5000  # emergency code: device hardware, CiA 301
+BEYOND = 1e3  # V, above every range
+
+
+class NodeReboot(DeviceFault):
+    """The node starts anew, announces itself and waits to be started, its settings gone."""
+
+    targets: ClassVar[tuple[str, ...]] = (NODE,)
+
+    def begin(self, sim: SimulatedBench) -> None:
+        sim.can.reboot(node(sim, self.on))
+
+
+class Emergency(DeviceFault):
+    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    code: int = Field(default=HARDWARE, ge=0, le=0xFFFF, strict=True)
+
+    def begin(self, sim: SimulatedBench) -> None:
+        sim.can.emergency(node(sim, self.on), self.code)
+
+
+class _FilmFault(DeviceFault):
+    """Something is added to what the charge amplifier of a `channel` gives."""
+
+    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    channel: int = Field(default=1, ge=1, le=CHANNELS, strict=True)
+
+    def begin(self, sim: SimulatedBench) -> None:
+        found, start = node(sim, self.on), sim.clock.now_ns()
+        sample, row = found.sample, np.arange(CHANNELS)[:, np.newaxis] == self.channel - 1
+
+        def faulty(time_ns: Any, volts: Any, period_ns: int) -> Any:
+            return sample(time_ns, volts + row * self.added(1e-9 * (time_ns - start)), period_ns)
+
+        found.sample = faulty  # type: ignore[method-assign]
+
+    def end(self, sim: SimulatedBench) -> None:
+        vars(node(sim, self.on)).pop("sample", None)
+
+    def added(self, seconds: Any) -> Any:
+        """Voltage, `seconds` (n,) after it began [V]."""
+        raise NotImplementedError
+
+
+class SaturatedFilm(_FilmFault):
+    def added(self, seconds: Any) -> Any:
+        return BEYOND
+
+
+class FilmDrift(_FilmFault):
+    """The output runs away by `rate` V in a second."""
+
+    rate: float = Field(default=1e-3)
+
+    def added(self, seconds: Any) -> Any:
+        return self.rate * seconds

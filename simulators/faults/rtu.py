@@ -1,0 +1,107 @@
+"""Faults of the Modbus RTU line: what noise and slow devices make of its frames.
+
+A frame is unit, function, data and two bytes of CRC; a pause ends it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Sequence
+from typing import ClassVar
+
+from simulators.clock import VirtualClock
+from simulators.faults.fault import LINE, Fault, Trigger
+
+GLITCH = b"\x00\xff\xf8"  # what a line that starts to drive looks like
+LATE = 0.3  # s of the wall: after the time-out, in the silence that the client then waits for
+
+
+class RtuFault(Fault):
+    """What the client gets instead of a reply."""
+
+    targets: ClassVar[tuple[str, ...]] = (LINE, "strain_indicator", "positioner")
+    late: ClassVar[bool] = False  # the reply itself comes when the client has given up
+    reaches: ClassVar[bool] = True  # whether the device hears the request
+
+    def received(self, reply: bytes) -> bytes:
+        return b""
+
+
+class BitError(RtuFault):
+    """One bit turned over: the CRC does not fit."""
+
+    def received(self, reply: bytes) -> bytes:
+        middle = len(reply) // 2
+        return reply[:middle] + bytes([reply[middle] ^ 0x08]) + reply[middle + 1 :]
+
+
+class LostBytes(RtuFault):
+    """Two bytes in the middle are missing."""
+
+    def received(self, reply: bytes) -> bytes:
+        middle = len(reply) // 2
+        return reply[: middle - 1] + reply[middle + 1 :]
+
+
+class LeadingGlitch(RtuFault):
+    def received(self, reply: bytes) -> bytes:
+        return GLITCH + reply
+
+
+class LateAnswer(RtuFault):
+    """The reply comes after the client's time-out, and would answer its next request."""
+
+    late: ClassVar[bool] = True
+
+
+class TwoReplies(RtuFault):
+    def received(self, reply: bytes) -> bytes:
+        return reply + reply
+
+
+class Silence(RtuFault):
+    """The device does not hear the request."""
+
+    reaches: ClassVar[bool] = False
+
+
+class NoisyLine:
+    """Carries frames between the two ends of a line; `units` are the devices' names by unit."""
+
+    def __init__(self, clock: VirtualClock, faults: Sequence[tuple[RtuFault, Trigger]], units: dict[int, str]) -> None:
+        self._clock = clock
+        self._faults = faults
+        self._units = units
+        self._struck: RtuFault | None = None
+
+    def to_device(self, source: int, sink: int) -> None:
+        """What the client has written, which writes a whole frame at once."""
+        frame = _read(source)
+        self._struck = self._strikes(self._units.get(frame[0], "")) if frame else None
+        if self._struck is None or self._struck.reaches:
+            os.write(sink, frame)
+
+    def to_client(self, source: int, sink: int) -> None:
+        """What a device has written, likewise."""
+        frame = _read(source)
+        struck, self._struck = self._struck, None
+        if struck is None:
+            os.write(sink, frame)
+        elif struck.late:
+            asyncio.get_running_loop().call_later(LATE, os.write, sink, frame)
+        else:
+            os.write(sink, struck.received(frame))
+
+    def _strikes(self, device: str) -> RtuFault | None:
+        now = self._clock.now_ns()
+        of_it = [(fault, trigger) for fault, trigger in self._faults if fault.on in (LINE, device)]
+        struck = [fault for fault, trigger in of_it if trigger.strikes(now)]
+        return struck[0] if struck else None
+
+
+def _read(source: int) -> bytes:
+    try:
+        return os.read(source, 4096)
+    except BlockingIOError:
+        return b""

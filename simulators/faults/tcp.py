@@ -1,0 +1,129 @@
+"""Faults of a Modbus TCP connection: what happens to one reply on its way back.
+
+A frame is 2 bytes of transaction id, 2 of protocol, 2 of length, then unit, function and data.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import ClassVar, Literal
+
+from simulators.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
+from simulators.faults.fault import Fault
+
+TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # where they stand in a frame
+HEADER = 6  # bytes up to the length, which does not count them
+
+
+class TcpFault(Fault):
+    """What the client gets instead of the reply.
+
+    Attributes:
+        forwards: whether the request reaches the device.
+        holds: whether the reply is kept until the next request comes.
+        then: what becomes of the connection.
+    """
+
+    targets: ClassVar[tuple[str, ...]] = ("signal_generator", "shaker_amplifier")
+    forwards: ClassVar[bool] = True
+    holds: ClassVar[bool] = False
+    then: ClassVar[Literal["goes on", "reset", "refused"]] = "goes on"
+
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        """What is sent, piece by piece. `reply` is empty where the request was not forwarded."""
+        return []
+
+
+class NoReply(TcpFault):
+    """The device carries the request out and does not answer."""
+
+
+class LateReply(TcpFault):
+    """The reply comes just before that to the next request on the same connection."""
+
+    holds: ClassVar[bool] = True
+
+
+class SplitReply(TcpFault):
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [reply[:3], reply[3:HEADER], reply[HEADER : COUNT + 2], reply[COUNT + 2 :]]
+
+
+class MergedReplies(TcpFault):
+    """An old reply and this one come in one segment."""
+
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [_with_transaction(reply, -1) + reply]
+
+
+class TruncatedReply(TcpFault):
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [reply[:-1]]
+
+
+class WrongTransaction(TcpFault):
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [_with_transaction(reply, 7)]
+
+
+class WrongUnit(TcpFault):
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [reply[:UNIT] + bytes([reply[UNIT] ^ 0x10]) + reply[FUNCTION:]]
+
+
+class WrongFunction(TcpFault):
+    """A reply to a read of input registers (4) instead of holding registers, or the other way round."""
+
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [reply[:FUNCTION] + bytes([4 if reply[FUNCTION] == 3 else 3]) + reply[COUNT:]]
+
+
+class WrongCount(TcpFault):
+    """One register less than was asked for; of a write, one register less is confirmed."""
+
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        if reply[FUNCTION] != 3:
+            return [reply[:-1] + bytes([reply[-1] - 1])]
+        body = bytes([reply[COUNT] - 2]) + reply[COUNT + 1 : -2]
+        return [reply[:4] + struct.pack(">H", len(body) + 2) + reply[UNIT:COUNT] + body]
+
+
+class _Exception(TcpFault):
+    """The device refuses the request."""
+
+    forwards: ClassVar[bool] = False
+    code: ClassVar[int]
+
+    def segments(self, request: bytes, reply: bytes) -> list[bytes]:
+        return [request[:4] + bytes([0, 3, request[UNIT], request[FUNCTION] | 0x80, self.code])]
+
+
+class DeviceBusy(_Exception):
+    code: ClassVar[int] = DEVICE_BUSY
+
+
+class DeviceFailure(_Exception):
+    code: ClassVar[int] = DEVICE_FAILURE
+
+
+class IllegalValue(_Exception):
+    code: ClassVar[int] = ILLEGAL_VALUE
+
+
+class ConnectionReset(TcpFault):
+    """The request is lost and the connection with it."""
+
+    forwards: ClassVar[bool] = False
+    then: ClassVar[Literal["goes on", "reset", "refused"]] = "reset"
+
+
+class ConnectionRefused(TcpFault):
+    """As a reset, and nobody listens while it lasts, or until the bench's clock goes on."""
+
+    forwards: ClassVar[bool] = False
+    then: ClassVar[Literal["goes on", "reset", "refused"]] = "refused"
+
+
+def _with_transaction(frame: bytes, step: int) -> bytes:
+    (number,) = struct.unpack_from(">H", frame, TRANSACTION)
+    return struct.pack(">H", (number + step) & 0xFFFF) + frame[2:]

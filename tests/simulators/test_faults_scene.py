@@ -1,0 +1,148 @@
+"""Faults are data: what a scene may say of them, and that without them there is nothing of them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from instrument.errors import ConfigError
+from simulators.faults import FAULTS, fault_class
+from simulators.faults.fault import Fault, Trigger, parse_faults
+from simulators.scene import read_scene
+
+HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
+FIRST = 'kind = "no_reply"\non = "signal_generator"\n'
+
+
+def read(folder: Path, *tables: str) -> tuple[Fault, ...]:
+    path = folder / "scene.toml"
+    path.write_text(HEAD + "".join(f"[[fault]]\n{table}\n" for table in tables))
+    return read_scene(str(path)).faults
+
+
+def test_every_fault_has_a_place_where_it_strikes_and_says_what_it_is() -> None:
+    for kind in FAULTS:
+        found = fault_class(kind)
+        table = {"kind": kind, "on": found.targets[0].replace("node_", "node_1"), "transaction": 1}
+        if kind == "front_panel":
+            table |= {"setting": "amplitude", "value": 1.0}
+        (fault,) = parse_faults([table], 1, "here")
+        assert type(fault) is found
+
+
+def test_a_scene_keeps_its_faults_when_it_is_written_and_read_again(tmp_path: Path) -> None:
+    faults = read(tmp_path, FIRST + "transaction = 5", 'kind = "bit_error"\non = "line"\nat = "2 s"\nlasts = "500 ms"')
+    assert [(f.kind, f.on, f.at, f.transaction, f.lasts) for f in faults] == [
+        ("no_reply", "signal_generator", None, 5, 0.0),
+        ("bit_error", "line", 2.0, None, 0.5),
+    ]
+    again = tmp_path / "again.toml"
+    again.write_text(read_scene(str(tmp_path / "scene.toml")).to_toml())
+    assert read_scene(str(again)).faults == faults
+
+
+WRONG = {
+    "no kind": ('on = "line"\nat = "1 s"', ["fault 1: kind", "missing"]),
+    "an unknown kind": ('kind = "no_replay"\non = "line"\nat = "1 s"', ["unknown fault 'no_replay'", "'no_reply'?"]),
+    "an unknown place": (
+        'kind = "no_reply"\non = "signal_genrator"\nat = "1 s"',
+        ["place of a no_reply 'signal_genrator' (did you mean 'signal_generator'?)"],
+    ),
+    "a place that cannot have it": ('kind = "no_reply"\non = "line"\nat = "1 s"', ["unknown place", "'line'"]),
+    "a node that is not there": (
+        'kind = "node_reboot"\non = "sensor_node_2"\nat = "1 s"',
+        ["'sensor_node_2'", "valid: sensor_node_1"],
+    ),
+    "an unknown key": (FIRST + 'when = "1 s"', ["when", "unknown key", "transaction"]),
+    "no time": (FIRST, ["none given of at, transaction, probability"]),
+    "two times": (FIRST + 'at = "1 s"\ntransaction = 3', ["at and transaction given of"]),
+    "a time without unit": (FIRST + "at = 3", ["at", "needs a unit"]),
+    "a negative time": (FIRST + 'at = "-1 s"', ["at", "greater than or equal to 0"]),
+    "transaction nought": (FIRST + "transaction = 0", ["transaction", "greater than or equal to 1"]),
+    "a probability above one": (FIRST + "probability = 1.5", ["probability", "less than or equal to 1"]),
+    "an unknown setting": (
+        'kind = "front_panel"\non = "shaker_amplifier"\nat = "1 s"\nsetting = "gian"\nvalue = 1',
+        ["setting of the shaker amplifier 'gian' (did you mean 'gain'?)"],
+    ),
+    "a setting that the device would refuse": (
+        'kind = "front_panel"\non = "shaker_amplifier"\nat = "1 s"\nsetting = "gain"\nvalue = 21',
+        ["value: 21 is not allowed", "0 to 20"],
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_fault_is_refused_with_file_number_and_key(wrong: str, tmp_path: Path) -> None:
+    text, parts = WRONG[wrong]
+    with pytest.raises(ConfigError) as raised:
+        read(tmp_path, text)
+    message = str(raised.value)
+    assert message.startswith(f"{tmp_path / 'scene.toml'}: fault 1: ")
+    for part in parts:
+        assert part in message
+
+
+def test_more_faults_than_a_hundred_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="101 faults are more than 100"):
+        read(tmp_path, *[FIRST + "transaction = 1"] * 101)
+
+
+# --- when ----------------------------------------------------------------------------------------------
+
+
+def struck(fault: dict[str, object], times_ns: list[int], seed: int = 1) -> list[int]:
+    (parsed,) = parse_faults([{"kind": "no_reply", "on": "signal_generator", **fault}], 1, "here")
+    trigger = Trigger(parsed, 0, seed)
+    return [number for number, now in enumerate(times_ns, 1) if trigger.strikes(now)]
+
+
+def test_a_fault_strikes_the_nth_transaction_and_goes_on_while_it_lasts() -> None:
+    steady = [k * 10**9 for k in range(10)]
+    assert struck({"transaction": 4}, steady) == [4]
+    assert struck({"transaction": 4, "lasts": "2.5 s"}, steady) == [4, 5, 6]
+
+
+def test_a_fault_strikes_the_first_transaction_after_its_time_once() -> None:
+    steady = [k * 10**9 for k in range(10)]
+    assert struck({"at": "3.5 s"}, steady) == [5]
+    assert struck({"at": "0 s", "lasts": "2 s"}, steady) == [1, 2]
+
+
+def test_a_fault_of_a_probability_strikes_by_seed_and_number_alone() -> None:
+    first = struck({"probability": 0.2}, [0] * 1000)
+    assert first == struck({"probability": 0.2}, list(range(1000)))
+    assert first != struck({"probability": 0.2}, [0] * 1000, seed=2)
+    assert 160 < len(first) < 240
+    assert struck({"probability": 1.0}, [0] * 5) == [1, 2, 3, 4, 5]
+
+
+# --- absent --------------------------------------------------------------------------------------------
+
+LIFE = """
+import sys
+from drivers.bench import Bench
+from simulators.bench import SimulatedBench
+from simulators.scene import read_scene
+for file in sys.argv[1:]:
+    with SimulatedBench(read_scene(file)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        bench.nodes[0].acquire(0.1)
+    print(*sorted(name for name in sys.modules if name.startswith("simulators.faults")))
+"""
+
+
+def test_without_faults_their_code_is_not_imported(tmp_path: Path) -> None:
+    files = [tmp_path / "without.toml", tmp_path / "with.toml"]
+    files[0].write_text(HEAD)
+    files[1].write_text(HEAD + f"[[fault]]\n{FIRST}transaction = 1000\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    life = subprocess.run(
+        [sys.executable, "-c", LIFE, *map(str, files)],
+        check=True, env=environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    without, with_faults = life.stdout.split("\n")[:2]
+    assert without == ""
+    assert "simulators.faults.tcp" in with_faults

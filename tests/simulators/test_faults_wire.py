@@ -1,0 +1,249 @@
+"""Each fault on the wire or in a device is met by a driver as the real one would be: an error, or the right value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.bench import Bench
+from drivers.sensor_node import Recording
+from instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
+from simulators.bench import SimulatedBench
+from simulators.faults import FAULTS
+from simulators.faults.fault import parse_faults
+from simulators.scene import Scene
+
+
+@contextmanager
+def faulty(scene: Scene, *tables: dict[str, Any]) -> Iterator[tuple[SimulatedBench, Bench]]:
+    with (
+        SimulatedBench(replace(scene, faults=parse_faults(tables, scene.nodes, "here"))) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        yield sim, bench
+
+
+@pytest.fixture(autouse=True)
+def _ends(nothing_left_behind: None) -> None:
+    pass
+
+
+# What a read that is struck gives: None is the right value.
+TCP: dict[str, type[BenchError] | None] = {
+    "no_reply": LinkTimeout, "late_reply": LinkTimeout, "split_reply": None, "merged_replies": None,
+    "truncated_reply": LinkTimeout, "wrong_transaction": LinkTimeout, "wrong_unit": LinkTimeout,
+    "wrong_function": DeviceError, "wrong_count": DeviceError, "device_busy": DeviceError,
+    "device_failure": DeviceError, "illegal_value": DeviceError, "connection_reset": LinkError,
+    "connection_refused": LinkError,
+}  # fmt: skip
+RTU: dict[str, type[BenchError] | None] = {
+    "bit_error": LinkTimeout, "lost_bytes": LinkTimeout, "leading_glitch": LinkTimeout, "late_answer": LinkTimeout,
+    "two_replies": None, "silence": LinkTimeout,
+}  # fmt: skip
+
+
+def test_every_fault_of_a_modbus_wire_is_met_here() -> None:
+    wire = [kind for kind, where in FAULTS.items() if where.split(":")[0].endswith((".tcp", ".rtu"))]
+    assert sorted(wire) == sorted(TCP | RTU)
+
+
+@pytest.mark.parametrize("kind", TCP)
+def test_a_fault_of_a_connection_is_an_error_or_does_no_harm_and_the_next_read_is_right(
+    scene: Scene, kind: str
+) -> None:
+    with faulty(scene, {"kind": kind, "on": "signal_generator", "at": "1 s"}) as (sim, bench):
+        bench.generator.sine(7.0, 0.25)
+        sim.clock.wait(1.0)
+        expected = TCP[kind]
+        if expected is None:
+            assert bench.generator.read() == (7.0, 0.25, 0.0)
+        else:
+            with pytest.raises(expected):
+                bench.generator.read()
+        sim.clock.wait(0.1)  # a connection is refused until time goes on
+        assert bench.generator.get("frequency") == 7.0
+        assert bench.generator.read() == (7.0, 0.25, 0.0)
+
+
+@pytest.mark.parametrize("kind", RTU)
+def test_a_fault_of_the_line_is_an_error_or_does_no_harm_and_the_next_read_is_right(scene: Scene, kind: str) -> None:
+    with faulty(scene, {"kind": kind, "on": "positioner", "at": "1 s"}) as (sim, bench):
+        sim.clock.wait(1.0)
+        expected = RTU[kind]
+        bench.indicator.read()  # of another unit on the same line: not struck
+        if expected is None:
+            assert bench.positioner.get("speed") == 1e-3
+        else:
+            with pytest.raises(expected):
+                bench.positioner.get("speed")
+        # a late reply has as many registers as this one
+        assert bench.positioner.get("command") == 0.0
+        assert bench.positioner.get("speed") == 1e-3
+
+
+def test_a_write_that_is_not_confirmed_was_carried_out_once(scene: Scene) -> None:
+    with faulty(scene, {"kind": "no_reply", "on": "signal_generator", "at": "1 s"}) as (sim, bench):
+        sim.clock.wait(1.0)
+        writes: list[object] = []
+        write = sim.generator.write
+
+        def counted(values: dict[str, float]) -> None:
+            writes.append(values)
+            write(values)
+
+        sim.generator.write = counted  # type: ignore[method-assign]
+        with pytest.raises(LinkTimeout):
+            bench.generator.sine(7.0, 0.25)
+        assert len(writes) == 1
+        assert sim.generator.settings["frequency"] == 7.0
+
+
+def recorded(scene: Scene, kind: str, on: str = "sensor_node_1", **more: Any) -> tuple[Recording, SimulatedBench]:
+    with faulty(scene, {"kind": kind, "on": on, "at": "1 s", **more}) as (sim, bench):
+        sim.clock.wait(1.0)
+        bench.nodes[0].set_sample_rate(250.0)
+        return bench.nodes[0].acquire(0.2), sim
+
+
+LOST = ("lost_frame", "duplicated_frame", "delayed_frame", "reordered_frames", "counter_repeats", "counter_skips")
+
+
+@pytest.mark.parametrize("kind", [*LOST, "babbling_node", "bus_overload"])
+def test_samples_that_are_lost_doubled_or_out_of_order_are_refused(scene: Scene, kind: str) -> None:
+    on = "can" if kind == "bus_overload" else "sensor_node_1"
+    # the 30th frame of those that it strikes: in the middle of the recording
+    with pytest.raises(LinkError, match=r"samples are missing|no valid answer"):
+        recorded(scene, kind, on, at=None, transaction=30, lasts="2 ms")
+
+
+@pytest.mark.parametrize("kind", ["error_frame", "no_heartbeat", "emergency"])
+def test_what_the_bus_repairs_and_what_a_node_only_tells_leaves_the_samples_right(scene: Scene, kind: str) -> None:
+    on = "can" if kind == "error_frame" else "sensor_node_1"
+    plain, _ = recorded(scene, "no_heartbeat", at="1000 s")
+    found, _ = recorded(scene, kind, on, lasts="1 s")
+    assert np.array_equal(found.voltage, plain.voltage)
+
+
+def test_a_node_off_the_bus_does_not_answer_until_it_recovers(scene: Scene) -> None:
+    with faulty(scene, {"kind": "bus_off", "on": "can", "at": "1 s", "lasts": "2 s"}) as (sim, bench):
+        sim.clock.wait(1.5)
+        with pytest.raises(LinkTimeout):
+            bench.nodes[0].get("serial")
+        sim.clock.wait(2.0)
+        assert bench.nodes[0].get("serial") == float(int(bench.nodes[0].serial, 16))
+
+
+def test_a_node_that_reboots_in_a_recording_is_told_from_one_that_goes_on(scene: Scene) -> None:
+    with pytest.raises(BenchError, match=r"were not taken|samples are missing"):
+        recorded(scene, "node_reboot", at="1.1 s")
+
+
+def test_a_saturated_film_is_flagged_and_a_drifting_one_is_off_by_its_drift(scene: Scene) -> None:
+    assert recorded(scene, "saturated_film")[0].saturated[0].all()
+    plain, _ = recorded(scene, "saturated_film", at="1000 s")
+    found, _ = recorded(scene, "film_drift", rate=0.5)
+    assert found.voltage[0] - plain.voltage[0] == pytest.approx(0.5 * plain.time, abs=2e-4)
+    assert np.array_equal(found.voltage[1], plain.voltage[1])
+
+
+# --- devices -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("on", ["signal_generator", "shaker_amplifier", "strain_indicator", "positioner"])
+def test_a_power_cycle_loses_the_settings_and_switches_off(scene: Scene, on: str) -> None:
+    with faulty(scene, {"kind": "power_cycle", "on": on, "at": "1 s"}) as (sim, bench):
+        bench.drive()
+        bench.generator.sine(20.0, 0.1)
+        bench.indicator.peak_to_peak(0.7)
+        bench.positioner.set_limits(0.0, 0.01)
+        sim.clock.wait(1.5)
+        assert (sim.generator.settings["output"], sim.generator.settings["frequency"]) == (
+            (0.0, 10.0) if on == "signal_generator" else (1.0, 20.0)
+        )
+        assert (sim.amplifier.settings["enable"], sim.amplifier.settings["watchdog"]) == (
+            (0.0, 0.0) if on == "shaker_amplifier" else (1.0, 2.0)
+        )
+        assert sim.indicator.settings["filter"] == (0.1 if on == "strain_indicator" else 0.7)
+        assert sim.positioner.settings["limit_high"] == (0.025 if on == "positioner" else 0.01)
+
+
+@pytest.mark.parametrize("kind", ["over_current", "over_temperature", "latched_fault"])
+def test_a_trip_latches_and_switches_off(scene: Scene, kind: str) -> None:
+    with faulty(scene, {"kind": kind, "on": "shaker_amplifier", "at": "1 s"}) as (sim, bench):
+        bench.drive()
+        bench.clock.watching = False
+        sim.clock.wait(1.0)
+        state = bench.amplifier.read()
+        assert state.faults_latched == {"supply" if kind == "latched_fault" else kind}
+        assert not state.enabled
+
+
+def test_a_front_panel_changes_one_setting(scene: Scene) -> None:
+    table = {"kind": "front_panel", "on": "shaker_amplifier", "at": "1 s", "setting": "gain", "value": 5.0}
+    with faulty(scene, table) as (sim, _bench):
+        before = dict(sim.amplifier.settings)
+        sim.clock.wait(1.0)
+        assert sim.amplifier.settings == before | {"gain": 5.0}
+
+
+def test_an_open_bridge_an_overload_and_no_number_are_seen_and_are_over_when_they_are(scene: Scene) -> None:
+    for kind in ("bridge_open", "overload", "not_a_number"):
+        with faulty(scene, {"kind": kind, "on": "strain_indicator", "at": "1 s", "lasts": "1 s"}) as (sim, bench):
+            sim.clock.wait(1.5)
+            if kind == "not_a_number":
+                with pytest.raises(DeviceError, match="nan mV as a float"):
+                    bench.indicator.read()
+            else:
+                assert not bench.indicator.read().valid
+            sim.clock.wait(1.0)
+            assert bench.indicator.read().valid
+
+
+def test_a_stuck_reading_stays_and_a_drifting_zero_runs_away(scene: Scene) -> None:
+    readings = {}
+    for kind in ("stuck_reading", "zero_drift"):
+        with faulty(scene, {"kind": kind, "on": "strain_indicator", "at": "1 s"}) as (sim, bench):
+            bench.operator.place_weight(0.1)
+            sim.clock.wait(20.0)
+            readings[kind] = bench.indicator.read().reading_mV
+    assert abs(readings["stuck_reading"] - 1.81) < 1.5  # as before the weight
+    # 12 mV of weight and zero, and 0.5 mV/s over 29 s
+    assert readings["zero_drift"] == pytest.approx(12 + 14.5, abs=2)
+
+
+# --- replay --------------------------------------------------------------------------------------------
+
+
+def test_the_same_scene_and_seed_give_the_same_faults_byte_for_byte(scene: Scene) -> None:
+    table = {"kind": "device_busy", "on": "signal_generator", "probability": 0.3}
+
+    def life(seed: int) -> list[float | str]:
+        heard: list[float | str] = []
+        with SimulatedBench(replace(scene, seed=seed, faults=parse_faults([table], 1, "here"))) as sim:
+            bench = Bench(sim.description, sim.clock, sim.operator)
+            bench.generator.link.open()
+            for _ in range(50):
+                try:
+                    heard.append(bench.generator.get("frequency"))
+                except DeviceError as error:
+                    heard.append(str(error).split(":")[-1])
+            bench.generator.link.close()
+        return heard
+
+    first = life(1)
+    assert first == life(1)
+    assert first != life(2)
+    assert 5 < sum(isinstance(each, str) for each in first) < 30
+
+
+def test_on_a_bench_without_faults_nothing_stands_in_between(sim: SimulatedBench) -> None:
+    """So a transaction costs what it cost before there were faults."""
+    for device in (sim.generator, sim.amplifier, sim.indicator, sim.positioner, *sim.nodes):
+        assert not {"read", "write", "requested", "sample"} & vars(device).keys()
+    assert "send" not in vars(sim.can._bus)
+    assert sim._injection is None
