@@ -67,7 +67,7 @@ def test_the_interval_covers_the_sensitivity_under_gain_scatter() -> None:
     design, true = SINGLE, 1e3 * SINGLE.films[1].sensitivity
     common = THESIS_LOAD_CELL
     covered = 0
-    for _ in range(200):
+    for _ in range(120):
         # what the calibration's line is off by turns all loads alike
         slope, zero = rng.multivariate_normal(
             [0, 0], [[common.sensitivity_u**2, common.covariance], [common.covariance, common.zero_u**2]]
@@ -79,7 +79,7 @@ def test_the_interval_covers_the_sensitivity_under_gain_scatter() -> None:
         low, high = budget.interval()
         covered += low <= true <= high
         assert budget.u == pytest.approx(found.films[1].sensitivity_u)
-    assert 182 <= covered <= 198
+    assert 107 <= covered <= 119
 
 
 def test_films_that_scatter_together_are_correlated_and_the_matrix_stays_a_covariance() -> None:
