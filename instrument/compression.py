@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from instrument.calibration import LoadCellCalibration
 from instrument.errors import EstimateError
 from instrument.interpolation import interpolate
 from instrument.propagation import LINEAR, Input, Propagated, propagate
+from instrument.uncertainty import Correlations
 
 Floats = npt.NDArray[np.float64]
 Values = Mapping[str, Floats]  # inputs by name, each (n,)
@@ -120,7 +122,12 @@ def compress(
     related = {("sensitivity", "zero"): calibration.covariance / (calibration.sensitivity_u * calibration.zero_u)}
 
     def found(
-        name: str, unit: str, of: Callable[[Values], Floats], *more: Input, method: str | None = None
+        name: str,
+        unit: str,
+        of: Callable[[Values], Floats],
+        *more: Input,
+        method: str | None = None,
+        shared: Correlations = MappingProxyType({}),
     ) -> Propagated:
         given = (*inputs, *more)
         names = [each.name for each in given]
@@ -128,31 +135,38 @@ def compress(
         def function(*values: Floats) -> Floats:
             return of(dict(zip(names, values, strict=True)))
 
-        return propagate(name, unit, function, given, related, seed=SEED, method=method)
+        return propagate(name, unit, function, given, {**related, **shared}, seed=SEED, method=method)
 
     def step(direction: str, index: int) -> CompressionPoint:
         line = lines[direction]
         position, load = float(line.positions[index]), float(line.loads[index])
-        own = line.load(load)
+        own = Input("load", load, line.scatter, line.degrees_of_freedom, "A")
         stress = found("stress", "Pa", pad.stress, own, method=LINEAR)
-        strain = found("strain", "", lambda v: pad.strain(v, position), own, method=LINEAR)
-        secant = found("secant modulus", "Pa", lambda v: pad.secant(v, position), own, method=LINEAR)
+        shared = line.shares(index) if direction == LOADING else {}
+        strain = found("strain", "", lambda v: pad.strain(v, position), own, method=LINEAR, shared=shared)
+        secant = found("secant modulus", "Pa", lambda v: pad.secant(v, position), own, method=LINEAR, shared=shared)
         return CompressionPoint(
             direction, position, calibration.reading(load), load, not calibration.covers(load), strain.value,
             strain.u, stress.value, stress.u, secant.value, secant.u,
         )  # fmt: skip
 
     points = tuple(step(name, index) for name, line in lines.items() for index in range(len(line.loads)))
-    furthest = max((p for p in points if p.direction == LOADING), key=lambda p: p.position_m)
+    up = lines[LOADING]
+    last = int(np.argmax(up.positions))
+    furthest = Input("load", float(up.loads[last]), up.scatter, up.degrees_of_freedom, "A")
     return Compression(
         tangent=found("tangent modulus", "Pa", lambda v: pad.modulus(v, LOADING)),
         secant=found(
-            "secant modulus", "Pa", lambda v: pad.secant(v, furthest.position_m), lines[LOADING].load(furthest.load_N)
+            "secant modulus",
+            "Pa",
+            lambda v: pad.secant(v, float(up.positions[last])),
+            furthest,
+            shared=up.shares(last),
         ),
         unloading=found("unloading modulus", "Pa", lambda v: pad.modulus(v, UNLOADING), lines[UNLOADING].inputs()[0]),
         thickness=found("thickness", "m", pad.thickness),
         compliance=found("compliance of the bench", "m/N", pad.compliance),
-        linearity=lines[LOADING].deviation / float(np.ptp(lines[LOADING].loads)),
+        linearity=up.deviation / float(np.ptp(up.loads)),
         energy_loss=1 - _work(points, UNLOADING) / _work(points, LOADING),
         points=points,
     )
@@ -215,9 +229,13 @@ class _Line:
     def position(self) -> float:
         return float(self.positions.mean())
 
-    def load(self, load: float) -> Input:
-        """A load of its own, as if it were independent of the line, of which it is one point in n."""
-        return Input("load", load, self.scatter, self.degrees_of_freedom, "A")
+    def shares(self, index: int) -> Correlations:
+        """Correlations of the error of a load with those of the line, of which it is one point in n."""
+        away = self.positions - self.positions.mean()
+        return {
+            ("load", f"{self.name} mean"): 1 / math.sqrt(len(away)),
+            ("load", f"{self.name} slope"): float(away[index] / np.linalg.norm(away)),
+        }
 
     def inputs(self) -> tuple[Input, Input]:
         mean_u = self.scatter / math.sqrt(len(self.loads))
@@ -230,14 +248,18 @@ class _Line:
 def _reading_u(displays: Floats, calibration: LoadCellCalibration) -> tuple[float, float]:
     """Standard uncertainty of a mean of displays [N], and its degrees of freedom.
 
-    Where the displays scatter by a step or so they dither the steps away, and their mean is finer than one; where
+    Where the displays scatter by a step or so they dither the steps away, all but the first term of the steps' Fourier
+    series, which Gaussian noise of a deviation s leaves exp(-2 (pi s / step)^2) of (Widrow and Kollar 2008); where
     they stand still, a step hides what lies within it.
     """
     points, count = displays.shape
-    hidden = calibration.resolution_mV / math.sqrt(12)
-    noise = math.sqrt(displays.var(axis=1, ddof=1).mean())
-    u, freedom = (noise / math.sqrt(count), points * (count - 1)) if noise > hidden else (hidden, BY_RESOLUTION)
-    return u / calibration.sensitivity_mV_per_N, freedom
+    step = calibration.resolution_mV
+    shown = float(displays.var(axis=1, ddof=1).mean())
+    noise = shown - step**2 / 12
+    if noise <= 0:
+        return step / math.sqrt(12) / calibration.sensitivity_mV_per_N, BY_RESOLUTION
+    left = step / (math.sqrt(2) * math.pi) * math.exp(-2 * math.pi**2 * noise / step**2)
+    return math.hypot(math.sqrt(shown / count), left) / calibration.sensitivity_mV_per_N, points * (count - 1)
 
 
 @dataclass(frozen=True, slots=True)

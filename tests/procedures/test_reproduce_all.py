@@ -222,11 +222,12 @@ def test_everything_is_made_judged_and_on_one_page(tmp_path: Path, monkeypatch: 
 
 
 def test_what_stands_on_the_page_is_escaped(tmp_path: Path) -> None:
-    table = RowTable("9.9 <i>", "a & b", "<script>", (row(1.0, 1.0, 0.1, reason='"quoted" <b>'),), ("x < y",))
+    cell = replace(row(1.0, 1.0, 0.1, reason='"quoted" <b>'), row="<u>")
+    table = RowTable("9.9 <i>", "a & b", "<script>", (cell,), ("x < y",))
     done = Everything(Reproduction(tmp_path), [(table, tmp_path / "none.csv")])
     page = write_page(done, tmp_path).read_text(encoding="utf-8")
     assert "<script>" not in page
-    for text in ("Table 9.9 &lt;i&gt;: a &amp; b", "&quot;quoted&quot; &lt;b&gt;", "x &lt; y"):
+    for text in ("Table 9.9 &lt;i&gt;: a &amp; b", "&quot;quoted&quot; &lt;b&gt;", "x &lt; y", "<td>&lt;u&gt;</td>"):
         assert text in page
 
 
