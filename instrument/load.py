@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from instrument.errors import RangeError, UnknownName
 from instrument.sample import Sample
@@ -34,3 +34,8 @@ class Load:
             raise RangeError(f"load {self.force:g} N is not above 0 and finite; give a positive force")
         if self.interface not in INTERFACES:
             raise UnknownName("interface", self.interface, INTERFACES)
+
+
+def through(load: Load, modulus: float) -> Load:
+    """The load through an object of that modulus [Pa]."""
+    return replace(load, sensed=replace(load.sensed, modulus=modulus))

@@ -56,7 +56,7 @@ class ModulusEstimate:
 
 
 def modulus_of_ratio(
-    curve: RatioCurve, ratio: ArrayLike, u: ArrayLike = 0.0, coverage: float = 0.95
+    curve: RatioCurve, ratio: ArrayLike, u: ArrayLike = 0.0, coverage: float = 0.95, error: ArrayLike = 0.0
 ) -> ModulusEstimate:
     """Modulus of the sensed object for each force ratio.
 
@@ -65,15 +65,16 @@ def modulus_of_ratio(
 
     Args:
         ratio: force ratios, any shape.
-        u: standard uncertainty of each, or of all; that of the model is added to its interval.
+        u: standard uncertainty of each, or of all; the curve's own error is added to its interval.
         coverage: probability that the interval covers the modulus, if the ratio's error is normal.
+        error: bound on what else may be wrong with the curve there, for each or for all; it is added as well.
 
     Raises:
         RangeError: a ratio is not between 0 and 1, an uncertainty is negative or not finite, their shapes do not
             go together, or the coverage is not between 0 and 1. There must be at least one ratio.
     """
     given, uncertainty = check_ratios(ratio, u, coverage)
-    spread = NormalDist().inv_cdf((1 + coverage) / 2) * uncertainty + curve.error
+    spread = NormalDist().inv_cdf((1 + coverage) / 2) * uncertainty + curve.error + np.asarray(error, dtype=np.float64)
     least, greatest = curve.ratios
     left, right = _moduli_between(curve, given, given)
     outside = (given < least) | (given > greatest)

@@ -7,16 +7,23 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from instrument.models.curve import ratio_curve
+from instrument.models.curve import RatioCurve, ratio_curve
+from instrument.models.price_list import model_error, stored
 from instrument.models.ratio import Question
-from instrument.softness import INTERVAL, MOST_SENSITIVE, check_ratios, modulus_of_ratio
+from instrument.models.response import AUTO
+from instrument.softness import INTERVAL, MOST_SENSITIVE, ModulusEstimate, check_ratios, modulus_of_ratio
+
+Array = NDArray[np.float64]
 
 COVERAGE = 0.95
 
 
 def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[float] | None) -> list[dict[str, Any]]:
     """A row a ratio: modulus (None where only a bound is known) and coverage interval (None: no bound) [Pa].
+
+    The interval holds what the model leaves out, `model_error`, as far as it is priced.
 
     Args:
         u: standard uncertainty of the ratios, or of each; None: that by which the design's ratios repeat.
@@ -30,7 +37,7 @@ def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[fl
     uncertainty = sensor.ratio_scatter * np.array(ratios) if u is None else np.broadcast_to(u, len(ratios))
     check_ratios(ratios, uncertainty, COVERAGE)
     curve = ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model, question.tolerance)
-    found = modulus_of_ratio(curve, ratios, uncertainty, COVERAGE)
+    errors, found = _priced(question, curve, ratios, uncertainty)
     least, greatest = curve.ratios
 
     def note(index: int) -> str:
@@ -52,10 +59,38 @@ def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[fl
             "sensitivity": _finite(found.sensitivity[index]),
             "kind": str(found.kind[index]),
             "note": note(index),
+            "model_error": errors[index],
             "model": curve.model,
         }
         for index, ratio in enumerate(ratios)
     ]
+
+
+def _priced(
+    question: Question, curve: RatioCurve, ratios: Sequence[float], u: Array
+) -> tuple[list[float | None], ModulusEstimate]:
+    """The model's error between the moduli of each interval, None where it is not priced; intervals that hold it."""
+    sensor, (lowest, *_, highest) = question.sensor(), stored().moduli_Pa
+
+    def priced(low: float, high: float) -> float | None:
+        return model_error(sensor, question.load(lowest), curve.model, max(low, lowest), min(high, highest))
+
+    found = modulus_of_ratio(curve, ratios, u, COVERAGE)
+    ends = [(float(low), float(high)) for low, high in zip(found.low, found.high, strict=True)]
+    known = [all(lowest <= end <= highest for end in pair if 0 < end < math.inf) for pair in ends]
+    errors = [priced(*pair) if inside else None for pair, inside in zip(ends, known, strict=True)]
+    if question.model == AUTO:
+        return errors, found  # its curve has them
+    while True:
+        found = modulus_of_ratio(curve, ratios, u, COVERAGE, [error or 0.0 for error in errors])
+        # A wider interval may reach moduli of a greater error, which make it wider still.
+        wider = [
+            None if error is None else max(error, priced(float(low), float(high)) or 0.0)
+            for error, low, high in zip(errors, found.low, found.high, strict=True)
+        ]
+        if wider == errors:
+            return errors, found
+        errors = wider
 
 
 def _finite(value: float) -> float | None:

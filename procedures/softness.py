@@ -61,7 +61,8 @@ class Softness:
     """An object: mean force ratio over its valid loads, and the modulus by the model [Pa].
 
     `modulus_Pa` is None where only a bound is known, `low_Pa` and `high_Pa` where there is none; `kind` is "interval",
-    "at least", "at most" or "any". `saturated`: of a film in some load. Without a valid load all but the name is None.
+    "at least", "at most" or "any". `model_error`: what the interval allows for the model, as a ratio; None: not priced.
+    `saturated`: of a film in some load. Without a valid load all but the name is None.
     """
 
     object: str
@@ -75,6 +76,7 @@ class Softness:
     sensitivity: float | None = None
     kind: str | None = None
     note: str = ""
+    model_error: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from instrument.design import Design
 from instrument.errors import EstimateError, RangeError
-from instrument.load import Load
+from instrument.load import Load, through
 from instrument.models import surface
 from instrument.models.response import AUTO, MODELS, response
 from instrument.sample import SAMPLES
@@ -109,7 +109,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
 
         tolerance = AUTO_TOLERANCE if tolerance is None else tolerance
         priced = stored().moduli_Pa
-        choice = choose(design, [_through(load, priced[0]), _through(load, priced[-1])], tolerance)
+        choice = choose(design, [through(load, priced[0]), through(load, priced[-1])], tolerance)
         model = choice.model
         if choice.error is not None:
             lowest, highest, own_error = priced[0], priced[-1], choice.error
@@ -117,7 +117,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
             tolerance = None
 
     def answer(modulus: float) -> tuple[float, float]:
-        found = response(design, _through(load, modulus), model, tolerance)
+        found = response(design, through(load, modulus), model, tolerance)
         return found.force_ratio, max(own_error, found.error_estimate or 0.0)
 
     if model == "experiment" and design.thesis_force_ratio:
@@ -126,11 +126,6 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         return curve_through(moduli, [answer(modulus)[0] for modulus in moduli], model)
     own = MODELS[model].default_tolerance if model in MODELS else None
     return sampled_curve(answer, lowest, highest, model, tolerance or own or CLOSED_FORM_TOLERANCE)
-
-
-def _through(load: Load, modulus: float) -> Load:
-    """The load through an object of that modulus [Pa]."""
-    return replace(load, sensed=replace(load.sensed, modulus=modulus))
 
 
 def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float = 0.0) -> RatioCurve:

@@ -23,7 +23,7 @@ from instrument.config import Config
 from instrument.design import Design
 from instrument.designs import DESIGNS
 from instrument.errors import ConfigError, RangeError
-from instrument.load import Load
+from instrument.load import Load, through
 from instrument.models.parameters import solid_parameters
 from instrument.models.response import MODELS, Response
 from instrument.models.surface import CODE_VERSION, fixed
@@ -167,6 +167,16 @@ class PriceList(Config):
             f" {rank} {tolerance:g} for {where}",
         )
 
+    def model_error(self, design: str, model: str, low: float, high: float) -> float | None:
+        """Greatest error of a model on its finest mesh for objects of moduli `low` to `high` [Pa]; None: not priced."""
+        offers = [
+            price.errors[self._around(low, high)]
+            for price in self.prices
+            if (price.design, price.model) == (design, model) and price.answer_s is not None
+        ]
+        known = [[error for error in errors if error is not None] for errors in offers if None not in errors]
+        return min((max(errors) for errors in known if errors), default=None)
+
     def of(self, designs: Sequence[str]) -> PriceList:
         """What was measured for some designs alone.
 
@@ -242,6 +252,23 @@ def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Resp
     given = model.answer(design, load, None if model.default_tolerance is None else asked)
     errors = [error for error in (choice.error, given.error_estimate) if error is not None]
     return replace(given, error_estimate=max(errors), why=choice.why)
+
+
+def model_error(design: Design, load: Load, model: str, low: float, high: float) -> float | None:
+    """What a model leaves out, whatever its mesh: distance of its force ratio from the priced reference.
+
+    Args:
+        load: through any object; its modulus does not count.
+        low, high: moduli of the object between which it is the greatest [Pa].
+
+    Returns:
+        None where the list does not vouch, and for the experiment, which answers to no model.
+    """
+    prices = stored()
+    ends = [through(load, modulus) for modulus in (low, high)]
+    if model == "experiment" or not prices.vouches(design, ends):
+        return None
+    return prices.model_error(design.name, model, low, high)
 
 
 def fingerprint(design: Design, load: Load) -> str:

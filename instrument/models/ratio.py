@@ -16,6 +16,7 @@ from instrument.designs import get_design
 from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
 from instrument.models.parameter_sets import get_parameter_set
+from instrument.models.price_list import model_error
 from instrument.models.response import AUTO, MODELS, Response, response
 
 # What a caller may set in place of the parameter set's.
@@ -89,11 +90,16 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The response under one newton by an object of that modulus [Pa], and the seconds that it took."""
+    """The response under one newton by an object of that modulus [Pa], and the seconds that it took.
+
+    Attributes:
+        model_error: see `price_list.model_error`.
+    """
 
     sensed_modulus: float
     response: Response
     seconds: float
+    model_error: float | None = None
 
 
 def ask(question: Question, moduli: Sequence[float]) -> Iterator[Answer]:
@@ -108,4 +114,5 @@ def ask(question: Question, moduli: Sequence[float]) -> Iterator[Answer]:
     for load in [question.load(modulus) for modulus in moduli]:
         start = time.perf_counter()
         answer = response(design, load, question.model, question.tolerance)
-        yield Answer(load.sensed.modulus, answer, time.perf_counter() - start)
+        seconds, modulus = time.perf_counter() - start, load.sensed.modulus
+        yield Answer(modulus, answer, seconds, model_error(design, load, answer.model, modulus, modulus))

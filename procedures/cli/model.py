@@ -96,8 +96,9 @@ def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -
     """Force ratio, tooth force over total force, for objects of given moduli.
 
     Model auto takes the cheapest whose error in the price list (palpate accuracy models) meets the tolerance, and says
-    which. The error estimate of a model that you name is that of its discretisation, not of what it leaves out; models
-    in closed form have none. The solid model takes seconds to a minute a point; the extra "fast" shortens it.
+    which. The error estimate of a model that you name is that of its discretisation; models in closed form have none.
+    The model error is what it leaves out, by the price list; none for the experiment and for what was not priced.
+    The solid model takes seconds to a minute a point; the extra "fast" shortens it.
     The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from instrument.models.ratio import ask
@@ -139,7 +140,8 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     """Young modulus of the sensed object from the force ratio, with an interval that covers it by 95 %.
 
     Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
-    The interval holds the uncertainty of the ratio and the model's error estimate, not what the model leaves out.
+    The interval holds the uncertainty of the ratio, the model's error estimate, and, where the price list knows it,
+    what the model leaves out (model error).
     Models in closed form and surfaces take less than a second, the axisymmetric one some 20 s, the solid one half
     an hour.
     """
@@ -198,6 +200,7 @@ def _point(design: Design, answer: Answer) -> dict[str, Any]:
         "sensed_modulus_Pa": answer.sensed_modulus,
         "force_ratio": given.force_ratio,
         "error_estimate": given.error_estimate,
+        "model_error": answer.model_error,
         "model": given.model,
         "why": given.why,
         "seconds": answer.seconds,

@@ -20,12 +20,12 @@ def print_ratios(design: str, answers: list[Answer]) -> None:
     models = ", ".join(dict.fromkeys(a.response.model for a in answers))
     table = new_table(
         stamped(False, f"{design}, model {models}"),
-        "sensed modulus", "force ratio", "error estimate", "seconds",
+        "sensed modulus", "force ratio", "error estimate", "model error", "seconds",
     )  # fmt: skip
     for a in answers:
         given = a.response
-        estimate = "-" if given.error_estimate is None else f"{given.error_estimate:.1e}"
-        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", estimate, f"{a.seconds:.2g}")
+        errors = [short(error) for error in (given.error_estimate, a.model_error)]
+        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", *errors, f"{a.seconds:.2g}")
     print_all(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
 
 
@@ -34,12 +34,13 @@ def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
         stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
-        "force ratio", "u", "modulus", "from", "to", "dlnE/dlnR", "",
+        "force ratio", "u", "model error", "modulus", "from", "to", "dlnE/dlnR", "",
     )  # fmt: skip
     for p in points:
         moduli = ["-" if p[name] is None else show(p[name], "Pa") for name in ("modulus_Pa", "low_Pa", "high_Pa")]
         table.add_row(
-            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", *moduli, number(p["sensitivity"]),
+            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]), *moduli,
+            number(p["sensitivity"]),
             ": ".join(text for text in (p["kind"], p["note"]) if text),
         )  # fmt: skip
     print_all(table)

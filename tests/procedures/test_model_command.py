@@ -74,10 +74,24 @@ def test_an_option_overrides_the_parameter_set(palpate: Palpate, design: str) ->
     assert given["force_ratio"] == pytest.approx(column(1e5, 33e3, 2e-3), rel=1e-12)
 
 
+def test_what_a_closed_form_leaves_out_is_told_where_it_is_priced_and_nowhere_else(palpate: Palpate) -> None:
+    points = palpate(*COLUMN, "--sensed-modulus", "24.2 kPa, 100 kPa, 10 kPa").object["points"]
+    known = palpate(*RATIO, "--model", "surface", "--sensed-modulus", "24.2 kPa, 100 kPa").object["points"]
+    errors = [point["model_error"] for point in points]
+    assert errors[0] == errors[1] and errors[2] is None
+    for column, surface in zip(points, known, strict=False):
+        assert 0.5 * errors[0] < abs(column["force_ratio"] - surface["force_ratio"]) <= errors[0]
+    for other in (("--compliant-modulus", "33 kPa"), ("--parameters", "thesis"), ("--design", "array")):
+        (point,) = palpate(*COLUMN, *other).object["points"]
+        assert point["model_error"] is None
+    assert f"{errors[0]:.1e}" in palpate("model", "ratio", "--model", "column", "--sensed-modulus", "100 kPa").out
+
+
 def test_the_experiment_gives_the_measured_mean(palpate: Palpate) -> None:
     asked = (*RATIO, "--model", "experiment", "--design", "common_base", "--sensed-modulus", "41368.54 Pa")
     (point,) = palpate(*asked).object["points"]
     assert point["force_ratio"] == pytest.approx(0.164, rel=1e-12)
+    assert point["model_error"] is None  # it answers to no model
 
 
 def test_every_option_reaches_the_finite_element_models(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,7 +135,9 @@ def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
     assert list(said.object) == ["design", "parameters", "points"]
     (point,) = said.object["points"]
-    assert list(point) == ["sensed_modulus_Pa", "force_ratio", "error_estimate", "model", "why", "seconds", "films"]
+    assert list(point) == [
+        "sensed_modulus_Pa", "force_ratio", "error_estimate", "model_error", "model", "why", "seconds", "films",
+    ]  # fmt: skip
 
 
 def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from tests.procedures.conftest import Palpate
 
-MODULUS = ("model", "modulus", "--json", "--model", "column")
+PRICED = ("model", "modulus", "--json", "--model", "column")
+MODULUS = (*PRICED, "--compliant-poisson", "0.48")  # which the column does not look at
 AREA_SHARE = 1.4**2 / (1.4**2 + 5**2 - 1.5**2)
 
 
@@ -43,6 +44,34 @@ def test_without_an_uncertainty_the_ratios_own_scatter_counts(palpate: Palpate) 
     assert exact["high_Pa"] / exact["low_Pa"] < 1 + 1e-9 < 1.1 < point["high_Pa"] / point["low_Pa"]
 
 
+def test_the_interval_holds_what_the_model_leaves_out_where_it_is_priced(palpate: Palpate) -> None:
+    (point,) = palpate(*PRICED, "--force-ratio", "0.31", "--uncertainty", "0.005").object["points"]
+    (of_ratio,) = palpate(
+        "model", "ratio", "--json", "--model", "column", "--sensed-modulus", "60 kPa"
+    ).object["points"]  # fmt: skip
+    assert point["model_error"] == of_ratio["model_error"]
+    spread = 1.959963985 * 0.005 + point["model_error"]
+    assert point["modulus_Pa"] == pytest.approx(column_modulus(0.31), rel=1e-9)
+    assert point["low_Pa"] == pytest.approx(column_modulus(0.31 - spread), rel=1e-6)
+    assert point["high_Pa"] == pytest.approx(column_modulus(0.31 + spread), rel=1e-6)
+
+
+def test_an_interval_that_the_models_error_carries_to_a_greater_one_holds_that(palpate: Palpate) -> None:
+    """Up to 24.13 kPa the column is off by less than above."""
+    (point,) = palpate(*PRICED, "--force-ratio", "0.148", "--uncertainty", "0").object["points"]
+    (below,) = palpate("model", "ratio", "--json", "--model", "column", "--sensed-modulus", "20 kPa").object["points"]
+    assert column_modulus(0.148) < 24131 < column_modulus(0.148 + below["model_error"])
+    assert point["model_error"] > below["model_error"]
+    assert point["high_Pa"] == pytest.approx(column_modulus(0.148 + point["model_error"]), rel=1e-6)
+
+
+def test_an_interval_that_begins_beyond_the_price_list_gets_no_error_of_the_model(palpate: Palpate) -> None:
+    (point,) = palpate(*PRICED, "--force-ratio", "0.13", "--uncertainty", "0.005").object["points"]
+    assert point["low_Pa"] < 14.9e3 < point["high_Pa"]
+    assert point["high_Pa"] == pytest.approx(column_modulus(0.13 + 1.959963985 * 0.005), rel=1e-6)
+    assert point["model_error"] is None
+
+
 def test_settings_reach_the_model(palpate: Palpate) -> None:
     wide = (*MODULUS, "--force-ratio", "0.3", "--uncertainty", "0")
     (own,) = palpate(*wide).object["points"]
@@ -64,7 +93,8 @@ def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     assert list(said.object) == ["design", "parameters", "coverage", "points"]
     assert said.object["coverage"] == 0.95
     assert list(said.object["points"][0]) == [
-        "force_ratio", "force_ratio_u", "modulus_Pa", "low_Pa", "high_Pa", "sensitivity", "kind", "note", "model",
+        "force_ratio", "force_ratio_u", "modulus_Pa", "low_Pa", "high_Pa", "sensitivity", "kind", "note",
+        "model_error", "model",
     ]  # fmt: skip
 
 
@@ -101,7 +131,7 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
     ],
 )
 def test_bad_input_is_one_error_and_nothing_else(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
-    said = palpate(*MODULUS, "--force-ratio", "0.3", *wrong)
+    said = palpate(*PRICED, "--force-ratio", "0.3", *wrong)
     assert said.status == 2
     assert message in said.complaint
     assert len(said.complaint.splitlines()) == 1
