@@ -42,8 +42,13 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     output = Output(as_json, quiet)
     with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
         done = everything.Everything(Reproduction(folder))
-        with output.progress() as progress:
-            everything.run(_opener(folder, seed), done, progress)
+        try:
+            with output.progress() as progress:
+                everything.run(_opener(folder, seed), done, progress)
+        except BaseException as error:
+            if done.tables:
+                error.add_note(f"{len(done.tables)} tables that were done are kept in {folder}")
+            raise
     if output.as_json:
         output.json(
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.errors import RangeError, SafetyError, UnreachableError
 from instrument.sample import SAMPLES, get_sample
 from procedures import modulus
+from procedures.cli.session import ConsoleOperator
 from procedures.modulus import ModulusResult, ModulusSettings
 from procedures.record import Recorder
 from procedures.run import Run
@@ -146,3 +148,17 @@ def test_the_command_gives_the_public_names(palpate: Palpate) -> None:
     assert result["thesis_modulus_Pa"] == get_sample("6").modulus
     assert {b["budget"]["quantity"] for b in result["budgets"]} >= {"tangent modulus", "secant modulus", "thickness"}
     assert {p["direction"] for p in result["points"]} == {"loading", "unloading"}
+
+
+def test_a_person_is_asked_for_the_support_bare_and_with_the_sample(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", StringIO("\n\n"))
+    person = ConsoleOperator()
+    person.lay_on_support(None)
+    person.lay_on_support(get_sample("1"))
+    place = "Put the rigid support in the sensor's place"
+    assert capsys.readouterr().err.splitlines() == [
+        f"{place}, bare, then press Enter",
+        f"{place}, with sample 1 (white silicone rubber, 3 mm) on it, then press Enter",
+    ]

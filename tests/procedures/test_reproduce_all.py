@@ -32,6 +32,7 @@ from procedures.reproduce.models import Reproduction
 from procedures.reproduce.page import write_page
 from procedures.reproduce.rows import Row, RowTable
 from procedures.reproduce.solutions import Solutions
+from procedures.run import Run
 from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate, silent
 
@@ -248,6 +249,25 @@ def test_the_exit_status_says_whether_all_rows_lie_within(
         "softness_order_right", "outside", "tables", "models",
     }  # fmt: skip
     assert len(found["outside"]) == status
+
+
+def test_what_is_measured_is_recorded_and_an_interruption_keeps_what_is_done(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(open_bench: everything.Open, done: Everything, _progress: object) -> None:
+        table = RowTable("5.5", "one sensor", "", (row(1.0, 1.0, 0.1),))
+        done.tables.append((table, table.write(done.models.folder)))
+        with open_bench("ideal", "sweep-loads") as session:
+            session.record.point({"load_N": 1.0}, {}, session.bench.clock.now_ns())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(everything, "run", run)
+    said = palpate("reproduce", "--seed", "7", "--out", "half")
+    assert said.status == 130
+    assert "1 tables that were done are kept in half" in said.err
+    recorded = Run.open(Path("half") / "1-sweep-loads-ideal")
+    assert (recorded.status, recorded.simulated, recorded.header["seed"]) == ("complete", True, 7)
+    assert [point["load_N"] for point in recorded.points()] == [1.0]
 
 
 def test_bad_input_is_one_error(palpate: Palpate) -> None:
