@@ -188,8 +188,8 @@ def run(
     check_zero(bench, calibration)
     progress(0, len(steps), f"mount sample {settings.sample}")
     preloaded = press(bench, calibration, get_sample(settings.sample), static)
-    points: list[FrequencyPoint] = []
-    for step in steps:
+    points = record.finished(FrequencyPoint)
+    for step in steps[len(points) :]:
         what = show(step.frequency_Hz, "Hz")
         progress(len(points), len(steps), what)
         pause_here(pause, bench, record)

@@ -124,11 +124,11 @@ def run(
     check_resolved(settings.loads, calibration)
     check_calibrated(settings.loads, calibration, settings.extrapolate)
     steps = plan(settings, design).steps
-    points: list[LoadPoint] = []
+    points = record.finished(LoadPoint)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
     bench.positioner.home()
     check_zero(bench, calibration)
-    for name, of_sample in groupby(steps, lambda step: step.sample):
+    for name, of_sample in groupby(steps[len(points) :], lambda step: step.sample):
         progress(len(points), len(steps), f"mount sample {name}")
         preloaded = press(bench, calibration, get_sample(name), preload_for(settings.loads))
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)

@@ -28,6 +28,7 @@ class Nobody:
         raise AssertionError("nobody has asked for a pause")
 
 
+PAUSED = "paused"  # kind of the event
 NOBODY: Pause = Nobody()
 
 
@@ -36,7 +37,7 @@ def pause_here(pause: Pause, bench: Bench, record: Recorder) -> None:
     if not pause.asked():
         return
     bench.rest()
-    record.event("paused", "outputs off", bench.clock.now_ns())
+    record.event(PAUSED, "outputs off", bench.clock.now_ns())
     pause.wait()
     record.event("resumed", "outputs on", bench.clock.now_ns())
     bench.drive()

@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import itertools
-import json
-import math
 import os
 import re
 import sqlite3
@@ -27,16 +26,18 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 
-from instrument.errors import RangeError, RecordError, UsageError
+from instrument.errors import RecordError, UsageError
+from procedures.encoding import Waveforms, as_json, encoded
 from procedures.run import DATABASE, SCHEMA, WAVEFORMS, storing
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 _OWN_KEYS = frozenset({"status", "summary"})
-_OWN_COLUMNS = frozenset({"id", "bench_ns", "simulated"})
+
+T = TypeVar("T")
 
 
 class Recorder:
@@ -50,13 +51,21 @@ class Recorder:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Opens the files that `create` made."""
+        """Opens the files that `create` made, and keeps every other writer out.
+
+        Raises:
+            UsageError: another process is writing this run.
+        """
         self.folder = folder
         self._points = 0
         self._bench_ns = 0
         with contextlib.ExitStack() as undo:
             with storing(folder / WAVEFORMS):
                 self._waveforms = undo.enter_context((folder / WAVEFORMS).open("ab", buffering=0))
+                try:
+                    fcntl.flock(self._waveforms, fcntl.LOCK_EX | fcntl.LOCK_NB)  # a kill lets it go
+                except BlockingIOError:
+                    raise UsageError(f"{folder} is being written by another process; let that end first") from None
             with storing(folder / DATABASE):
                 self._database = undo.enter_context(contextlib.closing(sqlite3.connect(folder / DATABASE)))
                 self._database.execute("PRAGMA journal_mode = WAL")
@@ -101,7 +110,7 @@ class Recorder:
     def point(
         self,
         data: Mapping[str, object],
-        waveforms: Mapping[str, tuple[float, np.ndarray]],
+        waveforms: Waveforms,
         bench_ns: int,
     ) -> int:
         """Stores a point and returns its id (1, 2, 3, …) once it is durable.
@@ -117,10 +126,7 @@ class Recorder:
             RangeError: a rate that is not positive, samples of another shape or beyond float32, or a name
                 of the record's own columns (`id`, `bench_ns`, `simulated`) in `data`.
         """
-        if taken := _OWN_COLUMNS & data.keys():
-            raise RangeError(f"a point may not have a value {', '.join(sorted(taken))}: the record sets it")
-        text = _json(data)
-        stored = [(name, rate, _float32(name, rate, samples)) for name, (rate, samples) in waveforms.items()]
+        text, stored = encoded(data, waveforms)
         point_id = self._points + 1
         with storing(self.folder / WAVEFORMS):
             offsets = self._append([samples for _, _, samples in stored])
@@ -144,6 +150,10 @@ class Recorder:
         """How many points are stored."""
         return self._points
 
+    def finished(self, _kind: type[T]) -> list[T]:
+        """The points, as what they were stored from, that a procedure need not measure: none of a new run."""
+        return []
+
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
         with storing(self.folder / DATABASE), self._database:
@@ -164,7 +174,7 @@ class Recorder:
             with storing(self.folder / DATABASE), self._database:
                 self._database.executemany(
                     "UPDATE run SET value = ? WHERE key = ?",
-                    [(_json(status), "status"), (_json(summary), "summary")],
+                    [(as_json(status), "status"), (as_json(summary), "summary")],
                 )
                 if message:
                     self._insert_event(status, message, self._bench_ns)
@@ -173,8 +183,12 @@ class Recorder:
                 self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                 self._database.execute("PRAGMA journal_mode = DELETE")
         finally:
-            self._database.close()
-            self._waveforms.close()
+            self.close()
+
+    def close(self) -> None:
+        """Close the files of a run that is left as it is; `finish` has done so."""
+        self._database.close()
+        self._waveforms.close()
 
     def _insert_event(self, kind: str, message: str, bench_ns: int) -> None:
         # File names in a message can hold bytes that are no UTF-8; SQLite would refuse the text.
@@ -248,7 +262,7 @@ def _write_database(folder: Path, header: Mapping[str, object]) -> None:
             database.execute("PRAGMA synchronous = FULL")
             database.executescript(f"BEGIN; {SCHEMA}")
             database.executemany(
-                "INSERT INTO run VALUES (?, ?)", [(key, _json(value)) for key, value in header.items()]
+                "INSERT INTO run VALUES (?, ?)", [(key, as_json(value)) for key, value in header.items()]
             )
             database.commit()
         aside.replace(folder / DATABASE)
@@ -265,33 +279,3 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _json(value: object) -> str:
-    """One text for one value: keys sorted, no spaces, ASCII, null for NaN and infinities."""
-    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(item) for item in value]
-    return value
-
-
-def _float32(name: str, rate: float, samples: np.ndarray) -> np.ndarray:
-    if not (math.isfinite(rate) and rate > 0):
-        raise RangeError(f"waveform {name!r}: the sample rate is {rate} Hz; it must be positive and finite")
-    if samples.ndim != 1:
-        raise RangeError(f"waveform {name!r}: the samples have shape {samples.shape}; they must be (n,)")
-    try:
-        with np.errstate(over="raise"):
-            return np.ascontiguousarray(samples, dtype="<f4")
-    except FloatingPointError:
-        limit = float(np.finfo(np.float32).max)
-        raise RangeError(f"waveform {name!r}: a sample is beyond float32 (±{limit:.3g})") from None

@@ -1,4 +1,4 @@
-"""A run on disk: its format, where runs are kept, and reading them.
+"""A run on disk: its format, and reading it.
 
 Reading never changes a run, and works at any time: while the run is being written, after a kill
 (the log `run.sqlite-wal` is read too), and where the folder is read-only.
@@ -84,6 +84,19 @@ class Waveform:
 
 
 @dataclass(frozen=True, slots=True)
+class WaveformRow:
+    """Where the samples of a waveform lie; see `SCHEMA`."""
+
+    point_id: int
+    name: str
+    dtype: str
+    rate: float
+    offset: int
+    length: int
+    crc32: int
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
     """A stored run. `started` is UTC; `status` is what is stored: a killed run stays "running".
 
@@ -102,7 +115,7 @@ class Run:
     def open(cls, folder: Path) -> Self:
         """Raises RecordError: no run there, a damaged one, or one of a newer palpate."""
         folder = folder.absolute()
-        with _reading(folder) as database:
+        with reading(folder) as database:
             (version,) = database.execute("PRAGMA user_version").fetchone()
             (application,) = database.execute("PRAGMA application_id").fetchone()
             if application != APPLICATION_ID:
@@ -120,7 +133,7 @@ class Run:
 
     def points(self) -> list[dict[str, Any]]:
         """All points in order: what was stored, with `id` and `bench_ns`; null is None."""
-        with _reading(self.folder) as database:
+        with reading(self.folder) as database:
             return [
                 {"id": point_id, "bench_ns": bench_ns, **json.loads(data)}
                 for point_id, bench_ns, data in database.execute("SELECT * FROM point ORDER BY id")
@@ -128,7 +141,7 @@ class Run:
 
     def events(self) -> list[dict[str, Any]]:
         """All events in order: `bench_ns`, `kind`, `message`."""
-        with _reading(self.folder) as database:
+        with reading(self.folder) as database:
             return [
                 {"bench_ns": bench_ns, "kind": kind, "message": message}
                 for bench_ns, kind, message in database.execute("SELECT bench_ns, kind, message FROM event ORDER BY id")
@@ -136,7 +149,7 @@ class Run:
 
     def waveform_names(self, point_id: int) -> list[str]:
         """The names of a point's waveforms, in the order they were given."""
-        with _reading(self.folder) as database:
+        with reading(self.folder) as database:
             rows = database.execute("SELECT name FROM waveform WHERE point_id = ? ORDER BY id", (point_id,))
             return [name for (name,) in rows]
 
@@ -155,28 +168,32 @@ class Run:
         return self._waveforms("", ())
 
     def _waveforms(self, where: str, values: tuple[object, ...]) -> Iterator[Waveform]:
+        for row, samples in self._rows(where, values):
+            if isinstance(samples, RecordError):
+                raise samples
+            yield Waveform(row.point_id, row.name, row.rate, samples)
+
+    def verify_waveforms(self) -> Iterator[tuple[WaveformRow, str]]:
+        """Each row in order, and what is wrong with its samples; "" where nothing is."""
+        for row, samples in self._rows("", ()):
+            yield row, str(samples) if isinstance(samples, RecordError) else ""
+
+    def _rows(self, where: str, values: tuple[object, ...]) -> Iterator[tuple[WaveformRow, np.ndarray | RecordError]]:
         query = f"SELECT point_id, name, dtype, rate, offset, length, crc32 FROM waveform {where} ORDER BY id"
-        with _reading(self.folder) as database:
-            rows = database.execute(query, values).fetchall()
+        with reading(self.folder) as database:
+            rows = [WaveformRow(*row) for row in database.execute(query, values)]
         if not rows:
             return
         path = self.folder / WAVEFORMS
         with _opened(path) as file:
             size = os.fstat(file.fileno()).st_size
-            for point_id, name, dtype, rate, offset, length, crc in rows:
-                what = f"{path}: waveform {name!r} of point {point_id}"
-                if dtype != "<f4" or rate <= 0 or offset + 4 * length > size:
-                    raise RecordError(f"{what} is cut short, or its row is wrong; restore the file from a copy")
-                file.seek(offset)
-                stored = file.read(4 * length)
-                if zlib.crc32(stored) != crc:
-                    raise RecordError(f"{what} is damaged (CRC-32 differs); restore the file from a copy")
-                yield Waveform(point_id, name, rate, np.frombuffer(stored, "<f4"))
+            for row in rows:
+                yield row, _samples(file, size, row, path)
 
     def digest(self) -> str:
         """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
         total = hashlib.sha256()
-        with _reading(self.folder) as database:
+        with reading(self.folder) as database:
             for row in database.execute("SELECT id, bench_ns, data FROM point ORDER BY id"):
                 total.update(json.dumps(row).encode() + b"\n")
         for waveform in self.waveforms():
@@ -193,46 +210,16 @@ class Run:
         return frame
 
 
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """A line in a list of runs; of a damaged one only `folder`, `started` (file time) and `fault` hold."""
-
-    folder: Path
-    started: datetime
-    procedure: str = ""
-    simulated: bool | None = None
-    status: Status | Literal["damaged"] = "damaged"
-    points: int = 0
-    fault: str = ""
-
-
-def list_runs(store: Path) -> list[RunSummary]:
-    """The runs in `store`, newest first; folders without a run are left out."""
-    runs = [_summary(path.parent) for path in store.glob(f"*/{DATABASE}")]
-    return sorted(runs, key=lambda run: (run.started, run.folder.name), reverse=True)
-
-
-def _summary(folder: Path) -> RunSummary:
-    try:
-        run = Run.open(folder)
-        with _reading(run.folder) as database:
-            (points,) = database.execute("SELECT count(*) FROM point").fetchone()
-    except RecordError as error:
-        modified = datetime.fromtimestamp((folder / DATABASE).stat().st_mtime, UTC)
-        return RunSummary(folder, modified, fault=str(error))
-    return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points)
-
-
-def find_run(text: str, store: Path) -> Path:
-    """The folder of the run that `text` names: a path, or a name in `store`.
-
-    Raises:
-        UnknownName: neither; lists the runs of the store.
-    """
-    for folder in (Path(text), store / text):
-        if (folder / DATABASE).is_file():
-            return folder
-    raise UnknownName("run", text, (path.parent.name for path in store.glob(f"*/{DATABASE}")))
+def _samples(file: BinaryIO, size: int, row: WaveformRow, path: Path) -> np.ndarray | RecordError:
+    """Those of a row; what is wrong with them is returned, so that others can still be read."""
+    what = f"{path}: waveform {row.name!r} of point {row.point_id}"
+    if row.dtype != "<f4" or row.rate <= 0 or row.offset + 4 * row.length > size:
+        return RecordError(f"{what} is cut short, or its row is wrong; restore the file from a copy")
+    file.seek(row.offset)
+    stored = file.read(4 * row.length)
+    if zlib.crc32(stored) != row.crc32:
+        return RecordError(f"{what} is damaged (CRC-32 differs); restore the file from a copy")
+    return np.frombuffer(stored, "<f4")
 
 
 @contextlib.contextmanager
@@ -263,7 +250,7 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
 
 
 @contextlib.contextmanager
-def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
+def reading(folder: Path) -> Iterator[sqlite3.Connection]:
     """One snapshot of the database, for as short as it takes: an open reader keeps the log from ending."""
     path = folder / DATABASE
     with contextlib.ExitStack() as stack:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.cli.options import Choice, Output, bench_options, budget_option, extrapolate_option
+
+if TYPE_CHECKING:
+    from procedures.cli.conduct import Procedure
+    from procedures.cli.session import Session
 
 
 @click.group()
@@ -55,12 +59,9 @@ def load_cell(
     within its loads.
     """
     from procedures import load_cell as procedure
-    from procedures.certificate import write_certificate
-    from procedures.cli.calibrations import keep, load_cell_path
-    from procedures.cli.session import conduct
+    from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
     from procedures.report.budget import print_budgets
-    from procedures.report.load_cell import plot_load_cell, print_load_cell
 
     settings = procedure.LoadCellSettings(
         parse_loads(loads),
@@ -70,33 +71,47 @@ def load_cell(
         creep,
         valid_days,
     )
-    session, result, outcome = conduct(
+    result, outcome = conduct(of_load_cell(), settings, choice, output)
+    if budget and output.for_people:
+        print_budgets(result.budgets(), outcome["simulated"])
+
+
+def of_load_cell() -> Procedure[Any, Any]:
+    from procedures import load_cell as procedure
+    from procedures.certificate import write_certificate
+    from procedures.cli.calibrations import keep, load_cell_path
+    from procedures.cli.conduct import Procedure
+    from procedures.report.load_cell import plot_load_cell, print_load_cell
+
+    def tell(session: Session, result: procedure.LoadCellResult, outcome: dict[str, Any], output: Output) -> None:
+        folder = session.record.folder
+        path = load_cell_path(session.bench.indicator.serial)
+        keep(result.calibration, folder, path)
+        certificate = write_certificate(folder, result.calibration)
+        plot = plot_load_cell(result, session.bench.simulated, folder)
+        outcome = {
+            **outcome,
+            "calibration": result.calibration.source,
+            "calibration_file": str(path),
+            "certificate": str(certificate),
+        }
+        if output.as_json:
+            budgets = [entry.summary() for entry in result.budgets()]
+            output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
+        elif output.for_people:
+            print_load_cell(result, outcome, plot)
+
+    return Procedure(
         procedure.PROCEDURE,
-        choice,
-        output,
-        {**asdict(settings), "repeats": procedure.REPEATS},
-        lambda target: procedure.check(settings, target.force_limit),
-        lambda session, progress: procedure.run(session.bench, settings, session.record, progress, session.started),
+        procedure.LoadCellSettings,
+        lambda settings, target: procedure.check(settings, target.force_limit),
+        lambda session, settings, progress, _: procedure.run(
+            session.bench, settings, session.record, progress, session.started
+        ),
+        tell,
         calibrating="load cell",
+        constants={"repeats": procedure.REPEATS},
     )
-    folder = session.record.folder
-    path = load_cell_path(session.bench.indicator.serial)
-    keep(result.calibration, folder, path)
-    certificate = write_certificate(folder, result.calibration)
-    plot = plot_load_cell(result, session.bench.simulated, folder)
-    outcome = {
-        **outcome,
-        "calibration": result.calibration.source,
-        "calibration_file": str(path),
-        "certificate": str(certificate),
-    }
-    if output.as_json:
-        budgets = [entry.summary() for entry in result.budgets()]
-        output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
-    elif output.for_people:
-        print_load_cell(result, outcome, plot)
-        if budget:
-            print_budgets(result.budgets(), outcome["simulated"])
 
 
 @calibrate.command(
@@ -129,11 +144,9 @@ def films(
     """
     from instrument.quantity import parse
     from procedures import film_calibration as procedure
-    from procedures.cli.calibrations import films_path, keep
-    from procedures.cli.session import conduct
+    from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
     from procedures.report.budget import print_budgets
-    from procedures.report.film_calibration import plot_films, print_films
 
     settings = procedure.FilmSettings(
         parse_loads(loads),
@@ -142,35 +155,39 @@ def films(
         valid_days,
         extrapolate,
     )
-    session, result, outcome = conduct(
+    result, outcome = conduct(of_films(), settings, choice, output)
+    if budget and output.for_people:
+        print_budgets(result.calibration.budgets(), outcome["simulated"])
+
+
+def of_films() -> Procedure[Any, Any]:
+    from procedures import film_calibration as procedure
+    from procedures.cli.calibrations import films_path, keep
+    from procedures.cli.conduct import Procedure
+    from procedures.report.film_calibration import plot_films, print_films
+
+    def tell(session: Session, result: procedure.FilmResult, outcome: dict[str, Any], output: Output) -> None:
+        folder, found = session.record.folder, result.calibration
+        path = films_path(found.device, found.design)
+        keep(found, folder, path)
+        plot = plot_films(result, session.design, folder)
+        outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
+        if output.as_json:
+            budgets = [entry.summary() for entry in found.budgets()]
+            output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
+        elif output.for_people:
+            print_films(result, session.design, outcome, plot)
+
+    return Procedure(
         procedure.PROCEDURE,
-        choice,
-        output,
-        asdict(settings),
-        lambda target: procedure.check(settings, target.design, target.force_limit, target.nodes),
-        lambda session, progress: procedure.run(
-            session.bench,
-            session.design,
-            session.calibration,
-            settings,
-            session.record,
-            progress,
-            session.started,
+        procedure.FilmSettings,
+        lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, settings, progress, _: procedure.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress, session.started
         ),
+        tell,
         calibrating="films",
     )
-    folder, found = session.record.folder, result.calibration
-    path = films_path(found.device, found.design)
-    keep(found, folder, path)
-    plot = plot_films(result, session.design, folder)
-    outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
-    if output.as_json:
-        budgets = [entry.summary() for entry in found.budgets()]
-        output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
-    elif output.for_people:
-        print_films(result, session.design, outcome, plot)
-        if budget:
-            print_budgets(found.budgets(), found.simulated)
 
 
 def parse_positions(text: str) -> tuple[float, ...]:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.cli.options import Choice, Output, bench_options
+
+if TYPE_CHECKING:
+    from procedures.cli.conduct import Procedure
+    from procedures.cli.session import Session
 
 
 @click.command(
@@ -30,25 +35,34 @@ def characterise(
     """
     from instrument.quantity import parse
     from procedures import characterise as procedure
-    from procedures.cli.session import conduct
+    from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
-    from procedures.report.characterise import plot_characteristics, print_characteristics
 
     settings = procedure.CharacteriseSettings(
         sample, parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz"), parse(drift_time, "s")
     )
-    session, result, outcome = conduct(
+    conduct(of_characterise(), settings, choice, output)
+
+
+def of_characterise() -> Procedure[Any, Any]:
+    from procedures import characterise as procedure
+    from procedures.cli.conduct import Procedure
+    from procedures.report.characterise import plot_characteristics, print_characteristics
+
+    def tell(session: Session, result: procedure.CharacteriseResult, outcome: dict[str, Any], output: Output) -> None:
+        plot = plot_characteristics(result, session.bench.simulated, session.record.folder)
+        points = [asdict(p) for p in result.points]
+        if output.as_json:
+            output.json({**outcome, "points": points, **result.summary(), "plot": str(plot)})
+        elif output.for_people:
+            print_characteristics(result, outcome, plot)
+
+    return Procedure(
         procedure.PROCEDURE,
-        choice,
-        output,
-        asdict(settings),
-        lambda target: procedure.check(settings, target.design, target.force_limit, target.nodes),
-        lambda session, progress: procedure.run(
+        procedure.CharacteriseSettings,
+        lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, settings, progress, _: procedure.run(
             session.bench, session.design, session.calibration, settings, session.record, progress
         ),
+        tell,
     )
-    plot = plot_characteristics(result, session.bench.simulated, session.record.folder)
-    if output.as_json:
-        output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
-    elif output.for_people:
-        print_characteristics(result, outcome, plot)

@@ -7,11 +7,15 @@ from pathlib import Path
 import click
 
 from procedures.cli.options import FILE_NAME, Output, output_options, store
+from procedures.cli.resume import resume
 
 
 @click.group()
 def runs() -> None:
-    """Look at recorded runs."""
+    """Look at recorded runs, go on with them, mend them."""
+
+
+runs.add_command(resume)
 
 
 @runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
@@ -20,7 +24,7 @@ def runs() -> None:
 def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
     from procedures.report.runs import print_runs, run_row
-    from procedures.run import list_runs
+    from procedures.run_list import list_runs
 
     output = Output(as_json, quiet)
     found = list_runs(out or store())
@@ -42,7 +46,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     Every waveform is checked against its CRC; the digest is equal for runs that measured the same.
     """
     from procedures.report.runs import print_run, run_object
-    from procedures.run import Run, find_run
+    from procedures.run import Run
+    from procedures.run_list import find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, out or store()))
@@ -64,7 +69,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
     from procedures.export import export as export_run
-    from procedures.run import Run, find_run
+    from procedures.run import Run
+    from procedures.run_list import find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal
 
 import click
 
@@ -29,8 +29,9 @@ from instrument.operator import Operator
 from instrument.quantity import show
 from instrument.sample import Sample
 from procedures.cli.calibrations import films_of, load_cell_of
-from procedures.cli.options import Choice, Output, Progress, result_folder
+from procedures.cli.options import Choice, result_folder
 from procedures.record import Recorder
+from procedures.resume import Resumed
 from procedures.run import storing
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
@@ -50,16 +51,6 @@ class Target:
 
 Check = Callable[[Target], None]
 Calibrating = Literal["load cell", "films"]
-
-
-class Result(Protocol):
-    """What a procedure finds."""
-
-    def summary(self) -> dict[str, Any]:
-        """It without its points, for the record."""
-
-
-R = TypeVar("R", bound=Result)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,33 +128,40 @@ def open_session(
     *,
     model: str | None = None,
     calibrating: Calibrating | None = None,
+    resumed: Resumed | None = None,
 ) -> Iterator[Session]:
-    """Open the bench and its run; on the way out outputs are off, then the run is closed.
+    """Open the bench and its run, a new one or one that goes on; on the way out outputs are off, then it is closed.
 
     A run that is `calibrating` the load cell needs no calibration of it; one of the films uses none of theirs.
 
     Raises:
-        UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses.
+        UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses; another
+            bench than that of the run which is to go on.
         ConfigError, UnknownName: a bench, scene or calibration file is wrong.
         BenchError: a device cannot be opened or identified. RecordError: the folder cannot be written.
     """
-    started, wall_start = datetime.now(UTC), time.monotonic()
+    today, wall_start = datetime.now(UTC), time.monotonic()
+    started = today if resumed is None else resumed.run.started
     given, chosen = _chosen(choice, model)
     check(_target(given, chosen))
     with ExitStack() as stack:
-        folder = stack.enter_context(result_folder(choice.out, procedure, started))
-        clock: Clock = WallClock()
+        if resumed is None:
+            folder = stack.enter_context(result_folder(choice.out, procedure, started))
+        else:
+            folder = resumed.folder
+        clock: Clock = WallClock(0 if resumed is None else resumed.bench_ns)
         operator: Operator = ConsoleOperator()
         description = given
         if chosen is not None:
             simulated = stack.enter_context(SimulatedBench(chosen))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
+            today = started  # its calendar stands still
         assert description is not None
         opening = stack.enter_context(ExitStack())
         opened = opening.enter_context(Bench(description, clock, operator))
-        calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(opened, started.date())
+        calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(opened, today.date())
         design = get_design(description.design)
-        films = None if calibrating else films_of(opened, design, started.date())
+        films = None if calibrating else films_of(opened, design, today.date())
         header = {
             "procedure": procedure,
             "simulated": opened.simulated,
@@ -181,7 +179,11 @@ def open_session(
             "versions": {"python": platform.python_version(), **{p: metadata.version(p) for p in PACKAGES}},
             "commit": _commit(),
         }
-        record = stack.enter_context(Recorder.create(folder, header))
+        if resumed is None:
+            record = stack.enter_context(Recorder.create(folder, header))
+        else:
+            resumed.begin(header)
+            record = stack.enter_context(resumed)
         stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
         with storing(folder):
             (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
@@ -195,35 +197,6 @@ def open_session(
             if record.points:
                 error.add_note(f"points already taken are kept in {record.folder}")
             raise
-
-
-def conduct(
-    procedure: str,
-    choice: Choice,
-    output: Output,
-    settings: Mapping[str, object],
-    check: Check,
-    work: Callable[[Session, Progress], R],
-    *,
-    model: str | None = None,
-    calibrating: Calibrating | None = None,
-) -> tuple[Session, R, dict[str, Any]]:
-    """Do the work of a procedure in a session, from the opened bench to the finished record.
-
-    Returns:
-        The session, now closed, the result, and what every result says of itself.
-
-    Raises:
-        As `open_session`, and whatever the work raises.
-    """
-    with (
-        output.progress() as progress,
-        open_session(procedure, choice, settings, check, model=model, calibrating=calibrating) as session,
-    ):
-        result = work(session, progress)
-        outcome = session.outcome()
-        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
-    return session, result, outcome
 
 
 def target_of(choice: Choice, model: str | None = None) -> Target:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,8 @@ from procedures.cli.options import Choice, Output, bench_options
 if TYPE_CHECKING:
     from instrument.design import Design
     from instrument.sample import Sample
+    from procedures.cli.conduct import Procedure
+    from procedures.cli.session import Session
 
 
 @click.command(
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 @click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
 @click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
 @click.option("--model", metavar="NAME", help="That answers: experiment, auto, column, ... (default: experiment).")
+@click.option("--budget", is_flag=True, help="Print the uncertainty budgets.")
 @bench_options
 def softness(
     samples: str | None,
@@ -34,6 +37,7 @@ def softness(
     dwell: str,
     frequency: str,
     model: str | None,
+    budget: bool,
     choice: Choice,
     output: Output,
 ) -> None:
@@ -45,9 +49,10 @@ def softness(
     """
     from instrument.quantity import parse
     from procedures import softness as procedure
-    from procedures.cli.session import conduct, target_of
+    from procedures.cli.conduct import conduct
+    from procedures.cli.session import target_of
     from procedures.load_plan import parse_loads
-    from procedures.report.softness import plot_softness, print_softness
+    from procedures.report.budget import print_budgets
 
     target = target_of(choice)
     settings = procedure.SoftnessSettings(
@@ -57,22 +62,33 @@ def softness(
         parse(frequency, "Hz"),
         model or procedure.default_model(target.design),
     )
-    procedure.check(settings, target.design, target.force_limit)
-    session, result, outcome = conduct(
+    result, outcome = conduct(of_softness(), settings, choice, output)
+    if budget and output.for_people:
+        print_budgets(result.budgets, outcome["simulated"])
+
+
+def of_softness() -> Procedure[Any, Any]:
+    from procedures import softness as procedure
+    from procedures.cli.conduct import Procedure
+    from procedures.report.softness import plot_softness, print_softness
+
+    def tell(session: Session, result: procedure.SoftnessResult, outcome: dict[str, Any], output: Output) -> None:
+        plot = plot_softness(result, session.bench.simulated, session.record.folder)
+        points = [asdict(p) for p in result.points]
+        if output.as_json:
+            output.json({**outcome, "points": points, **result.summary(), "plot": str(plot)})
+        elif output.for_people:
+            print_softness(result, outcome, plot)
+
+    return Procedure(
         procedure.PROCEDURE,
-        choice,
-        output,
-        asdict(settings),
-        lambda _: None,
-        lambda session, progress: procedure.run(
+        procedure.SoftnessSettings,
+        lambda settings, target: procedure.check(settings, target.design, target.force_limit),
+        lambda session, settings, progress, _: procedure.run(
             session.bench, session.design, session.calibration, settings, session.record, progress
         ),
+        tell,
     )
-    plot = plot_softness(result, session.bench.simulated, session.record.folder)
-    if output.as_json:
-        output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
-    elif output.for_people:
-        print_softness(result, outcome, plot)
 
 
 def _objects(

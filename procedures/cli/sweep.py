@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from procedures.cli.options import Choice, Output, bench_options, budget_option, extrapolate_option
-
-if TYPE_CHECKING:
-    from procedures.cli.session import Target
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
@@ -228,16 +224,15 @@ def _sweep(
 
     Returns the result, and whether it is simulated; None of a dry run.
     """
+    from procedures.cli.conduct import conduct
     from procedures.cli.keys import keyboard
-    from procedures.cli.session import conduct, target_of
+    from procedures.cli.session import target_of
+    from procedures.cli.sweeps import sweep_of
     from procedures.report.plan import print_plan
-
-    def check(target: Target) -> None:
-        planned.check(settings, target.design, target.force_limit, target.nodes)
 
     if dry_run:
         target = target_of(choice, model)
-        check(target)
+        planned.check(settings, target.design, target.force_limit, target.nodes)
         plan = planned.plan(settings, target.design)
         if output.as_json:
             output.json(plan.summary())
@@ -245,20 +240,7 @@ def _sweep(
             print_plan(plan)
         return None
     with keyboard() as pause:
-        session, result, outcome = conduct(
-            planned.PROCEDURE,
-            choice,
-            output,
-            asdict(settings),
-            check,
-            lambda session, progress: procedure.run(
-                session.bench, session.design, session.calibration, settings, session.record, progress, pause
-            ),
-            model=model,
+        result, outcome = conduct(
+            sweep_of(planned, procedure, report, type(settings)), settings, choice, output, model=model, pause=pause
         )
-    plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
-    if output.as_json:
-        output.json({**outcome, "points": [asdict(p) for p in result.points], **result.summary(), "plot": str(plot)})
-    elif output.for_people:
-        report.print_sweep(result, session.design, outcome, plot)
-    return result, session.bench.simulated
+    return result, outcome["simulated"]

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.cli.options import Choice, Output, bench_options, extrapolate_option
+
+if TYPE_CHECKING:
+    from procedures.cli.conduct import Procedure
+    from procedures.cli.session import Session
 
 
 @click.group()
@@ -35,32 +40,35 @@ def modulus(
     """
     from instrument.quantity import parse
     from procedures import modulus as procedure
-    from procedures.cli.session import conduct
+    from procedures.cli.conduct import conduct
     from procedures.report.budget import print_budgets
-    from procedures.report.modulus import plot_modulus, print_modulus
 
     settings = procedure.ModulusSettings(sample, parse(strain, ""), steps, extrapolate)
-    session, result, outcome = conduct(
+    result, outcome = conduct(of_modulus(), settings, choice, output)
+    if budget and output.for_people:
+        print_budgets((found.budget for found in result.results()), outcome["simulated"])
+
+
+def of_modulus() -> Procedure[Any, Any]:
+    from procedures import modulus as procedure
+    from procedures.cli.conduct import Procedure
+    from procedures.report.modulus import plot_modulus, print_modulus
+
+    def tell(session: Session, result: procedure.ModulusResult, outcome: dict[str, Any], output: Output) -> None:
+        plot = plot_modulus(result, session.bench.simulated, session.record.folder)
+        if output.as_json:
+            points = [asdict(p) for p in result.compression.points]
+            budgets = [found.summary() for found in result.results()]
+            output.json({**outcome, "points": points, **result.summary(), "budgets": budgets, "plot": str(plot)})
+        elif output.for_people:
+            print_modulus(result, outcome, plot)
+
+    return Procedure(
         procedure.PROCEDURE,
-        choice,
-        output,
-        asdict(settings),
-        lambda bench: procedure.check(settings, bench.force_limit),
-        lambda session, progress: procedure.run(session.bench, session.calibration, settings, session.record, progress),
+        procedure.ModulusSettings,
+        lambda settings, target: procedure.check(settings, target.force_limit),
+        lambda session, settings, progress, _: procedure.run(
+            session.bench, session.calibration, settings, session.record, progress
+        ),
+        tell,
     )
-    plot = plot_modulus(result, session.bench.simulated, session.record.folder)
-    if output.as_json:
-        points = [asdict(p) for p in result.compression.points]
-        output.json(
-            {
-                **outcome,
-                "points": points,
-                **result.summary(),
-                "budgets": [found.summary() for found in result.results()],
-                "plot": str(plot),
-            }
-        )
-    elif output.for_people:
-        print_modulus(result, outcome, plot)
-        if budget:
-            print_budgets((found.budget for found in result.results()), session.bench.simulated)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from procedures.report.text import STAMP, new_table, number, print_all, stamped
-from procedures.run import Run, RunSummary
+from procedures.run import Run
+from procedures.run_list import RunSummary
 
 
 def print_runs(found: list[RunSummary], folder: Path) -> None:

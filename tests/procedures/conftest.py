@@ -160,7 +160,7 @@ def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) 
             super().mount(sample)
             sim.operator.mount(sample)
 
-    monkeypatch.setattr(session, "WallClock", lambda: sim.clock)
+    monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)
     monkeypatch.setattr(session, "ConsoleOperator", Person)
     Path("lab.toml").write_text(sim.description.to_toml(), encoding="utf-8")
     return "lab.toml"

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.run import DATABASE, Run, list_runs
+from procedures.run import DATABASE, Run
+from procedures.run_list import list_runs
 
 # Runs one after the other, so that a kill also meets the start and the end of a run. Long data fills
 # the log in a few points, so that it also meets a checkpoint.

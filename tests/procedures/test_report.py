@@ -24,7 +24,8 @@ from procedures.report.load_cell import plot_load_cell, print_load_cell
 from procedures.report.load_sweep import plot_sweep, print_sweep
 from procedures.report.runs import print_run, print_runs
 from procedures.report.text import STAMP
-from procedures.run import Run, RunSummary
+from procedures.run import Run
+from procedures.run_list import RunSummary
 from tests.procedures.conftest import HEADER, Palpate
 
 DESIGN = get_design("single")
@@ -33,6 +34,7 @@ OUTCOME = {
     "simulated": True,
     "calibration": f"cal {MARKUP}",
     "calibration_file": "cell.toml",
+    "certificate": "certificate.html",
     "bench_seconds": 100.0,
     "wall_seconds": 0.5,
     "run": f"/{MARKUP}",
@@ -47,7 +49,14 @@ SWEEP = evaluate([point("1", 2.0, 0.3), point("1", 3.0, 0.4, valid=False), point
 CALIBRATION = LoadCellResult(
     THESIS_LOAD_CELL,
     [
-        {"direction": direction, "load_gf": gf, "load_N": gf * 9.80665e-3, "reading_mV": 1.81 + 0.101 * gf}
+        {
+            "direction": direction,
+            "position_deg": 0.0,
+            "run": 1,
+            "load_gf": gf,
+            "load_N": gf * 9.80665e-3,
+            "reading_mV": 1.81 + 0.101 * gf,
+        }
         for direction in ("loading", "unloading")
         for gf in (140.0, 240.0)
     ],
@@ -144,6 +153,14 @@ def test_the_table_of_a_sweep_shows_each_point_and_mean_beside_the_thesis(capsys
     assert ["time", "100", "s", "on", "the", "bench,", "0.5", "s", "here", "(x", "200)"] in rows
 
 
+def test_the_order_stands_beside_that_of_the_thesis_means_and_of_its_figure(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = evaluate([point("3", 2.0, 0.2), point("5", 2.0, 0.1)], get_design("common_base"))
+    print_sweep(found, get_design("common_base"), OUTCOME, Path("plot.png"))
+    assert "hard to soft: 3 > 5   (thesis: 3 > 5; its figure at 3 N: 5 > 3)" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_table_is_stamped_if_and_only_if_it_is_simulated(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, simulated: bool
@@ -166,7 +183,7 @@ def test_the_table_of_a_calibration_shows_its_figures(capsys: pytest.CaptureFixt
     text = capsys.readouterr().out
     assert "sensitivity    10.306 mV/N, u = 0.056 mV/N   (thesis: 10.3 mV/N)" in text
     assert "resolution     1 mV = 97.03 mN" in text
-    assert ["140", "1.3729", "15.95", "15.95"] in [line.split() for line in text.splitlines()]
+    assert ["0°", "1", "140", "1.3729", "15.95", "15.95"] in [line.split() for line in text.splitlines()]
 
 
 def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

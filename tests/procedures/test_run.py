@@ -17,7 +17,8 @@ import pytest
 from instrument.errors import RecordError, UnknownName, UsageError
 from procedures.export import export
 from procedures.record import Recorder
-from procedures.run import Run, find_run, list_runs
+from procedures.run import Run
+from procedures.run_list import find_run, list_runs
 
 NOBODY = 65534
 

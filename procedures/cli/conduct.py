@@ -1,0 +1,83 @@
+"""What every procedure on a bench is to the command line: enough to begin it, and to go on with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
+
+from procedures.cli.options import Choice, Output, Progress
+from procedures.cli.session import Calibrating, Session, Target, open_session
+from procedures.pause import NOBODY, Pause
+from procedures.resume import PausedAgain, Resumed
+
+
+class Result(Protocol):
+    """What a procedure finds."""
+
+    def summary(self) -> dict[str, Any]:
+        """It without its points, for the record."""
+
+
+S = TypeVar("S")
+R = TypeVar("R", bound=Result)
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure(Generic[S, R]):
+    """A procedure with its settings `S`, a dataclass, and its result `R`.
+
+    Attributes:
+        check: refuses what cannot be done before the bench is opened.
+        tell: what follows a finished run: calibrations kept, a plot, and the result as JSON or for people.
+        constants: what the record says beside the settings.
+        continues: on a real bench it can go on at any point; else what came before has to be measured anew.
+    """
+
+    name: str
+    settings: type[S]
+    check: Callable[[S, Target], None]
+    run: Callable[[Session, S, Progress, Pause], R]
+    tell: Callable[[Session, R, dict[str, Any], Output], None]
+    calibrating: Calibrating | None = None
+    constants: Mapping[str, object] = field(default_factory=dict)
+    continues: bool = False
+
+
+def conduct(
+    procedure: Procedure[S, R],
+    settings: S,
+    choice: Choice,
+    output: Output,
+    *,
+    model: str | None = None,
+    pause: Pause = NOBODY,
+    resumed: Resumed | None = None,
+) -> tuple[R, dict[str, Any]]:
+    """Do a procedure in a session, from the opened bench to the finished record, and tell what it found.
+
+    Returns:
+        The result, and what every result says of itself.
+
+    Raises:
+        As `open_session`, and whatever the procedure raises.
+    """
+    with (
+        output.progress() as progress,
+        open_session(
+            procedure.name,
+            choice,
+            {**asdict(settings), **procedure.constants},  # type: ignore[call-overload]
+            lambda target: procedure.check(settings, target),
+            model=model,
+            calibrating=procedure.calibrating,
+            resumed=resumed,
+        ) as session,
+    ):
+        if resumed is not None:
+            pause = PausedAgain(resumed, session.bench, pause)
+        result = procedure.run(session, settings, progress, pause)
+        outcome = session.outcome()
+        session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
+    procedure.tell(session, result, outcome, output)
+    return result, outcome

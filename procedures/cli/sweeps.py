@@ -1,0 +1,64 @@
+"""The sweeps, as `procedures.cli.conduct` conducts them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from types import ModuleType
+from typing import Any
+
+from procedures.cli.conduct import Procedure
+from procedures.cli.options import Output
+from procedures.cli.session import Session
+
+
+def of_loads() -> Procedure[Any, Any]:
+    from procedures import load_plan, load_sweep
+    from procedures.report import load_sweep as report
+
+    return sweep_of(load_plan, load_sweep, report, load_plan.SweepSettings, continues=True)
+
+
+def of_frequency() -> Procedure[Any, Any]:
+    from procedures import frequency_sweep
+    from procedures.report import frequency_sweep as report
+
+    return sweep_of(frequency_sweep, frequency_sweep, report, frequency_sweep.FrequencySettings, continues=True)
+
+
+def of_temperature() -> Procedure[Any, Any]:
+    from procedures import temperature_sweep
+    from procedures.report import temperature_sweep as report
+
+    return sweep_of(temperature_sweep, temperature_sweep, report, temperature_sweep.TemperatureSettings)
+
+
+def of_position() -> Procedure[Any, Any]:
+    from procedures import position_sweep
+    from procedures.report import position_sweep as report
+
+    return sweep_of(position_sweep, position_sweep, report, position_sweep.PositionSettings)
+
+
+def sweep_of(
+    planned: ModuleType, procedure: ModuleType, report: ModuleType, settings: type[Any], *, continues: bool = False
+) -> Procedure[Any, Any]:
+    """`planned` checks a sweep, `procedure` runs it, `report` shows it."""
+
+    def tell(session: Session, result: Any, outcome: dict[str, Any], output: Output) -> None:
+        plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
+        points = [asdict(p) for p in result.points]
+        if output.as_json:
+            output.json({**outcome, "points": points, **result.summary(), "plot": str(plot)})
+        elif output.for_people:
+            report.print_sweep(result, session.design, outcome, plot)
+
+    return Procedure(
+        planned.PROCEDURE,
+        settings,
+        lambda settings, target: planned.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, settings, progress, pause: procedure.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress, pause
+        ),
+        tell,
+        continues=continues,
+    )

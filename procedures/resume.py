@@ -1,0 +1,222 @@
+"""A run that goes on where it ended: nothing finished is lost, and nothing is stored twice.
+
+A real bench begins at the first point that is not stored. A simulated one gets to where it was by doing everything
+again, because what it gives depends on all that was done to it before; what is stored already is compared with what it
+gives now, and not stored a second time. So the finished run is that of a bench that was never interrupted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tomllib
+import zlib
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from drivers.bench import Bench
+from instrument.errors import RecordError, UsageError
+from procedures.check import check
+from procedures.encoding import Waveforms, as_json, encoded
+from procedures.pause import PAUSED, Pause
+from procedures.record import Recorder
+from procedures.run import DATABASE, WAVEFORMS, Run, storing
+
+COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
+CONTINUED, CHANGED = "continued", "changed"
+MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the record's, not of the procedure's
+ACCEPT = "--accept-change"
+
+T = TypeVar("T")
+
+
+class Resumed(Recorder):
+    """The one writer of a run that goes on: opened, then `begin`, then as any recorder."""
+
+    def __init__(self, run: Run, *, replay: bool, accept: bool) -> None:
+        """Keep other writers out; nothing is written yet.
+
+        Args:
+            replay: the bench is a simulated one that begins at its start again.
+            accept: what has changed since is recorded, not refused.
+
+        Raises:
+            UsageError: the run is complete, or another process is writing it.
+            RecordError: it is damaged, or its folder cannot be written to.
+        """
+        if run.status == "complete":
+            raise UsageError(f"{run.folder} is complete; there is nothing to resume")
+        super().__init__(run.folder)
+        self.run = run
+        self._replay, self._accept = replay, accept
+        with contextlib.ExitStack() as undo:
+            undo.callback(self.close)
+            if faults := check(run.folder).faults:
+                raise RecordError(f"{run.folder} is damaged: {faults[0]}; salvage it with palpate runs repair")
+            self._stored = list(self._read_points())
+            self._events = deque((e["kind"], e["bench_ns"]) for e in run.events())
+            undo.pop_all()
+        self._bench_ns = max([0, *(ns for _, ns in self._events), *(ns for ns, _, _ in self._stored)])
+        self._events = deque(event for event in self._events if replay and event[0] not in MARKS)
+        if not replay:
+            self._points = len(self._stored)
+
+    @property
+    def bench_ns(self) -> int:
+        """Bench time at which the run ended, ns."""
+        return self._bench_ns
+
+    def begin(self, header: Mapping[str, object]) -> None:
+        """Go on, on the bench that `header` describes as that of a new run.
+
+        Raises:
+            UsageError: it is not the bench of the record; names each difference.
+        """
+        if bool(header["simulated"]) != self.run.simulated:
+            raise UsageError(f"{self.folder} is {'' if self.run.simulated else 'not '}simulated, this bench is another")
+        changes = list(_differences(_comparable(self.run.header), _comparable(json.loads(as_json(header)))))
+        if changes and not self._accept:
+            raise UsageError(
+                f"{self.folder} cannot go on, the bench has changed:\n  "
+                + "\n  ".join(changes)
+                + f"\nput it back as it was, or resume with {ACCEPT}, which is recorded"
+            )
+        with storing(self.folder / WAVEFORMS):
+            self._waveforms.truncate(self._stored_bytes())  # what a point that was never stored has left
+            os.fsync(self._waveforms.fileno())
+        with storing(self.folder / DATABASE), self._database:
+            values = [(as_json("running"), "status"), (as_json({}), "summary")]
+            self._database.executemany("UPDATE run SET value = ? WHERE key = ?", values)
+            self._insert_event(CONTINUED, f"after point {len(self._stored)}", self._bench_ns)
+            for change in changes:
+                self._insert_event(CHANGED, change, self._bench_ns)
+
+    def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:
+        """As `Recorder.point`; one that is stored already is compared.
+
+        Raises:
+            RecordError: it is not what the bench gives now.
+        """
+        if self._points >= len(self._stored):
+            if self._events:
+                self._differs(f"event {self._events[0][0]!r}", bench_ns)
+            return super().point(data, waveforms, bench_ns)
+        text, arrays = encoded(data, waveforms)
+        rows = [(name, float(rate), samples.size, zlib.crc32(samples.data)) for name, rate, samples in arrays]
+        before = self._stored[self._points]
+        self._points += 1
+        self._bench_ns = bench_ns
+        if (bench_ns, text, rows) != before:
+            self._differs(f"point {self._points}", bench_ns)
+        return self._points
+
+    def event(self, kind: str, message: str, bench_ns: int) -> None:
+        """As `Recorder.event`; one that is stored already is compared. Raises RecordError as `point`."""
+        if self._events:
+            if (kind, bench_ns) == self._events[0]:  # messages can name addresses, which are new
+                self._events.popleft()
+                return
+            self._differs(f"event {self._events[0][0]!r}", bench_ns)
+        super().event(kind, message, bench_ns)
+
+    def finished(self, kind: type[T]) -> list[T]:
+        """The points that a real bench need not measure again, as the dataclass they were stored from."""
+        data = [] if self._replay else [json.loads(text) for _, text, _ in self._stored]
+        try:
+            return _as(kind, data)
+        except ValidationError as error:
+            raise RecordError(f"{self.folder}: its points are of another palpate ({error}); run anew") from None
+
+    def paused(self, bench_ns: int) -> bool:
+        """Whether the run was paused at this moment before."""
+        return bool(self._events) and self._events[0] == (PAUSED, bench_ns)
+
+    def _differs(self, what: str, bench_ns: int) -> None:
+        message = f"{what} is not what the bench gives now"
+        if not self._accept:
+            raise RecordError(
+                f"{self.folder}: {message}; resume with the palpate that began the run, or with {ACCEPT}, which is "
+                "recorded"
+            )
+        self._events.clear()
+        super().event(CHANGED, message, bench_ns)
+
+    def _read_points(self) -> Iterator[tuple[int, str, list[tuple[str, float, int, int]]]]:
+        with storing(self.folder / DATABASE):
+            rows: dict[int, list[tuple[str, float, int, int]]] = {}
+            of_waveforms = "SELECT point_id, name, rate, length, crc32 FROM waveform ORDER BY id"
+            for point_id, *row in self._database.execute(of_waveforms):
+                rows.setdefault(point_id, []).append((row[0], row[1], row[2], row[3]))
+            for point_id, bench_ns, text in self._database.execute("SELECT * FROM point ORDER BY id"):
+                yield bench_ns, text, rows.get(point_id, [])
+
+    def _stored_bytes(self) -> int:
+        (end,) = self._database.execute("SELECT coalesce(max(offset + 4 * length), 0) FROM waveform").fetchone()
+        return int(end)
+
+
+class PausedAgain:
+    """Pauses a replayed run where it was paused before, for no time, and else where somebody asks. A `Pause`."""
+
+    def __init__(self, record: Resumed, bench: Bench, pause: Pause) -> None:
+        self._record, self._bench, self._pause = record, bench, pause
+        self._before = False
+
+    def asked(self) -> bool:
+        self._before = self._record.paused(self._bench.clock.now_ns())
+        return self._before or self._pause.asked()
+
+    def wait(self) -> None:
+        if not self._before:
+            self._pause.wait()
+
+
+def settings_of(run: Run, kind: type[T]) -> T:
+    """The settings that a run was begun with, as their dataclass. Raises RecordError."""
+    try:
+        (settings,) = _as(kind, [run.header["settings"]])
+    except (ValidationError, KeyError) as error:
+        raise RecordError(f"{run.folder}: its settings are of another palpate ({error}); run anew") from None
+    return settings
+
+
+def _comparable(header: Mapping[str, Any]) -> dict[str, Any]:
+    """What has to be as it was; a simulated bench has new addresses each time, its scene says what it is."""
+    found = {key: header[key] for key in COMPARED}
+    found["devices"] = {name.partition(" at ")[0]: serial for name, serial in header["devices"].items()}
+    if found["scene"] is None:
+        found["bench"] = tomllib.loads(found["bench"])
+    else:
+        found["scene"] = tomllib.loads(found["scene"]["toml"])
+        del found["bench"]
+    return found
+
+
+def _differences(before: Any, now: Any, key: str = "") -> Iterator[str]:
+    """Each value that differs, with its key."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for name in dict.fromkeys((*before, *now)):
+            yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else name)
+    elif before != now:
+        yield f"{key}: {json.dumps(before)} in the record, {json.dumps(now)} now"
+
+
+def _as(kind: type[T], data: list[Any]) -> list[T]:
+    """`data` from JSON as dataclasses; a null where a number belongs was NaN."""
+    adapter = TypeAdapter(list[kind])  # type: ignore[valid-type]
+    try:
+        return adapter.validate_python(data)
+    except ValidationError as error:
+        nulls = [tuple(e["loc"]) for e in error.errors(include_url=False) if e["input"] is None]
+        if not nulls:
+            raise
+    for *path, last in nulls:
+        where: Any = data
+        for part in path:
+            where = where[part]
+        where[last] = float("nan")
+    return adapter.validate_python(data)

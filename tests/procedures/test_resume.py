@@ -1,0 +1,219 @@
+"""A run that was stopped goes on, and ends as if it had not been; on another bench it does not go on unnoticed."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import sqlite3
+import sys
+from collections.abc import Callable
+from contextlib import closing, nullcontext
+from dataclasses import asdict
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from procedures.cli import keys
+from procedures.load_sweep import LoadPoint
+from procedures.record import Recorder
+from procedures.resume import Resumed
+from procedures.run import DATABASE, WAVEFORMS, Run
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
+
+SWEEP = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
+Stop = Callable[[int], None]
+
+
+@pytest.fixture
+def stop(on_progress: Any) -> Stop:
+    """Has the next command interrupted when it has reported so many points; 0: never."""
+
+    def install(points: int) -> None:
+        def report(done: int, _total: int, _what: str) -> None:
+            if points and done == points:
+                raise KeyboardInterrupt
+
+        on_progress(report)
+
+    return install
+
+
+def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
+    """The run `cut`, interrupted after so many points."""
+    stop(points)
+    assert palpate(*command, "--out", "cut").status == 130
+    stop(0)
+    run = Run.open(Path("cut"))
+    assert (run.status, len(run.points())) == ("stopped", points)
+    return run
+
+
+def edit(folder: str, statement: str, *values: object) -> None:
+    with closing(sqlite3.connect(Path(folder) / DATABASE)) as database, database:
+        database.execute(statement, values)
+
+
+@pytest.fixture
+def person(lab: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The bench file of `lab`, with somebody at its console."""
+    monkeypatch.setattr(sys, "stdin", StringIO("\n" * 9))
+    return lab
+
+
+def events(folder: str) -> list[str]:
+    return [event["kind"] for event in Run.open(Path(folder)).events()]
+
+
+@pytest.fixture
+def whole(palpate: Palpate) -> Run:
+    assert palpate(*SWEEP, "--out", "whole").status == 0
+    return Run.open(Path("whole"))
+
+
+def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate, stop: Stop, whole: Run) -> None:
+    stopped(palpate, stop, 1, *SWEEP)
+    with (Path("cut") / WAVEFORMS).open("ab") as file:
+        file.write(bytes(1001))  # of a point that was never stored
+    stop(3)
+    assert palpate("runs", "resume", "cut").status == 130
+    stop(0)
+    Path("cut/scene.toml").unlink()
+    said = palpate("runs", "resume", "cut", "--json").object
+    run = Run.open(Path("cut"))
+    assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
+    assert (run.folder / WAVEFORMS).read_bytes() == (whole.folder / WAVEFORMS).read_bytes()
+    assert said["softness_order"] == whole.summary["softness_order"]
+    assert len(said["points"]) == 4
+    assert events("cut") == ["stopped", "continued", "stopped", "continued"]
+
+
+@pytest.mark.parametrize(
+    ("points", "command"),
+    [
+        (3, ("calibrate", "load-cell", "--loads", "140 gf:740 gf:200 gf")),
+        (2, ("sweep", "frequency", "--frequencies", "5 Hz, 10 Hz, 20 Hz")),
+    ],
+)
+def test_other_procedures_go_on_too(palpate: Palpate, stop: Stop, points: int, command: tuple[str, ...]) -> None:
+    assert palpate(*command, "--quiet", "--out", "whole").status == 0
+    shutil.rmtree("runs", ignore_errors=True)
+    stopped(palpate, stop, points, *command, "--quiet")
+    palpate("runs", "resume", "cut", "--json").object  # noqa: B018
+    whole, run = Run.open(Path("whole")), Run.open(Path("cut"))
+    assert (run.digest(), run.summary) == (whole.digest(), whole.summary)
+    assert {p.name for p in run.folder.iterdir()} == {p.name for p in whole.folder.iterdir()}
+
+
+class Once:
+    """Asks for a pause before the second point."""
+
+    def __init__(self) -> None:
+        self._asked = 0
+
+    def asked(self) -> bool:
+        self._asked += 1
+        return self._asked == 2
+
+    def wait(self) -> None:
+        pass
+
+
+def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as pressed:
+        pressed.setattr(keys, "keyboard", lambda: nullcontext(Once()))
+        assert palpate(*SWEEP, "--out", "whole").status == 0
+        stopped(palpate, stop, 3, *SWEEP)
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    assert Run.open(Path("cut")).digest() == Run.open(Path("whole")).digest()
+    assert events("cut") == ["paused", "resumed", "stopped", "continued"]
+
+
+# --- what has changed -----------------------------------------------------------------------------------
+
+
+def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, stop: Stop) -> None:
+    before = stopped(palpate, stop, 3, *SWEEP).points()
+    scene = Path("cut/scene.toml")
+    scene.write_text(scene.read_text().replace("seed = 1", "seed = 2"))
+    edit("cut", "UPDATE run SET value = json_replace(value, '$.numpy', '1.0') WHERE key = 'versions'")
+    edit("cut", "UPDATE run SET value = json_replace(value, '$.zero_mV', 9.5) WHERE key = 'calibration'")
+    said = palpate("runs", "resume", "cut")
+    assert said.status == 2
+    assert "scene.seed: 1 in the record, 2 now\n" in said.complaint
+    assert 'versions.numpy: "1.0" in the record' in said.complaint
+    assert "calibration.zero_mV: 9.5 in the record, 1." in said.complaint
+    assert said.complaint.endswith("or resume with --accept-change, which is recorded")
+    assert events("cut") == ["stopped"]
+    assert palpate("runs", "resume", "cut", "--accept-change", "--quiet").status == 0
+    run = Run.open(Path("cut"))
+    assert (run.status, run.points()[:3], len(run.points())) == ("complete", before, 4)
+    messages = [event["message"] for event in run.events() if event["kind"] == "changed"]
+    assert messages[3:] == [f"point {n} is not what the bench gives now" for n in (1, 2, 3)]
+
+
+def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
+    stopped(palpate, stop, 3, *SWEEP)
+    edit("cut", "UPDATE point SET data = json_replace(data, '$.force_ratio', 0.5) WHERE id = 2")
+    said = palpate("runs", "resume", "cut")
+    assert said.status == 1
+    assert "point 2 is not what the bench gives now" in said.complaint
+    assert len(Run.open(Path("cut")).points()) == 3
+
+
+def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
+    assert "is complete; there is nothing to resume" in palpate("runs", "resume", "whole").complaint
+    edit("whole", "UPDATE run SET value = '\"running\"' WHERE key = 'status'")
+    with Resumed(Run.open(whole.folder), replay=True, accept=False):
+        assert "is being written by another process" in palpate("runs", "resume", "whole").complaint
+    edit("whole", "UPDATE run SET value = '\"running\"' WHERE key = 'status'")
+    assert "leave it out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
+    os.truncate(whole.folder / WAVEFORMS, 100)
+    assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
+    edit("whole", "UPDATE run SET value = '\"reproduce\"' WHERE key = 'procedure'")
+    assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint
+
+
+# --- a real bench ---------------------------------------------------------------------------------------
+
+
+def test_a_real_bench_begins_at_the_next_point(palpate: Palpate, stop: Stop, person: str, sim: SimulatedBench) -> None:
+    before = stopped(palpate, stop, 3, *SWEEP, "--bench", person).points()
+    mounted = sim.clock.now_ns()
+    said = palpate("runs", "resume", "cut", "--json").object
+    run = Run.open(Path("cut"))
+    points = run.points()
+    assert points[:3] == before
+    assert [(p["sample"], p["load_N"]) for p in points] == [("1", 2.0), ("1", 3.0), ("2", 2.0), ("2", 3.0)]
+    assert points[3]["bench_ns"] > mounted + 60e9
+    assert [p["force_ratio"] for p in said["points"]] == [p["force_ratio"] for p in points]
+    assert outputs(sim) == OFF
+
+
+def test_another_force_limit_of_a_real_bench_is_named(palpate: Palpate, stop: Stop, person: str) -> None:
+    stopped(palpate, stop, 1, *SWEEP, "--bench", person)
+    other = Path("other.toml")
+    other.write_text(Path(person).read_text().replace('"10.0 N"', '"9.0 N"'))
+    said = palpate("runs", "resume", "cut", "--bench", "other.toml")
+    assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said.complaint
+    assert palpate("runs", "resume", "cut", "--bench", "other.toml", "--accept-change", "--quiet").status == 0
+    assert events("cut") == ["stopped", "continued", "changed"]
+
+
+def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpate, stop: Stop, person: str) -> None:
+    stopped(palpate, stop, 2, "calibrate", "load-cell", "--bench", person, "--quiet")
+    assert "cannot go on in the middle" in palpate("runs", "resume", "cut").complaint
+
+
+def test_a_stored_null_is_read_back_as_nan(tmp_path: Path) -> None:
+    header = {**HEADER, "settings": {}}
+    point = LoadPoint("1", 2.0, *[math.nan] * 11, valid=False, flags=("not finite",))
+    with Recorder.create(tmp_path, header) as record:
+        record.point(asdict(point), {}, 5)
+    with Resumed(Run.open(tmp_path), replay=False, accept=False) as resumed:
+        (again,) = resumed.finished(LoadPoint)
+        assert resumed.bench_ns == 5
+    assert repr(again) == repr(point)
