@@ -47,9 +47,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
             s.sample, f"{s.force_ratio:.4f}", f"{s.force_ratio_u:.4f}", number(s.thesis_force_ratio), difference,
             str(s.valid_points),
         )  # fmt: skip
-    swept = set(result.softness_order)
-    thesis_order = [name for name in design.thesis_softness_order if name in swept]
-    compared = f"   (thesis: {' > '.join(thesis_order)})" if thesis_order else ""
+    compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
     repeated = sum(p.attempts - 1 for p in result.points)
     print_all(
         points,
@@ -60,6 +58,15 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )
+
+
+def _thesis_order(design: Design, swept: set[str]) -> str:
+    """By the thesis' means, as ours is by ours; where its figure at one load says otherwise, that too."""
+    means = sorted(design.thesis_force_ratio, key=lambda name: design.thesis_force_ratio[name], reverse=True)
+    by_mean, figure = (
+        " > ".join(name for name in order if name in swept) for order in (means, design.thesis_softness_order)
+    )
+    return by_mean if by_mean == figure else f"{by_mean}; its figure at 3 N: {figure}"
 
 
 def _teeth(result: SweepResult, simulated: bool) -> Table:
