@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from instrument.models.price_list import stored
 from instrument.models.ratio import Question
 from instrument.quantity import show
 from instrument.sample import Sample
+from instrument.uncertainty import Budget, Component, Kind
 from procedures.films import CLIPPED, Films, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_calibrated, check_resolved
@@ -52,6 +53,7 @@ class SoftnessPoint:
     load_measured_u: float
     force_ratio: float
     force_ratio_u: float
+    noise_u: float
     valid: bool
     flags: tuple[str, ...]
 
@@ -81,7 +83,10 @@ class Softness:
 
 @dataclass(frozen=True, slots=True)
 class SoftnessResult:
-    """`alike`: neighbours in the order, hard to soft, that the ratios do not tell apart by 95 %."""
+    """`alike`: neighbours in the order, hard to soft, that the ratios do not tell apart by 95 %.
+
+    `budgets`: of each mean ratio, and, linear, of each modulus that is known; its interval is not linear.
+    """
 
     points: list[SoftnessPoint]
     objects: list[Softness]
@@ -89,6 +94,7 @@ class SoftnessResult:
     alike: list[tuple[str, str]]
     model: str
     price: str
+    budgets: list[Budget]
 
     def summary(self) -> dict[str, Any]:
         """Results under their public names."""
@@ -99,6 +105,7 @@ class SoftnessResult:
             "coverage": COVERAGE,
             "answered_by": self.model,
             "price": self.price,
+            "budgets": [budget.summary() for budget in self.budgets],
         }
 
 
@@ -167,7 +174,7 @@ def run(
             forces = film_forces(design, measured.fit)
             point = SoftnessPoint(
                 sample.name, load, measured.load_N, measured.load_u, forces.force_ratio, forces.force_ratio_u,
-                measured.valid, measured.flags,
+                forces.noise_u, measured.valid, measured.flags,
             )  # fmt: skip
             record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
             points.append(point)
@@ -205,7 +212,27 @@ def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design
         for harder, softer in itertools.pairwise(order)
         if means[harder][0] - means[softer][0] < APART * math.hypot(means[harder][1], means[softer][1])
     ]
-    return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model))
+    budgets = [budget for each in found.values() for budget in _budgets(each, points)]
+    return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model), budgets)
+
+
+def _budgets(each: Softness, points: Sequence[SoftnessPoint]) -> Iterator[Budget]:
+    """Of the mean ratio; and of the modulus where it is known, with what the model may be wrong by."""
+    if each.force_ratio is None:
+        return
+    valid = [point for point in points if point.object == each.object and point.valid]
+    noise = math.sqrt(math.fsum(p.noise_u**2 for p in valid)) / len(valid)
+    scatter = math.sqrt(math.fsum(p.force_ratio_u**2 - p.noise_u**2 for p in valid)) / len(valid)
+    inputs: tuple[tuple[str, float, Kind], ...] = (("noise", noise, "A"), ("gain scatter", scatter, "B"))
+    ratio = tuple(Component(name, u, kind=kind) for name, u, kind in inputs)
+    yield Budget(f"force ratio of {each.object}", each.force_ratio, "", ratio)
+    if each.modulus_Pa is None or each.sensitivity is None:
+        return
+    slope = each.sensitivity * each.modulus_Pa / each.force_ratio
+    # The model's error is a bound: a rectangle of that half width.
+    model = Component("model", (each.model_error or 0.0) / math.sqrt(3), slope)
+    parts = tuple(Component(name, u, slope, kind=kind) for name, u, kind in inputs)
+    yield Budget(f"modulus of {each.object}", each.modulus_Pa, "Pa", (*parts, model))
 
 
 def price_of(design: Design, model: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,7 @@ QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
 def found(*ratios: tuple[str, float, float], flags: tuple[str, ...] = ()) -> SoftnessResult:
     """Of objects whose two points have this ratio and standard uncertainty, by the column model."""
     points = [
-        SoftnessPoint(name, load, load, 0.05, ratio, u, not flags, flags)
+        SoftnessPoint(name, load, load, 0.05, ratio, u, 0.6 * u, not flags, flags)
         for name, ratio, u in ratios
         for load in (2.0, 3.0)
     ]
@@ -63,6 +64,17 @@ def test_model_and_price_are_named() -> None:
     assert found(("a", 0.2, 0.005)).price.startswith("model 'column' (closed form): error of the ratio at most")
     assert "no price" in softness.price_of(SINGLE, "experiment")
     assert default_model(SINGLE) == "experiment"
+
+
+def test_the_budget_of_ratio_and_modulus_adds_up_to_their_uncertainty() -> None:
+    result = found(("soft", ratio_of_modulus(SINGLE, 60e3, 3e-3), 0.002))
+    (each,), (ratio, modulus) = result.objects, result.budgets
+    assert ratio.u == pytest.approx(each.force_ratio_u)
+    assert {row["name"]: row["share"] for row in ratio.rows()} == pytest.approx({"noise": 0.36, "gain scatter": 0.64})
+    assert each.low_Pa is not None and each.high_Pa is not None
+    measured = 1.96 * math.hypot(*(part.contribution for part in modulus.components[:2]))
+    known = modulus.components[2].sensitivity * (each.model_error or 0.0)
+    assert measured + known == pytest.approx((each.high_Pa - each.low_Pa) / 2, rel=0.05)
 
 
 def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public_names(palpate: Palpate) -> None:
