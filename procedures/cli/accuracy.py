@@ -23,6 +23,8 @@ def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: boo
     """What accuracy costs in time. Without a command: all of it on one page, some 20 s."""
     if context.invoked_subcommand is None:
         page(out, Output(as_json, quiet))
+    elif out is not None or as_json or quiet:
+        raise click.UsageError(f"options of {context.invoked_subcommand!r} stand behind it, not before it")
 
 
 accuracy.add_command(integrators)

@@ -12,6 +12,7 @@ import pytest
 from instrument.errors import EstimateError
 from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats
 from procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
+from procedures.cli import accuracy_dwell
 from tests.procedures.conftest import Palpate
 
 FREQUENCY, RATE = 10.0, 250.0
@@ -82,7 +83,10 @@ def test_a_silent_film_gives_no_prices() -> None:
         measure(silent, FREQUENCY, (1.0,))
 
 
-def test_the_command_gives_a_table_a_plot_and_json(palpate: Palpate, tmp_path: Path) -> None:
+def test_the_command_gives_a_table_a_plot_and_json(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accuracy_dwell, "RECORD", 60.0)
     said = palpate(*COMMAND, "--dwell", "0.2 s, 2 s", "--json", "--out", str(tmp_path / "new")).object
     assert set(said) == {
         "simulated", "scene", "sample", "load_N", "frequency_Hz", "sample_rate_Hz", "points", "floor", "floor_u",

@@ -10,14 +10,18 @@ from instrument.models.price_list import stored
 from procedures.accuracy import arithmetic, page
 from procedures.accuracy.arithmetic import ArithmeticPrice
 from procedures.accuracy.page import Way, cheapest
+from procedures.cli import accuracy_dwell
 from simulators import integrators
 from tests.procedures.conftest import Palpate
 
 
 @pytest.fixture(autouse=True)
-def times_are_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+def records_are_short_and_times_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arithmetic, "seconds_of", lambda call: 1e-3)
     monkeypatch.setattr(arithmetic, "STEPS", 200_000)
+    monkeypatch.setattr(accuracy_dwell, "RECORD", 40.0)
+    monkeypatch.setattr(integrators, "DURATION", 0.1)
+    monkeypatch.setattr(integrators, "TOLERANCES", {})
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +78,7 @@ def test_models_are_recommended_as_callers_get_them() -> None:
     assert {"column", "solid"} <= {way.name for way in part.ways}
 
 
-def test_the_page_joins_all_four(palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(integrators, "DURATION", 0.2)
-    monkeypatch.setattr(integrators, "TOLERANCES", {})
+def test_the_page_joins_all_four(palpate: Palpate, tmp_path: Path) -> None:
     said = palpate("accuracy", "--json", "--out", str(tmp_path / "new")).object
     names = [part["name"] for part in said["parts"]]
     assert names[:3] == [page.MODELS, page.INTEGRATORS, page.DWELL]
@@ -90,11 +92,14 @@ def test_the_page_joins_all_four(palpate: Palpate, tmp_path: Path, monkeypatch: 
     assert Path(said["plot"]).exists()
 
 
-def test_people_get_one_table_and_the_help_names_the_parts(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(integrators, "DURATION", 0.2)
-    monkeypatch.setattr(integrators, "TOLERANCES", {})
+def test_people_get_one_table_and_the_help_names_the_parts(palpate: Palpate) -> None:
     said = palpate("accuracy").out
     assert "the floor is 4.10%" in said and "integer of 48 bits" in said
     helped = palpate("accuracy", "--help").out
     for name in ("dwell", "models", "integrators"):
         assert name in helped
+
+
+def test_options_before_a_command_are_not_lost_in_silence(palpate: Palpate) -> None:
+    said = palpate("accuracy", "--json", "dwell")
+    assert said.status == 2 and "options of 'dwell' stand behind it" in said.err
