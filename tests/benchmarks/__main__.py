@@ -23,6 +23,7 @@ from tests.benchmarks import (
     solid,
     start_up,
     sweep,
+    uncertainty,
 )
 from tests.benchmarks.row import Row
 
@@ -32,6 +33,7 @@ PARTS = {
     "array": array.measure,
     "numbers": numbers.measure,
     "estimators": estimators.measure,
+    "uncertainty": uncertainty.measure,
     "models": models.measure,
     "solid": solid.measure,
     "peers": peers.measure,

@@ -1,0 +1,191 @@
+"""Coverage: how often 95 % intervals hold the scene's truth, over repeats with fresh seeds.
+
+The scene's rig, converter and display stand for the bench; what is made of their readings is what the procedures call:
+calibration of load cell and films, sine fit, film forces, moduli. On its buses the bench would take an hour.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from instrument.calibration import LoadCellCalibration, calibrate_load_cell
+from instrument.classification import Run
+from instrument.compression import Series, compress
+from instrument.design import Design
+from instrument.estimate import Floats, SineFit, fit_sine
+from instrument.film_calibration import FilmReading, calibrate_films
+from instrument.film_forces import film_forces
+from instrument.load import Load
+from instrument.load_budget import load_budget
+from instrument.models.curve import ratio_curve
+from instrument.models.response import response
+from instrument.propagation import Propagated
+from instrument.sample import get_sample
+from instrument.softness import modulus_of_ratio
+from instrument.uncertainty import coverage_factor
+from procedures.load_cell import LOADS, REPEATS
+from procedures.servo import READINGS
+from simulators.clock import VirtualClock
+from simulators.effects.load_cell import LoadCell
+from simulators.plan import Question, driven
+from simulators.randomness import Stream
+from simulators.scene import Scene, read_scene
+from simulators.waveforms import sampled
+from tests.benchmarks.row import Row
+
+SCENE, SAMPLE = "thesis_single", "4"
+TIMES = 1000
+SETS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)  # N, peak to peak
+PERIOD_NS, SAMPLES, SETTLING = 4_000_000, 250, 5.0  # 1 s of samples; s
+ORIGIN = {"device": "1", "simulated": True, "source": "benchmark", "created": "now", "expires": "2099-01-01"}
+STEPS, STRAINS, DISPLAYS, AREA_U = 6, (0.3, 0.45), 10, 0.01
+BENCH_COMPLIANCE = 1e-4  # m/N
+WITHIN = (0.93, 0.97)
+
+Held = dict[str, list[bool]]
+
+
+@dataclass(frozen=True, slots=True)
+class Repeat:
+    """One simulated life of a bench: its display, its films, and the generator of what the scene leaves open."""
+
+    scene: Scene
+    number: int
+    rng: np.random.Generator
+
+    def display(self, load: float, count: int, update: int) -> Floats:
+        """Successive displays [mV] of a load."""
+        cell = cast("LoadCell", self.scene.effects["load_cell"])
+        ideal, stream = 1e3 * cell.sensitivity * load, Stream(self.scene.seed, "load_cell")
+        return np.array([cell.display(ideal, stream, update + i) for i in range(count)])
+
+    def films(self, loads: tuple[float, ...]) -> list[SineFit]:
+        """Load sets one after the other: the drive is set anew for each, and the gains scatter anew."""
+        clock = VirtualClock()
+        rig = driven(self.scene, Question(SAMPLE, max(loads)), clock)
+        largest = rig.coil_voltage()
+        fits = []
+        for load in loads:
+            clock.wait(SETTLING)
+            rig.set_voltage(replace(largest.restarted(clock.now_ns()), amplitude=largest.amplitude * load / max(loads)))
+            clock.wait(SETTLING)
+            time_ns = clock.now_ns() + np.arange(SAMPLES) * PERIOD_NS
+            fits.append(fit_sine(1e-9 * time_ns, sampled(self.scene, rig, time_ns, PERIOD_NS)[0], 10.0))
+        return fits
+
+
+def measure() -> Iterator[Row]:
+    """A row a quantity."""
+    scene = read_scene(SCENE)
+    held: Held = defaultdict(list)
+    means: list[tuple[float, float]] = []
+    for number in range(TIMES):
+        repeat = Repeat(scene.with_seed(1000 + number), number, np.random.default_rng(number))
+        calibration = _load_cell(repeat, held)
+        _load(repeat, calibration, held)
+        means.append(_films(repeat, calibration, held))
+        _compression(repeat, calibration, held)
+    _softness(scene.design, np.array(means), held)
+    for name, hits in held.items():
+        share = sum(hits) / len(hits)
+        yield Row(f"95 % intervals that hold {name}", f"{share:.1%} of {len(hits)}",
+                  f"{WITHIN[0]:.0%} to {WITHIN[1]:.0%}", WITHIN[0] <= share <= WITHIN[1])  # fmt: skip
+
+
+def _load_cell(repeat: Repeat, held: Held) -> LoadCellCalibration:
+    """Dead weights up and down, as `palpate calibrate load-cell` has them."""
+    loads = np.array(LOADS)
+    shown = np.array(
+        [[repeat.display(load, REPEATS, 1000 * way + 20 * i) for i, load in enumerate(loads)] for way in (1, 2)]
+    )
+    scatter = float(np.sqrt(shown.var(axis=2, ddof=1).mean()))
+    run = Run(0.0, *shown.mean(axis=2), repeats=REPEATS, scatter_mV=scatter)
+    found = calibrate_load_cell(loads, [run], 1.0, degree=1, gage_factor=8.98, **ORIGIN)  # type: ignore[arg-type]
+    cell = cast("LoadCell", repeat.scene.effects["load_cell"])
+    half = coverage_factor(found.degrees_of_freedom or math.inf) * found.sensitivity_u
+    held["sensitivity of the load cell"].append(abs(found.sensitivity_mV_per_N - 1e3 * cell.sensitivity) <= half)
+    return found
+
+
+def _load(repeat: Repeat, calibration: LoadCellCalibration, held: Held) -> None:
+    true = repeat.rng.uniform(SETS[0], SETS[-1])
+    load, _ = calibration.load(float(repeat.display(true, READINGS, 5000).mean()))
+    low, high = load_budget(calibration, load, READINGS).interval()
+    held["load"].append(low <= true <= high)
+
+
+def _films(repeat: Repeat, calibration: LoadCellCalibration, held: Held) -> tuple[float, float]:
+    """Films calibrated, then the ratio measured; returns the mean ratio and its uncertainty."""
+    design = repeat.scene.design
+    fits = repeat.films(SETS + SETS)
+    readings = []
+    for number, (load, fit) in enumerate(zip(SETS, fits, strict=False)):
+        shown = float(repeat.display(load, READINGS, 6000 + 20 * number).mean())
+        readings.append(FilmReading(0, 10.0, load, *calibration.load(shown, READINGS), 2 * fit.amplitude))
+    found = calibrate_films(design, readings, calibration, ORIGIN)
+    # What tooth and total film give for the load on the whole sensor: the tooth takes its share of it.
+    share = _true_ratio(repeat.scene)
+    for film, budget, part in zip(design.films, found.budgets(), (share, 1.0), strict=True):
+        low, high = budget.interval()
+        held[f"sensitivity of the {film.name} film"].append(low <= 1e3 * film.sensitivity * part <= high)
+    points = [film_forces(design, fit) for fit in fits[len(SETS) :]]
+    first, true = points[3], SETS[3]
+    for film, force in zip(design.films, (first.force_rigid_N, first.force_total_N), strict=True):
+        part = share if film.name == "rigid" else 1.0
+        held[f"force on the {film.name} film"].append(abs(force / (part * true) - 1) <= 1.96 * film.scatter)
+    held["force ratio, one load set"].append(abs(first.force_ratio - share) <= 1.96 * first.force_ratio_u)
+    mean = math.fsum(p.force_ratio for p in points) / len(points)
+    u = math.sqrt(math.fsum(p.force_ratio_u**2 for p in points)) / len(points)
+    held["force ratio, mean of six"].append(abs(mean - share) <= 1.96 * u)
+    return mean, u
+
+
+def _true_ratio(scene: Scene) -> float:
+    return response(scene.design, Load(1.0, get_sample(SAMPLE)), scene.model).force_ratio
+
+
+def _softness(design: Design, means: Floats, held: Held) -> None:
+    curve = ratio_curve(design, Load(1.0, get_sample(SAMPLE)), "experiment", None)
+    found = modulus_of_ratio(curve, means[:, 0], means[:, 1])
+    true = get_sample(SAMPLE).modulus
+    held["modulus by the force ratio"] = ((found.low <= true) & (true <= found.high)).tolist()
+
+
+def _compression(repeat: Repeat, calibration: LoadCellCalibration, held: Held) -> None:
+    """A pad of linear springs on a bench that yields, its edges measured with their uncertainty.
+
+    How deep it is pressed differs: at the same loads the display's rounding would be off alike in all repeats.
+    """
+    sample = get_sample(SAMPLE)
+    pad = sample.thickness / (sample.modulus * sample.area)
+    support = 12e-3 + repeat.rng.uniform(0, 1e-4)
+
+    def series(contact: float, compliance: float, deepest: float, update: int) -> Series:
+        positions = np.round((contact + deepest * np.arange(1, STEPS + 1) / STEPS) * 1e6) / 1e6
+        loads = (positions - contact) / compliance
+        shown = [repeat.display(float(load), DISPLAYS, update + 20 * i) for i, load in enumerate(loads)]
+        return Series(positions, np.array(shown))
+
+    contact, yielding = support - sample.thickness, BENCH_COMPLIANCE + pad
+    deepest = repeat.rng.uniform(*STRAINS) * sample.thickness * yielding / pad
+    measured = sample.area * (1 + AREA_U * repeat.rng.normal())
+    found = compress(
+        series(support, BENCH_COMPLIANCE, repeat.rng.uniform(4, 6) * BENCH_COMPLIANCE, 7000),
+        series(contact, yielding, deepest, 8000),
+        series(contact, yielding, deepest, 9000),
+        calibration,
+        measured,
+        AREA_U * measured,
+    )
+    _held_by(held, "tangent modulus", found.tangent, sample.modulus)
+    _held_by(held, "secant modulus", found.secant, sample.modulus)
+
+
+def _held_by(held: Held, name: str, found: Propagated, true: float) -> None:
+    held[name].append(found.low <= true <= found.high)
