@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
-from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from instrument.bench import SerialLine, TcpAddress
 from instrument.contract import PROBE, Contract, Value
@@ -24,6 +25,7 @@ EXCEPTIONS = {
     11: "gateway target did not respond",
 }  # fmt: skip
 LARGEST_FRAME = 256  # bytes on a serial line
+LARGEST_REPLY = 4096  # bytes that may come for one request, late replies among them
 EXTENDED_IDENTITY = 3
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
 
@@ -43,6 +45,28 @@ class _SerialClient(ModbusSerialClient):
             raise ConnectionException(str(self)) from None
 
 
+class _StrictDecoder(DecodePDU):
+    """pymodbus' decoder, which also takes odd byte counts, texts that are cut short, and data that goes on."""
+
+    def decode(self, frame: bytes) -> ModbusPDU | None:
+        """The reply if it gives the same bytes when it is encoded again, each object of an identity once."""
+        reply = super().decode(frame)
+        if isinstance(reply, ReadDeviceInformationResponse):
+            if not all(isinstance(text, bytes) for text in reply.information.values()):
+                return None
+            reply.number_of_objects = 0  # encoding counts them again
+        if reply is not None and frame == bytes([reply.function_code]) + reply.encode():
+            return reply
+        return None
+
+
+def _bounded(sending: bool, data: bytes) -> bytes:
+    """All that has come of a reply so far. Raises ModbusIOException: more than any reply has."""
+    if len(data) > LARGEST_REPLY:
+        raise ModbusIOException(f"more than {LARGEST_REPLY} bytes")
+    return data
+
+
 class ModbusLink:
     """One TCP connection or one serial line, shared by the devices on it under one lock.
 
@@ -57,6 +81,8 @@ class ModbusLink:
         self._client = client
         self._lock = threading.Lock()
         self._reply_due = False
+        client.transaction.framer.decoder = _StrictDecoder(is_server=False)
+        client.transaction.trace_packet = _bounded
 
     @classmethod
     def tcp(cls, address: TcpAddress) -> ModbusLink:
