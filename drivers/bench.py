@@ -11,6 +11,8 @@ from typing import Any, Self
 
 from drivers.can import CanLink
 from drivers.clock import Clock
+from drivers.device import READ_ATTEMPTS
+from drivers.incident import Incidents, Store
 from drivers.modbus import ModbusLink
 from drivers.positioner import Positioner
 from drivers.sensor_node import SensorNode
@@ -18,9 +20,10 @@ from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import BenchDescription
-from instrument.errors import BenchError
+from instrument.errors import BenchError, DeviceError
 from instrument.operator import Operator
 
+RECOVERY = 1.0  # s, that devices are given to come back
 TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # a closed terminal hangs up
 
 
@@ -68,6 +71,8 @@ class Bench:
         self.positioner = Positioner(line, description.positioner.unit, self.clock)
         can = CanLink(description.can)
         self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
+        self.incidents = Incidents(clock)
+        self.attended = False
         self._other_links: list[ModbusLink | CanLink] = [line, can]
         self._stack = ExitStack()
 
@@ -141,9 +146,68 @@ class Bench:
         self.generator.output(False)
         self.amplifier.disable()
 
+    def attend(self, store: Store) -> None:
+        """From now on what fails is made good where that is safe, and each incident stored by `store` as it happens.
+
+        Without a record of it nothing is made good: the first failure is raised.
+        """
+        self.attended = True
+        self.incidents.tell(store)
+        for device in self.devices:
+            device.read_attempts, device.noticed = READ_ATTEMPTS, self.incidents.note
+
+    @property
+    def driving(self) -> bool:
+        """Whether the outputs are on."""
+        return self.clock.watching
+
+    @property
+    def broken(self) -> list[str]:
+        """Why devices are not used any more."""
+        return [device.broken for device in self.devices if device.broken]
+
+    def declare_broken(self, error: BenchError) -> None:
+        """No later step uses the device that failed, but to switch it off."""
+        for device in self.devices:
+            if device.name == error.device and not device.broken:
+                device.broken = str(error)
+                self.incidents.note(f"{device.name}: is broken")
+
+    def differences(self) -> list[str]:
+        """What the devices no longer hold as it was written. Raises LinkError, DeviceError."""
+        return [found for device in self.devices for found in device.differences()]
+
+    def notices(self) -> None:
+        """Note what the devices have told of themselves. Raises LinkError, DeviceError."""
+        for device in self.devices:
+            for found in device.notices():
+                self.incidents.note(found)
+
+    def recover(self) -> None:
+        """Outputs to zero; then every device is identified again and gets the settings that it has lost.
+
+        Raises:
+            SafetyError: the amplifier has tripped. IdentityError: another device stands in the place of one.
+            LinkError, DeviceError: one does not answer, or does not take its settings; the indicator reads no load.
+        """
+        self.clock.watching = False
+        self.clock.wait(RECOVERY)
+        self.rest()
+        self.amplifier.check()
+        for device in self.devices:
+            device.identify()
+            for found in device.differences():
+                self.incidents.note(f"{found}; written again")
+            device.restore()
+        if sick := self.indicator.read().sick:
+            error = DeviceError(f"{self.indicator.name}: {sick}; check the bridge and its wires")
+            error.device = self.indicator.name
+            raise error
+
     def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         """Switch off by every means there is, whatever fails; signals meanwhile are ignored."""
         self.clock.watching = False
+        self.amplifier.broken = self.generator.broken = ""
         failures: list[str] = []
         with _signals_held():
             for step in (self.amplifier.disable, lambda: self.generator.output(False), self._zero):

@@ -1,4 +1,4 @@
-"""Modbus links and devices; the only import of pymodbus in the drivers."""
+"""Modbus links; the only import of pymodbus in the drivers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
@@ -14,8 +14,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from instrument.bench import SerialLine, TcpAddress
-from instrument.contract import PROBE, Contract, Value
-from instrument.errors import DeviceError, IdentityError, LinkError, LinkTimeout, UsageError
+from instrument.errors import DeviceError, LinkError, LinkTimeout
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 
@@ -27,7 +26,6 @@ EXCEPTIONS = {
 LARGEST_FRAME = 256  # bytes on a serial line
 LARGEST_REPLY = 4096  # bytes that may come for one request, late replies among them
 EXTENDED_IDENTITY = 3
-VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
 
 
 class _SerialClient(ModbusSerialClient):
@@ -175,106 +173,16 @@ class ModbusLink:
         return reply
 
 
-def _read(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
+def read_registers(client: Any, address: int, count: int, unit: int) -> ModbusPDU:
     reply: ModbusPDU = client.read_holding_registers(address, count=count, device_id=unit)
     return reply
 
 
-def _write(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
+def write_registers(client: Any, address: int, registers: list[int], unit: int) -> ModbusPDU:
     reply: ModbusPDU = client.write_registers(address, registers, device_id=unit)
     return reply
 
 
-def _identify(client: Any, unit: int) -> ModbusPDU:
+def read_identity(client: Any, unit: int) -> ModbusPDU:
     reply: ModbusPDU = client.read_device_information(read_code=EXTENDED_IDENTITY, object_id=0, device_id=unit)
     return reply
-
-
-class ModbusDevice:
-    """Base of the Modbus drivers: fields of the contract in, checked registers out."""
-
-    contract: ClassVar[Contract]
-
-    def __init__(self, link: ModbusLink, unit: int) -> None:
-        self.link = link
-        self.unit = unit
-        self.name = f"{self.contract.title} at {link.name} unit {unit}"
-        self.serial = ""
-        self.simulated = False
-
-    def connect(self) -> None:
-        """Check that this is the contract's device and that it agrees on the word order.
-
-        Raises:
-            IdentityError: another vendor, product or major version, or another word order.
-            LinkError, LinkTimeout, DeviceError: it cannot be asked.
-        """
-        reply = self.link.transact(self.name, _identify, self.unit)
-        objects = {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
-        expected = self.contract.identity
-        found = (objects.get(VENDOR, ""), objects.get(PRODUCT, ""), objects.get(REVISION, ""))
-        wanted = (expected.vendor, expected.product, expected.revision)
-        if found[:2] != wanted[:2] or found[2].split(".")[0] != wanted[2].split(".")[0]:
-            raise IdentityError(
-                f"{self.name}: identifies itself as {' '.join(found).strip() or 'nothing'}, the contract is for "
-                f"{' '.join(wanted)}; check the address and unit id in the bench file"
-            )
-        probe = int(self.get("probe"))
-        if probe != PROBE:
-            raise IdentityError(
-                f"{self.name}: word-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
-                "set the device to big-endian words (most significant first)"
-            )
-        self.serial = objects.get(SERIAL, "")
-        self.simulated = objects.get(APPLICATION, "") == "simulated"
-
-    def get(self, name: str) -> float:
-        """Physical value of one field, in the contract's unit."""
-        return self.get_many(name)[0]
-
-    def get_many(self, *names: str) -> list[float]:
-        """Physical values of fields that stand together, read in one request.
-
-        Raises:
-            LinkError, LinkTimeout, DeviceError: no answer, or an exception response.
-        """
-        start, count = self.contract.block(names)
-        try:
-            reply = self.link.transact(self.name, _read, start, count, self.unit)
-        except DeviceError as error:
-            raise DeviceError(f"{error}, to a read of {', '.join(names)}") from None
-        if reply.function_code != 3 or len(reply.registers) != count:
-            raise DeviceError(
-                f"{self.name}: answered function {reply.function_code} with {len(reply.registers)} registers "
-                f"where function 3 with {count} was asked; the reply is not used"
-            )
-        data = b"".join([r.to_bytes(2, "big") for r in reply.registers])
-        values = []
-        for name in names:
-            field = self.contract[name]
-            at = 2 * (field.address - start)
-            values.append(self.contract.decode(name, data[at : at + field.size]))
-        return values
-
-    def set(self, **values: Value) -> None:
-        """Write fields that stand together in one FC16 request; never repeated.
-
-        Raises:
-            RangeError: a value outside its limits; nothing is sent.
-            DeviceError: the device refused, naming the fields and values.
-        """
-        names = sorted(values, key=lambda name: self.contract[name].address)
-        data = b"".join([self.contract.encode(name, values[name]) for name in names])
-        start, count = self.contract.block(values)
-        if len(data) != 2 * count:
-            raise UsageError(f"{self.contract.title}: {', '.join(values)} do not stand together in the contract")
-        registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
-        try:
-            reply = self.link.transact(self.name, _write, start, registers, self.unit)
-        except DeviceError as error:
-            raise DeviceError(f"{error}, to {self._described(values)}") from None
-        if reply.function_code != 16 or reply.address != start or reply.count != count:
-            raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
-
-    def _described(self, values: dict[str, Value]) -> str:
-        return ", ".join(self.contract.described(name, value) for name, value in values.items())

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from drivers.clock import Clock
-from drivers.modbus import ModbusDevice, ModbusLink
+from drivers.modbus import ModbusLink
+from drivers.modbus_device import ModbusDevice
 from instrument.contracts import positioner
 from instrument.errors import DeviceError, RangeError
 
@@ -12,16 +13,20 @@ POLL = 0.1  # s
 
 class Positioner(ModbusDevice):
     contract = positioner.CONTRACT
+    orders = frozenset({"target", "speed", "command"})
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit)
         self._clock = clock
         self._limits = (0.0, 0.0)
+        self._target: float | None = None  # where it was sent and came to stand
 
     def connect(self) -> None:
         super().connect()
-        low, high = self.get_many("limit_low", "limit_high")
-        self._limits = (low, high)
+        if "limit_high" not in self._settings:
+            low, high = self.get_many("limit_low", "limit_high")
+            self._limits = (low, high)
+            self._remember({"limit_low": low, "limit_high": high})
 
     def position(self) -> float:
         """Present position in m, counted downwards from home."""
@@ -33,6 +38,7 @@ class Positioner(ModbusDevice):
 
     def home(self, timeout: float = 60.0) -> None:
         """Go to the home position and wait for it."""
+        self._target = None
         self.set(command="home")
         self._wait(0.0, 0.0, timeout)
 
@@ -49,11 +55,13 @@ class Positioner(ModbusDevice):
                 f"micro-positioner: target {1e3 * target:g} mm is outside its limits {1e3 * low:g} to {1e3 * high:g} mm"
             )
         distance = abs(target - self.position())
+        self._target = None
         self.set(target=target, speed=speed, command="move")
         self._wait(target, distance / speed, timeout)
 
     def stop(self) -> None:
         """Stop where it is."""
+        self._target = None
         self.set(command="stop")
 
     def set_limits(self, low: float, high: float) -> None:
@@ -80,3 +88,14 @@ class Positioner(ModbusDevice):
             waited += POLL
         if abs(position - target) > 2e-6:
             raise DeviceError(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * target:g} mm")
+        self._target = target
+
+    def differences(self) -> list[str]:
+        """As of every device; it must know its home, too, and stand where it was sent."""
+        found = super().differences()
+        position, status = self.get_many("position", "status")
+        if "homed" not in self.contract.set_bits("status", status):
+            found.append(f"{self.name}: has lost its home")
+        if self._target is not None and abs(position - self._target) > 2e-6:
+            found.append(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * self._target:g} mm")
+        return found

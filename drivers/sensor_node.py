@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from drivers.can import CanLink
 from drivers.clock import Clock
+from drivers.device import Device
 from instrument.contract import PROBE, Value, sdo
 from instrument.contracts import sensor_node
 from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, SYNC_COB_ID, SYNC_PRODUCER
@@ -22,6 +23,10 @@ _SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo 
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
 _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples, before the counter starts over
 LATEST_WAITS = 10
+EMERGENCY, HEARTBEAT = 0x80, 0x700
+BOOTED = 0
+MISSED = 3  # heartbeats, after which a node is missed
+SETTINGS = ("sync_period", *(f"range_{channel}" for channel in range(1, CHANNELS + 1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,31 +43,50 @@ class Recording:
     saturated: npt.NDArray[np.bool_]
 
 
-class SensorNode:
+class SensorNode(Device):
     """One node on the CAN bus."""
 
     contract = CONTRACT
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
+        super().__init__(f"sensor node {node_id} at {link.name}")
         self.link = link
         self.id = node_id
         self.clock = clock
-        self.name = f"sensor node {node_id} at {link.name}"
-        self.serial = ""
-        self.simulated = False
         self.rate = 1000.0
         self.emergencies: list[bytes] = []
+        self._noticed = 0  # emergencies
+        self._settings: dict[str, Value] = {}
+        self._restarts = 0
+        self._heartbeats = 0
+        self._heard_ns = 0
+        self._heartbeat = 0.0
         self._volts_per_count = np.ones(CHANNELS)
         self._frames: list[bytearray] = []
 
     def connect(self) -> None:
-        """Join the bus, check identity (1018h) and byte order, and read back the settings.
+        """Join the bus, identify the node, and read back the settings. Raises as `identify`."""
+        self._node = self.link.add_node(self.id)
+        self.identify()
+        self.simulated = self._text(sdo(0x1009)) == "simulated"
+        self.rate = 1.0 / self.get("sync_period")
+        self._heartbeat = self.get("heartbeat")
+        for channel in range(1, CHANNELS + 1):
+            self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
+        for pdo in CONTRACT.pdos:
+            self.link.subscribe(pdo.base + self.id, self._on_frame)
+        self.link.subscribe(EMERGENCY + self.id, self._on_emergency)
+        self.link.subscribe(HEARTBEAT + self.id, self._on_heartbeat)
+        self._heard_ns = self.clock.now_ns()
+
+    def identify(self) -> None:
+        """Check identity (1018h) and byte order.
 
         Raises:
-            IdentityError: another vendor, product or major revision, or another byte order.
+            IdentityError: another vendor, product or major revision, another byte order, or another serial number than
+                before.
             LinkError, LinkTimeout, DeviceError: the node cannot be asked.
         """
-        self._node = self.link.add_node(self.id)
         expected = CONTRACT.identity
         found = [int(self.get(field)) for field in ("vendor", "product", "revision")]
         wanted = [int(text, 16) for text in (expected.vendor, expected.product, expected.revision)]
@@ -76,17 +100,13 @@ class SensorNode:
                 f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
                 "this node is not little-endian as CANopen asks; update its firmware"
             )
-        self.serial = f"{int(self.get('serial')):08X}"
-        self.simulated = self._text(sdo(0x1009)) == "simulated"
-        self.rate = 1.0 / self.get("sync_period")
-        for channel in range(1, CHANNELS + 1):
-            self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
-        for pdo in CONTRACT.pdos:
-            self.link.subscribe(pdo.base + self.id, self._on_frame)
-        self.link.subscribe(0x80 + self.id, self._on_emergency)
+        self.serial = self._same(f"{int(self.get('serial')):08X}")
 
     def get(self, name: str) -> float:
         """Physical value of one object."""
+        return self._asked(lambda: self._get(name))
+
+    def _get(self, name: str) -> float:
         field = CONTRACT[name]
         try:
             data = self.link.upload(self.name, self._node, field.index, field.subindex)
@@ -98,12 +118,48 @@ class SensorNode:
 
     def set(self, name: str, value: Value) -> None:
         """Write one object. Raises RangeError before anything is sent, DeviceError where the node aborts."""
-        field = CONTRACT[name]
         data = CONTRACT.encode(name, value)
+        self._told(lambda: self._set(name, value, data))
+        if name in SETTINGS:
+            self._settings[name] = value
+
+    def _set(self, name: str, value: Value, data: bytes) -> None:
+        field = CONTRACT[name]
         try:
             self.link.download(self.name, self._node, field.index, field.subindex, data)
         except DeviceError as error:
             raise DeviceError(f"{error}, writing {CONTRACT.described(name, value)}") from None
+
+    def differences(self) -> list[str]:
+        """What the node no longer holds as it was written, and whether it has started anew."""
+        found = ["has started anew"] if self._restarts else []
+        for name, value in self._settings.items():
+            held = self.get(name)
+            if CONTRACT.pack(name, held) != CONTRACT.encode(name, value):
+                found.append(f"{name} is {held:g}, was set to {value}")
+        return [f"{self.name}: {each}" for each in found]
+
+    def restore(self) -> None:
+        """Write the settings again. Raises as `set`."""
+        self._restarts = 0
+        for name, value in self._settings.items():
+            self.set(name, value)
+
+    def notices(self) -> list[str]:
+        """Emergencies since the last call, and a heartbeat that has stopped.
+
+        A node's answer follows its heartbeats on the bus: what was due has come when it answers.
+        """
+        self.get("error_register")
+        new, self._noticed = self.emergencies[self._noticed :], len(self.emergencies)
+        found = [f"emergency 0x{int.from_bytes(data[:2], 'little'):04X}" for data in new]
+        now, heard = self.clock.now_ns(), self._heartbeats
+        missed = 1e-9 * (now - self._heard_ns)
+        if self._heartbeat and not heard and missed > MISSED * self._heartbeat:
+            found.append(f"no heartbeat for {missed:.3g} s")
+        if heard:
+            self._heard_ns, self._heartbeats = now, 0
+        return [f"{self.name}: {each}" for each in found]
 
     def _text(self, address: int) -> str:
         return self.link.upload(self.name, self._node, address >> 8, address & 0xFF).decode("ascii", "replace")
@@ -144,6 +200,12 @@ class SensorNode:
 
     def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         self._frames.append(data)
+
+    def _on_heartbeat(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if data and data[0] & 0x7F == BOOTED:
+            self._restarts += 1
+        else:
+            self._heartbeats += 1
 
     def _on_emergency(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         self.emergencies.append(bytes(data))

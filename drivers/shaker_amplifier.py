@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.contracts import shaker_amplifier
 from instrument.errors import SafetyError
+
+HOTTEST = 85.0  # degC; it trips at 90
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +59,22 @@ class ShakerAmplifier(ModbusDevice):
         )
 
     def check(self) -> AmplifierState:
-        """As `read`. Raises SafetyError where a fault is latched: the output is off."""
+        """As `read`.
+
+        Raises:
+            SafetyError: a fault is latched, and the output is off; or the current limit is passed, or the heat sink is
+                within 5 K of the temperature at which the device trips.
+        """
         state = self.read()
         if state.faults_latched:
             raise SafetyError(
                 f"{self.name}: tripped on {', '.join(sorted(state.faults_latched))}; the output is off. "
                 "Remove the cause, then clear the faults"
+            )
+        limit = float(self._settings.get("current_limit", math.inf))
+        if state.temperature > HOTTEST or math.sqrt(2) * state.current > limit:
+            raise SafetyError(
+                f"{self.name}: heat sink at {state.temperature:g} degC, {math.sqrt(2) * state.current:.3g} A peak; "
+                f"limits are {HOTTEST:g} degC and {limit:g} A. Outputs go off; let it cool, or ask for smaller loads"
             )
         return state

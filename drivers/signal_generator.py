@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.contracts import signal_generator
 from instrument.contracts.signal_generator import LARGEST_PEAK
 from instrument.errors import RangeError

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.modbus import ModbusDevice, ModbusLink
+from drivers.modbus import ModbusLink
+from drivers.modbus_device import ModbusDevice
 from instrument.contracts import strain_indicator
 from instrument.errors import DeviceError
 
@@ -30,13 +31,19 @@ class IndicatorReading:
     stale: bool = False
 
     @property
+    def sick(self) -> str:
+        """Why no load can be read, whether it is stable or not; empty: it can."""
+        faults = {"bridge open": self.bridge_open, "overload": self.overload, "not renewed": self.stale}
+        return ", ".join(fault for fault, raised in faults.items() if raised)
+
+    @property
     def valid(self) -> bool:
-        sick = self.overload or self.bridge_open or self.stale
-        return self.stable and not sick and math.isfinite(self.reading_mV)
+        return self.stable and not self.sick and math.isfinite(self.reading_mV)
 
 
 class StrainIndicator(ModbusDevice):
     contract = strain_indicator.CONTRACT
+    orders = frozenset({"command"})
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit)

@@ -57,7 +57,9 @@ class UnknownName(UsageError, LookupError):
 
 
 class BenchError(PalpateError):
-    pass
+    """`device` is the name of the one that failed, where it is known."""
+
+    device = ""
 
 
 class LinkError(BenchError, ConnectionError):

@@ -11,7 +11,7 @@ import pytest
 from pymodbus.exceptions import ModbusIOException
 
 from drivers.bench import Bench
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.contract import PROBE, Identity
 from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
 from simulators.bench import SimulatedBench

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from drivers.bench import Bench
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.contract import Contract, Field, Value
 from instrument.contracts import CONTRACTS
 from instrument.contracts.sensor_node import SYNC_COB_ID

@@ -14,7 +14,8 @@ from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
 from drivers.bench import Bench
-from drivers.modbus import LARGEST_FRAME, ModbusDevice, ModbusLink
+from drivers.modbus import LARGEST_FRAME, ModbusLink
+from drivers.modbus_device import ModbusDevice
 from drivers.signal_generator import SignalGenerator
 from instrument.bench import SerialLine, TcpAddress
 from instrument.contract import PROBE

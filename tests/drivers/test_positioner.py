@@ -7,7 +7,7 @@ import math
 import pytest
 
 from drivers.bench import Bench
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.errors import DeviceError, RangeError
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.bench import Bench
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.errors import DeviceError
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from drivers.bench import Bench
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.errors import RangeError
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice

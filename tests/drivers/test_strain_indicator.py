@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.bench import Bench
-from drivers.modbus import ModbusDevice
+from drivers.modbus_device import ModbusDevice
 from instrument.errors import DeviceError
 from instrument.load import Load
 from instrument.models.response import response
