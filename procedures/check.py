@@ -19,7 +19,7 @@ class Found:
 
     Attributes:
         faults: what is damaged or missing; empty: every point and waveform is as it was written.
-        orphan_bytes: at the end of the waveform file, of a point that was never stored; they do no harm.
+        orphan_bytes: at the end of the waveform file, of a point that was never stored: no fault unless the run is complete.
     """
 
     folder: Path
@@ -99,3 +99,5 @@ def _waveform_faults(run: Run, found: Found) -> Iterator[str]:
         found.orphan_bytes = max(0, (run.folder / WAVEFORMS).stat().st_size - end)
     except OSError as error:
         yield f"{WAVEFORMS}: {error.strerror}"
+    if run.status == "complete" and found.orphan_bytes:
+        yield f"{WAVEFORMS}: {found.orphan_bytes} bytes at the end have no row, and the run is complete"

@@ -63,6 +63,8 @@ CREATE TABLE event (
 ) STRICT;
 """
 
+WAVEFORM_COLUMNS = "point_id, name, dtype, rate, offset, length, crc32"
+
 Status = Literal["running", "complete", "stopped", "failed"]
 
 _ELSEWHERE = "choose a writable folder with --out or $PALPATE_STORE"
@@ -179,16 +181,14 @@ class Run:
             yield row, str(samples) if isinstance(samples, RecordError) else ""
 
     def _rows(self, where: str, values: tuple[object, ...]) -> Iterator[tuple[WaveformRow, np.ndarray | RecordError]]:
-        query = f"SELECT point_id, name, dtype, rate, offset, length, crc32 FROM waveform {where} ORDER BY id"
+        query = f"SELECT {WAVEFORM_COLUMNS} FROM waveform {where} ORDER BY id"
         with reading(self.folder) as database:
             rows = [WaveformRow(*row) for row in database.execute(query, values)]
         if not rows:
             return
-        path = self.folder / WAVEFORMS
-        with _opened(path) as file:
-            size = os.fstat(file.fileno()).st_size
+        with opened(self.folder / WAVEFORMS) as file:
             for row in rows:
-                yield row, _samples(file, size, row, path)
+                yield row, samples_of(file, row)
 
     def digest(self) -> str:
         """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
@@ -210,10 +210,10 @@ class Run:
         return frame
 
 
-def _samples(file: BinaryIO, size: int, row: WaveformRow, path: Path) -> np.ndarray | RecordError:
-    """Those of a row; what is wrong with them is returned, so that others can still be read."""
-    what = f"{path}: waveform {row.name!r} of point {row.point_id}"
-    if row.dtype != "<f4" or row.rate <= 0 or row.offset + 4 * row.length > size:
+def samples_of(file: BinaryIO, row: WaveformRow) -> np.ndarray | RecordError:
+    """Those of a row in the waveform file; what is wrong is returned, so that others can still be read."""
+    what = f"{file.name}: waveform {row.name!r} of point {row.point_id}"
+    if row.dtype != "<f4" or row.rate <= 0 or row.offset + 4 * row.length > os.fstat(file.fileno()).st_size:
         return RecordError(f"{what} is cut short, or its row is wrong; restore the file from a copy")
     file.seek(row.offset)
     stored = file.read(4 * row.length)
@@ -239,7 +239,7 @@ def storing(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
+def opened(path: Path) -> Iterator[BinaryIO]:
     try:
         with path.open("rb") as file:
             yield file
@@ -281,6 +281,6 @@ def _copied(path: Path, stack: contextlib.ExitStack) -> Path:
     for name in (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-journal"):
         source = path.with_name(name)
         if name == DATABASE or source.exists():
-            with _opened(source) as file:
+            with opened(source) as file:
                 (aside / name).write_bytes(file.read())
     return aside / DATABASE

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from procedures.cli.mend import check, repair
 from procedures.cli.options import FILE_NAME, Output, output_options, store
 from procedures.cli.resume import resume
 
@@ -15,7 +16,8 @@ def runs() -> None:
     """Look at recorded runs, go on with them, mend them."""
 
 
-runs.add_command(resume)
+for command in (resume, check, repair):
+    runs.add_command(command)
 
 
 @runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from procedures.check import Found
+from procedures.repair import Repaired
 from procedures.report.text import STAMP, new_table, number, print_all, stamped
 from procedures.run import Run
 from procedures.run_list import RunSummary
@@ -66,4 +69,36 @@ def print_run(run: Run, digest: str) -> None:
         f"digest       {digest}",
         table,
         *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
+    )
+
+
+def check_object(found: Found) -> dict[str, Any]:
+    """What a check found, as JSON."""
+    counts = {key: value for key, value in asdict(found).items() if key != "folder"}
+    return {"run": str(found.folder), "damaged": bool(found.faults), **counts}
+
+
+def print_check(found: Found) -> None:
+    """What a check found."""
+    table = new_table(None, "status", "points", "waveforms", "orphan bytes", "verdict")
+    counts = (found.points, found.waveforms, found.orphan_bytes)
+    table.add_row(found.status, *map(str, counts), "DAMAGED" if found.faults else "whole")
+    lines = [f"damaged: {fault}" for fault in found.faults]
+    if found.faults:
+        lines.append(f"salvage it with: palpate runs repair {found.folder.name} --out DIR")
+    elif found.status != "complete":
+        lines.append(f"not complete; go on with: palpate runs resume {found.folder.name}")
+    print_all(str(found.folder), table, *lines)
+
+
+def repaired_object(done: Repaired) -> dict[str, Any]:
+    """A salvaged run as JSON."""
+    return {"run": str(done.folder), "points": done.points, "waveforms": done.waveforms, "gone": done.gone}
+
+
+def print_repaired(done: Repaired) -> None:
+    """What was salvaged, and what is gone."""
+    print_all(
+        f"{done.folder}: {done.points} points, {done.waveforms} waveforms",
+        *(f"gone: {what}" for what in done.gone or ["nothing"]),
     )

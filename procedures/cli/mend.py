@@ -1,0 +1,53 @@
+"""palpate runs check and palpate runs repair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from procedures.cli.options import FILE_NAME, Output, output_options, store
+
+
+@click.command(epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json")
+@click.argument("run")
+@output_options
+def check(run: str, as_json: bool, quiet: bool) -> int:
+    """Look a run over, without changing it. RUN is a folder or a name in runs/. Exit status 1 when it is damaged.
+
+    Database and tables, header, numbers and bench times of the points, place and CRC of every waveform. A run that has
+    not ended is no damage, nor are orphan bytes at the end: those of a point that was never stored.
+    """
+    from procedures.check import check as look_over
+    from procedures.report.runs import check_object, print_check
+    from procedures.run_list import find_run
+
+    output = Output(as_json, quiet)
+    found = look_over(find_run(run, store()))
+    if output.as_json:
+        output.json(check_object(found))
+    elif output.for_people:
+        print_check(found)
+    return 1 if found.faults else 0
+
+
+@click.command(epilog="Examples:\n\n  palpate runs repair first-day --out mended")
+@click.argument("run")
+@click.option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
+@output_options
+def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
+    """Salvage a damaged run into a new one, and say what is gone. RUN, which is only read, is a folder or a name.
+
+    Every point whose data can be read is kept, with each waveform whose CRC is right; its header and last event say
+    what is not. A run that lost nothing but its end can be resumed.
+    """
+    from procedures.repair import repair as salvage
+    from procedures.report.runs import print_repaired, repaired_object
+    from procedures.run_list import find_run
+
+    output = Output(as_json, quiet)
+    done = salvage(find_run(run, store()), out)
+    if output.as_json:
+        output.json(repaired_object(done))
+    elif output.for_people:
+        print_repaired(done)
