@@ -88,7 +88,10 @@ def test_without_valid_points_there_is_an_error_that_says_so() -> None:
         rows(flagged)
 
 
-def test_the_command_measures_each_film_and_gives_the_public_names(palpate: Palpate) -> None:
+def test_the_command_measures_each_film_and_gives_the_public_names(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(characterise, "DRIFT_POINTS", 3)
     arguments = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--drift-time", "2 s", "--json")
     result = palpate("characterise", *arguments).object
     assert result.keys() >= {"films", "rows", "points", "plot", "run", "simulated"}
@@ -98,7 +101,7 @@ def test_the_command_measures_each_film_and_gives_the_public_names(palpate: Palp
     ]
     total = next(r for r in result["rows"] if (r["film"], r["quantity"]) == ("total", "force sensitivity"))
     assert abs(total["value"] - 68.6e-3) < 4 * max(total["u"], 0.03 * 68.6e-3)
-    assert [p["direction"] for p in result["points"]] == [*3 * ["loading"], *3 * ["unloading"], *11 * ["holding"]]
+    assert [p["direction"] for p in result["points"]] == [*3 * ["loading"], *3 * ["unloading"], *4 * ["holding"]]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
+from instrument import propagation
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.compression import compress
 from instrument.designs import get_design
@@ -37,6 +39,13 @@ from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate, silent
 
 SINGLE, COMMON, DIFFERENT = experiments.ARRANGEMENTS
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few trials, and an empty file for each plot."""
+    monkeypatch.setattr(propagation, "TRIALS", 2000)
+    monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: Path(path).touch())
 
 
 def row(thesis: float, ours: float, u: float | None, measured: bool = True, reason: str = "") -> Row:
