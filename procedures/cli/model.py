@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from instrument.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
+from instrument.quantity import show
 from procedures.cli.options import FILE_NAME, Output, output_options, store
 
 if TYPE_CHECKING:
@@ -21,7 +23,11 @@ _SETTINGS = {
     "sensed_poisson": ("", "Poisson ratio of the object."),
     "compliant_modulus": ("Pa", "Young modulus of the ring."),
     "compliant_poisson": ("", "Poisson ratio of the ring."),
-    "plate_modulus": ("Pa", "Young modulus of the plates."),
+    "plate_modulus": (
+        "Pa",
+        f"Young modulus of the plates (default: {show(PLEXIGLAS_THESIS.modulus, 'Pa')}, {PLEXIGLAS_THESIS.name};"
+        f" {PLEXIGLAS_PHYSICAL.name}, has {show(PLEXIGLAS_PHYSICAL.modulus, 'Pa')}).",
+    ),
 }
 
 

@@ -115,8 +115,13 @@ def test_the_tooth_may_take_a_hundredth_or_nearly_all_of_the_face(radius: float)
     sensor = replace(RIGID, tooth_radius=radius, ring_inner_radius=radius + 1e-5, sensed_modulus=24e3)
     coarse, fine = solve(sensor, 1), solve(sensor, 2)
     assert (radius / 5e-3) ** 2 < fine.force_ratio < 1
-    assert abs(fine.force_ratio - coarse.force_ratio) < 2e-3
+    assert fine.force_ratio == pytest.approx(coarse.force_ratio, rel=1e-3)
     assert fine.imbalance < 1e-12
+    # A film that is much softer than all below it passes its load straight down, that over the gap to both sides.
+    film = replace(
+        sensor, sensed_modulus=1.0, sensed_thickness=1e-5, sensed_poisson=0.0, ring_inner_radius=radius + 1e-6
+    )
+    assert solve(film, 1).force_ratio == pytest.approx(((radius + 0.5e-6) / 5e-3) ** 2, rel=5e-4)
 
 
 def test_a_uniform_mesh_of_linear_elements_converges_at_first_order_and_a_graded_one_beats_it_with_a_tenth() -> None:

@@ -205,6 +205,12 @@ def test_a_tolerance_that_the_model_cannot_meet_is_refused_with_the_best_there_i
     assert "model 'axisymmetric' cannot answer to 1e-13: its best here is" in said.complaint
 
 
+def test_help_names_both_moduli_that_plexiglas_is_said_to_have(palpate: Palpate) -> None:
+    said = " ".join(palpate("model", "ratio", "--help").out.split())
+    assert "(default: 70 MPa, plexiglas as the thesis has it; plexiglas, PMMA, has 3 GPa)" in said
+    assert get_design("single").plate.material.modulus == 70e6
+
+
 def test_a_question_without_a_modulus_is_refused(palpate: Palpate) -> None:
     said = palpate("model", "ratio")
     assert (said.status, said.out) == (2, "")
