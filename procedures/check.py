@@ -19,7 +19,7 @@ class Found:
 
     Attributes:
         faults: what is damaged or missing; empty: every point and waveform is as it was written.
-        orphan_bytes: at the end of the waveform file, of a point that was never stored: no fault unless the run is complete.
+        orphan_bytes: at the end of the waveform file, of a point that was never stored: a fault of complete runs alone.
     """
 
     folder: Path
