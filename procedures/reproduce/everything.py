@@ -21,6 +21,7 @@ from procedures.reproduce.curves import Progress
 from procedures.reproduce.models import Reproduction
 from procedures.reproduce.page import write_page
 from procedures.reproduce.rows import Row, RowTable, counted
+from procedures.reproduce.slips import write_slips
 
 PROCEDURE = "reproduce"
 GOAL_SET = "identified"  # of the models: fitted to the thesis, and judged by it
@@ -105,6 +106,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
         add([bench_tables.compression(number, sample, tested[sample])])
     add([bench_tables.catalogue(tested), percent.errors()])
     models.run(models.SETS, done.models, progress)
+    write_slips(folder)
     done.page = write_page(done, folder)
 
 

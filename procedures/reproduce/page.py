@@ -13,6 +13,7 @@ from procedures.report.text import STAMP, number
 from procedures.reproduce.chapter5 import draw_chapter_5
 from procedures.reproduce.figures import INFERRED
 from procedures.reproduce.rows import Row, RowTable
+from procedures.reproduce.slips import COLUMNS, slips
 from procedures.run import storing
 
 if TYPE_CHECKING:
@@ -48,6 +49,10 @@ def write_page(done: Everything, folder: Path) -> Path:
         *(_section(table) for table in tables),
         "<h1>Models</h1>",
         *(_comparison(comparison) for comparison, _ in done.models.tables),
+        f"<h1>Slips of the thesis</h1><p>{len(slips())} cells, repaired everywhere above.</p>",
+        f"<table><tr>{_cells('th', COLUMNS)}</tr>",
+        *(f"<tr>{_cells('td', slip)}</tr>" for slip in slips()),
+        "</table>",
         f"<h1>Pictures</h1><p>{escape(INFERRED)}</p>",
         *(_picture(picture.file, f"{picture.name}: {picture.content}") for picture in drawn),
     ]

@@ -229,6 +229,12 @@ def test_everything_is_made_judged_and_on_one_page(tmp_path: Path, monkeypatch: 
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert "SIMULATED" in page
     assert page.count("<img") == 2
+    with (tmp_path / "slips.csv").open(encoding="utf-8") as lines:
+        slips = {(slip["table"], slip["row"], slip["column"]): slip for slip in csv.DictReader(lines)}
+    assert (slips["A2.1", "95400", "force_rigid_N"]["printed"], slips["A2.1", "95400", "force_rigid_N"]["best"]) == (
+        "-0.3089", "-0.3221",
+    )  # fmt: skip
+    assert slips["5.6", "3", "force2_N"]["reason"] in page
 
 
 def test_what_stands_on_the_page_is_escaped(tmp_path: Path) -> None:
