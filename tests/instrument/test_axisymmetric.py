@@ -16,6 +16,7 @@ from instrument.models.axisymmetric import AxisymmetricSolution, solve, solve_on
 from instrument.models.parameter_sets import IDENTIFIED_ROUND
 from instrument.models.parameters import RoundParameters, round_parameters
 from instrument.thesis import read_table
+from tests.settings import round_sensors
 
 CASE_A = RoundParameters()
 IDENTIFIED = round_parameters(IDENTIFIED_ROUND.design(get_design("single")), IDENTIFIED_ROUND.load(1e5))
@@ -45,29 +46,12 @@ def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
     assert graded < blunt[1] / 20
 
 
-def test_the_bound_is_never_below_the_error_of_random_settings() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(4):
-        tooth, gap, ring = (
-            1.4e-3 * 10 ** rng.uniform(-0.5, 0.3),
-            10 ** rng.uniform(-5, -3.5),
-            10 ** rng.uniform(-3, -2),
-        )
-        parameters = RoundParameters(
-            sensed_modulus=24e3 * 10 ** rng.uniform(-1, 5),
-            sensed_poisson=float(rng.choice([0.0, 0.3, 0.49, 0.5])),
-            sensed_thickness=10 ** rng.uniform(-3.5, -2),
-            sensed_radius=tooth + gap + ring * rng.uniform(0.5, 1.3),
-            compliant_poisson=float(rng.choice([0.0, 0.3, 0.49, 0.5])),
-            interface=str(rng.choice(["bonded", "frictionless"])),
-            support=str(rng.choice(["elastic", "rigid"])),
-            tooth_radius=tooth,
-            ring_inner_radius=tooth + gap,
-            ring_outer_radius=tooth + gap + ring,
-            plate_radius=tooth + gap + ring,
-        )
-        solution, bound = solve_to(parameters, 1e-2)
-        assert abs(solution.force_ratio - solve(parameters, 3).force_ratio) < bound <= 1e-2
+@pytest.mark.parametrize("sensor", [round_sensors(11, seed=20)[k] for k in (0, 10)], ids=["tight", "soft"])
+def test_the_bound_is_above_the_error_of_a_random_setting_and_not_far_above(sensor: RoundParameters) -> None:
+    """Of the benchmark's fifty, one whose error is among the nearest to its bound, and one that is solved quickly."""
+    solution, bound = solve_to(sensor, 1e-2)
+    error = abs(solution.force_ratio - solve(sensor, 3).force_ratio)
+    assert 0.005 * bound < error < bound <= 1e-2
 
 
 def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
