@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.special import fdtrc
 
 from instrument.calibration import LoadCellCalibration
+from instrument.contracts import positioner
 from instrument.errors import EstimateError
 from instrument.interpolation import interpolate
 from instrument.propagation import LINEAR, Input, Propagated, propagate
@@ -28,7 +29,7 @@ Values = Mapping[str, Floats]  # inputs by name, each (n,)
 
 LEAST_POINTS = 3
 SURE = 2.0  # steps of the indicator: above them the probe touches
-POSITION_STEP = 1e-6  # m, of the positioner
+POSITION_STEP = positioner.CONTRACT["target"].scale  # m
 SIGNIFICANCE = 0.01
 BY_RESOLUTION = 1e6  # degrees of freedom where the display's step is all there is: as good as known
 SEED = 5302  # of Monte Carlo trials: any, but the same

@@ -21,6 +21,7 @@ from instrument.compression import (
     Series,
     compress,
 )
+from instrument.contracts import positioner
 from instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from instrument.propagation import Propagated
 from instrument.quantity import show
@@ -29,7 +30,7 @@ from procedures.record import Recorder
 from procedures.servo import READING_INTERVAL, TRACK_SETTLING, check_zero, preload
 
 PROCEDURE = "test-modulus"
-TRAVEL = 0.025  # m, of the positioner
+TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
 LARGEST_STRAIN = 0.6
 LARGEST_STEPS = 100
 LEAST_LOAD = 4.0  # steps of the indicator, at the largest strain

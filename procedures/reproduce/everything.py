@@ -25,7 +25,6 @@ from procedures.reproduce.slips import write_slips
 
 PROCEDURE = "reproduce"
 GOAL_SET = "identified"  # of the models: fitted to the thesis, and judged by it
-LEAST_SHARE = 0.93  # of the experimental cells within two standard uncertainties
 DWELL, FREQUENCY = 1.0, 10.0  # s, Hz
 STRAIN, STEPS = 0.3, 10
 CREATED = datetime(2026, 1, 1, tzinfo=UTC)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from procedures.report.text import STAMP, number
 from procedures.reproduce.chapter5 import draw_chapter_5
 from procedures.reproduce.figures import INFERRED
-from procedures.reproduce.rows import Row, RowTable
+from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable
 from procedures.reproduce.slips import COLUMNS, slips
 from procedures.run import storing
 
@@ -68,7 +68,7 @@ def summary_lines(done: Everything) -> list[str]:
     lines = [
         f"{found['within']} of {found['judged']} rows lie within their stated scatter",
         f"experiments: {found['experimental_within']} of {found['experimental_cells']} cells within two standard"
-        f" uncertainties of their scatter{'' if share is None else f', {share:.1%}'}; 93 % are asked for",
+        f" uncertainties of their scatter{'' if share is None else f', {share:.1%}'}; {LEAST_SHARE:.0%} are asked for",
     ]
     lines += [
         f"softness order, design {design}: {'right' if right else 'WRONG'}" for design, right in done.orders.items()

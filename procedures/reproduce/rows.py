@@ -12,6 +12,7 @@ from instrument.thesis import Cell
 from procedures.run import storing
 
 WITHIN = 2.0  # standard uncertainties of the difference
+LEAST_SHARE = 0.93  # of the experimental cells that shall lie within
 
 
 @dataclass(frozen=True, slots=True)

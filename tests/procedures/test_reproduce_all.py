@@ -32,7 +32,7 @@ from procedures.reproduce.curves import Case
 from procedures.reproduce.everything import Everything
 from procedures.reproduce.models import Reproduction
 from procedures.reproduce.page import write_page
-from procedures.reproduce.rows import Row, RowTable
+from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable
 from procedures.reproduce.solutions import Solutions
 from procedures.run import Run
 from tests.instrument.test_compression import three
@@ -121,7 +121,7 @@ def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     assert [table.number for table in tables] == [*arrangement.tables.values(), arrangement.summary]
     judged, inside = sum(len(t.judged) for t in tables), sum(t.inside for t in tables)
     assert judged == cells
-    assert inside / judged > everything.LEAST_SHARE
+    assert inside / judged > LEAST_SHARE
     assert tables[-1].said == ("softness order of ours, hard to soft: 1 > 6 > 4 > 3 > 5 > 2: right",)
 
 
