@@ -23,6 +23,8 @@ _SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo 
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
 _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples, before the counter starts over
 LATEST_WAITS = 10
+MOST_EMERGENCIES = 10_000  # kept of one node
+LARGEST_RECORDING = 10_000_000  # samples, where nobody says how many
 EMERGENCY, HEARTBEAT = 0x80, 0x700
 BOOTED = 0
 MISSED = 3  # heartbeats, after which a node is missed
@@ -63,6 +65,7 @@ class SensorNode(Device):
         self._heartbeat = 0.0
         self._volts_per_count = np.ones(CHANNELS)
         self._frames: list[bytearray] = []
+        self._most = 0  # frames that are kept: a node may send for ever
 
     def connect(self) -> None:
         """Join the bus, identify the node, and read back the settings. Raises as `identify`."""
@@ -189,9 +192,10 @@ class SensorNode(Device):
         """Sample for `duration` s; this node produces SYNC. See `acquire`."""
         return acquire([self], duration)[0]
 
-    def arm(self) -> None:
-        """Forget what came before and take samples from the next SYNC on."""
+    def arm(self, count: int = LARGEST_RECORDING) -> None:
+        """Forget what came before and take `count` samples from the next SYNC on."""
         self._frames = []
+        self._most = 2 * count
         self.link.command(self._node, "OPERATIONAL")
 
     def disarm(self) -> None:
@@ -199,7 +203,8 @@ class SensorNode(Device):
         self.link.command(self._node, "PRE-OPERATIONAL")
 
     def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        self._frames.append(data)
+        if len(self._frames) < self._most:
+            self._frames.append(data)
 
     def _on_heartbeat(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if data and data[0] & 0x7F == BOOTED:
@@ -208,15 +213,19 @@ class SensorNode(Device):
             self._heartbeats += 1
 
     def _on_emergency(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        self.emergencies.append(bytes(data))
+        if len(self.emergencies) < MOST_EMERGENCIES:
+            self.emergencies.append(bytes(data))
 
     def collect(self, count: int) -> Recording:
         """The first `count` samples since `arm`.
 
         Raises:
             LinkError: frames are missing, doubled or out of order; says from which sample on.
+            DeviceError: the node has sent more emergencies than are kept.
         """
-        frames, self._frames = self._frames, []
+        frames, self._frames, self._most = self._frames, [], 0
+        if len(self.emergencies) == MOST_EMERGENCIES:
+            raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
         lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
         sizes = list(map(len, frames))
         good = next(
@@ -263,7 +272,7 @@ def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
         )
     for node in nodes:
         node.rate = producer.rate
-        node.arm()
+        node.arm(count)
     producer.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
     try:
         producer.clock.wait(duration)

@@ -215,7 +215,7 @@ def test_a_whole_sample_lost_is_noticed_by_its_number(
 def test_nodes_that_do_not_sample_are_a_device_error(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bench.nodes[0], "arm", lambda: None)
+    monkeypatch.setattr(bench.nodes[0], "arm", lambda _count: None)
     with pytest.raises(DeviceError, match="20 of 20 samples were not taken; check SYNC and NMT state"):
         bench.nodes[0].acquire(0.02)
     assert sim.nodes[0].settings["sync_cob_id"] == SYNC_COB_ID
