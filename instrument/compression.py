@@ -11,37 +11,23 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import fdtrc
 
 from instrument.calibration import LoadCellCalibration
 from instrument.contracts import positioner
 from instrument.errors import EstimateError
-from instrument.interpolation import interpolate
+from instrument.load_line import LoadLine, Series
 from instrument.propagation import LINEAR, Input, Propagated, propagate
 from instrument.uncertainty import Correlations
 
 Floats = npt.NDArray[np.float64]
 Values = Mapping[str, Floats]  # inputs by name, each (n,)
 
-LEAST_POINTS = 3
-SURE = 2.0  # steps of the indicator: above them the probe touches
 POSITION_STEP = positioner.CONTRACT["target"].scale  # m
-SIGNIFICANCE = 0.01
-BY_RESOLUTION = 1e6  # degrees of freedom where the display's step is all there is: as good as known
 SEED = 5302  # of Monte Carlo trials: any, but the same
 LOADING, UNLOADING = "loading", "unloading"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Series:
-    """Displays of the indicator (n, m) mV, m at each of the positions (n,) m, which count downwards."""
-
-    positions: Floats
-    displays: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +86,10 @@ def compress(
     Raises:
         EstimateError: a series has fewer than three points that surely touch, or the pad is no softer than the bench.
     """
-    support = _Line.through("bare", bare, calibration)
+    support = LoadLine.through("bare", bare, calibration)
     lines = {
-        LOADING: _Line.through(LOADING, loading, calibration),
-        UNLOADING: _Line.through(UNLOADING, unloading, calibration),
+        LOADING: LoadLine.through(LOADING, loading, calibration),
+        UNLOADING: LoadLine.through(UNLOADING, unloading, calibration),
     }
     for name, line in lines.items():
         if not support.slope > line.slope > 0:
@@ -171,96 +157,6 @@ def compress(
         energy_loss=1 - _work(points, UNLOADING) / _work(points, LOADING),
         points=points,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Line:
-    """Load against position while the probe touches.
-
-    Its errors are given for the mean, at the mean `position`: there slope and mean have independent ones.
-
-    Attributes:
-        slope, slope_u: [N/m]. mean, mean_u, scatter: [N], the last of one load.
-        deviation: greatest from the line [N].
-    """
-
-    name: str
-    positions: Floats
-    loads: Floats
-    slope: float
-    slope_u: float
-    mean: float
-    scatter: float
-    degrees_of_freedom: float
-    deviation: float
-
-    @classmethod
-    def through(cls, name: str, series: Series, calibration: LoadCellCalibration) -> Self:
-        """Raises EstimateError: fewer than three points surely touch."""
-        loads = np.array([calibration.load(float(reading))[0] for reading in series.displays.mean(axis=1)])
-        least = SURE * calibration.resolution()
-        sure = loads > least
-        if sure.sum() < LEAST_POINTS:
-            raise EstimateError(
-                f"{name}: {sure.sum()} loads are above {least:.3g} N, which surely is contact, and"
-                f" {LEAST_POINTS} are needed; compress further or in more steps"
-            )
-        positions, loads = series.positions[sure], loads[sure]
-        known, freedom = _reading_u(series.displays, calibration)
-        line = interpolate(positions, loads, known)
-        scatter = max(line.residual_sd, known)
-        # F-test: do the loads scatter about the line more than their displays say?
-        if fdtrc(line.degrees_of_freedom, freedom, (line.residual_sd / known) ** 2) > SIGNIFICANCE:
-            scatter = known
-        else:
-            freedom = line.degrees_of_freedom
-        return cls(
-            name,
-            positions,
-            loads,
-            slope=float(line.coefficients[1]),
-            slope_u=scatter / float(np.linalg.norm(positions - positions.mean())),
-            mean=float(loads.mean()),
-            scatter=scatter,
-            degrees_of_freedom=freedom,
-            deviation=float(np.abs(loads - line.reading(positions)).max()),
-        )
-
-    @property
-    def position(self) -> float:
-        return float(self.positions.mean())
-
-    def shares(self, index: int) -> Correlations:
-        """Correlations of the error of a load with those of the line, of which it is one point in n."""
-        away = self.positions - self.positions.mean()
-        return {
-            ("load", f"{self.name} mean"): 1 / math.sqrt(len(away)),
-            ("load", f"{self.name} slope"): float(away[index] / np.linalg.norm(away)),
-        }
-
-    def inputs(self) -> tuple[Input, Input]:
-        mean_u = self.scatter / math.sqrt(len(self.loads))
-        return (
-            Input(f"{self.name} slope", self.slope, self.slope_u, self.degrees_of_freedom, "A"),
-            Input(f"{self.name} mean", self.mean, mean_u, self.degrees_of_freedom, "A"),
-        )
-
-
-def _reading_u(displays: Floats, calibration: LoadCellCalibration) -> tuple[float, float]:
-    """Standard uncertainty of a mean of displays [N], and its degrees of freedom.
-
-    Where the displays scatter by a step or so they dither the steps away, all but the first term of the steps' Fourier
-    series, which Gaussian noise of a deviation s leaves exp(-2 (pi s / step)^2) of (Widrow and Kollar 2008); where
-    they stand still, a step hides what lies within it.
-    """
-    points, count = displays.shape
-    step = calibration.resolution_mV
-    shown = float(displays.var(axis=1, ddof=1).mean())
-    noise = shown - step**2 / 12
-    if noise <= 0:
-        return step / math.sqrt(12) / calibration.sensitivity_mV_per_N, BY_RESOLUTION
-    left = step / (math.sqrt(2) * math.pi) * math.exp(-2 * math.pi**2 * noise / step**2)
-    return math.hypot(math.sqrt(shown / count), left) / calibration.sensitivity_mV_per_N, points * (count - 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,18 +11,10 @@ import numpy as np
 
 from drivers.bench import Bench
 from instrument.calibration import LoadCellCalibration
-from instrument.compression import (
-    LEAST_POINTS,
-    LOADING,
-    POSITION_STEP,
-    UNLOADING,
-    Compression,
-    Floats,
-    Series,
-    compress,
-)
+from instrument.compression import LOADING, POSITION_STEP, UNLOADING, Compression, compress
 from instrument.contracts import positioner
 from instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
+from instrument.load_line import LEAST_POINTS, Floats, Series
 from instrument.propagation import Propagated
 from instrument.quantity import show
 from instrument.sample import Sample, get_sample

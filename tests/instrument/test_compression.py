@@ -8,8 +8,9 @@ from scipy.stats import chi2
 
 from instrument import propagation
 from instrument.calibration import THESIS_LOAD_CELL
-from instrument.compression import Series, compress
+from instrument.compression import compress
 from instrument.errors import EstimateError
+from instrument.load_line import Series
 from tests.procedures.conftest import IDEAL_CALIBRATION
 
 MODULUS, THICKNESS, AREA = 60e3, 3e-3, 1e-4
