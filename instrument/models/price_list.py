@@ -178,14 +178,13 @@ class PriceList(Config):
         return min((max(errors) for errors in known if errors), default=None)
 
     def of(self, designs: Sequence[str]) -> PriceList:
-        """What was measured for some designs alone.
+        """What the list has of some designs alone.
 
         Raises:
-            RangeError: nothing was measured for one of them.
+            RangeError: it has nothing of one of them.
         """
-        known = [reference.design for reference in self.references]
         for design in designs:
-            if design not in known:
+            if design not in {price.design for price in self.prices}:
                 raise RangeError(
                     f"no price was measured for design {design!r}; measure it: palpate accuracy models"
                     f" --measure --design {design}"

@@ -15,15 +15,16 @@ PLOT = "models.png"
 
 
 def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
-    """Draws a PNG file; its folder exists.
+    """Draws a PNG file; its folder exists. A design without a reference has no panel.
 
     Raises:
         RecordError: the folder or file cannot be written.
     """
     from matplotlib.figure import Figure
 
-    columns = min(2, len(designs))
-    rows = -(-len(designs) // columns)
+    references = {reference.design: reference for reference in prices.references if reference.design in designs}
+    columns = min(2, len(references)) or 1
+    rows = -(-len(references) // columns) or 1
     figure = Figure(figsize=(6.4 * columns, 4.6 * rows), layout="constrained")
     low, high = prices.moduli_Pa[INTERVAL : INTERVAL + 2]
     figure.suptitle(
@@ -31,7 +32,7 @@ def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
         f"\n{prices.machine.cpu}, {prices.machine.date}"
     )
     models = list(dict.fromkeys(price.model for price in prices.prices))
-    for place, design in enumerate(designs):
+    for place, (design, reference) in enumerate(references.items()):
         ax = figure.add_subplot(rows, columns, place + 1)
         for number, model in enumerate(models):
             of_model = [p for p in prices.prices if (p.design, p.model) == (design, model)]
@@ -39,7 +40,6 @@ def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
             label = model if points else f"{model}: no answer"
             style = f"C{number}{MARKERS[number % len(MARKERS)]}-"
             ax.plot([x for x, _ in points], [y for _, y in points], style, ms=6, lw=1, label=label)
-        reference = next(reference for reference in prices.references if reference.design == design)
         known = max(reference.uncertainties[INTERVAL : INTERVAL + 2])
         ax.axhline(known, color="0.5", ls=":", label="uncertainty of the reference")
         ax.set(

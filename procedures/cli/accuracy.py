@@ -35,7 +35,7 @@ accuracy.add_command(dwell_command, "dwell")
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
     "\n\n  palpate accuracy models --store"
 )
-@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
 @click.option("--measure", "anew", is_flag=True, help="Measure on this machine: half an hour for all designs.")
 @click.option("--store", is_flag=True, help="Measure all, and keep it as the list that models are chosen by.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
@@ -49,16 +49,17 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     """
     from instrument.errors import UnknownName, UsageError
     from instrument.models import price_list
-    from procedures.accuracy.measure import DESIGNS, measure
+    from procedures.accuracy.measure import DESIGNS, UNPRICED, measure
     from procedures.accuracy.plot import PLOT, plot_prices
     from procedures.run import storing
 
     output = Output(as_json, quiet)
-    if design is not None and design not in DESIGNS:
-        raise UnknownName("design with prices", design, DESIGNS)
+    known = (*DESIGNS, *UNPRICED)
+    if design is not None and design not in known:
+        raise UnknownName("design with prices", design, known)
     if store and design is not None:
         raise UsageError("--store keeps the prices of all designs; leave out --design, or take --measure")
-    asked = list(DESIGNS) if design is None else [design]
+    asked = list(known) if design is None else [design]
     if out is not None:
         with storing(out):  # before anything is measured
             out.mkdir(parents=True, exist_ok=True)
@@ -69,7 +70,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
             keep(prices.model_dump_json(indent=1) + "\n", price_list.STORED)
     else:
         prices = price_list.stored() if design is None else price_list.stored().of(asked)
-    designs = [reference.design for reference in prices.references]
+    designs = list(dict.fromkeys(price.design for price in prices.prices))
     plot = None if out is None else out / PLOT
     # The figures first: a plot that cannot be written loses none of them.
     if output.as_json:

@@ -59,9 +59,10 @@ def measured() -> PriceList:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(meshes, "solve", made_up)
         patch.setattr(meshes, "side_by_side", in_this_process)
+        patch.setattr(measuring, "BETWEEN", 12)
         patch.setattr(measuring, "seconds_of", lambda call: (call(), 1e-6)[1])
         prices = measure(
-            ["single_round", "single", "common_base"], lambda done, total, what: seen.append((done, total))
+            ["single_round", "single", "common_base", "array"], lambda done, total, what: seen.append((done, total))
         )
     assert seen[0][0] == 1 and seen[-1] == (seen[-1][1],) * 2  # progress reaches its end
     assert len({total for _, total in seen}) == 1
@@ -174,6 +175,18 @@ def test_a_design_of_two_teeth_keeps_the_round_model_as_a_failure(measured: Pric
     assert refused.errors == (None,) * 4 and "2 teeth" in refused.failure
 
 
+def test_an_array_without_a_reference_is_left_in_with_what_is_missing(measured: PriceList, palpate: Palpate) -> None:
+    assert "array" not in [reference.design for reference in measured.references]
+    found = [price for price in measured.prices if price.design == "array"]
+    assert [price.model for price in found] == ["axisymmetric", "surface"]
+    assert "12 teeth" in found[0].failure and "has none for design 'array'" in found[1].failure
+    assert found == [price for price in stored().prices if price.design == "array"]
+    said = palpate(*MODELS_COMMAND, "--design", "array", "--out", "prices").out
+    assert "array: greatest error" in said and "has none for design 'array'" in said
+    choice = price_list.choose(get_design("array"), [PHYSICAL.load(1e5)], 1e-2)
+    assert choice.model == "solid" and "no prices were measured" in choice.why
+
+
 def test_fewer_nodes_make_a_worse_surface_and_only_the_whole_one_is_to_be_had(measured: PriceList) -> None:
     found = rows(measured, "single_round", "surface")
     errors = [price.errors[1] for price in found]
@@ -234,7 +247,7 @@ def test_measuring_keeps_nothing_unless_told_to(
     said = palpate(*MODELS_COMMAND, "--measure", "--design", "single", "--json", "--out", str(tmp_path))
     assert not path.exists() and Path(said.object["plot"]).exists()
     palpate(*MODELS_COMMAND, "--store", "--quiet")
-    assert asked == [["single"], list(measuring.DESIGNS)]
+    assert asked == [["single"], [*measuring.DESIGNS, *measuring.UNPRICED]]
     assert json.loads(path.read_text())["machine"] == said.object["machine"]
     assert stored.__wrapped__() == measured
 
