@@ -20,7 +20,7 @@ from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import BenchDescription
-from instrument.errors import BenchError, DeviceError
+from instrument.errors import BenchError, DeviceError, SettingsLost
 from instrument.operator import Operator
 
 RECOVERY = 1.0  # s, that devices are given to come back
@@ -173,15 +173,17 @@ class Bench:
                 device.broken = str(error)
                 self.incidents.note(f"{device.name}: is broken")
 
-    def differences(self) -> list[str]:
-        """What the devices no longer hold as it was written. Raises LinkError, DeviceError."""
-        return [found for device in self.devices for found in device.differences()]
+    def check_settings(self) -> None:
+        """See that all devices hold what was written, and note what they have told of themselves.
 
-    def notices(self) -> None:
-        """Note what the devices have told of themselves. Raises LinkError, DeviceError."""
+        Raises:
+            SettingsLost: one does not. LinkError, DeviceError: one does not answer.
+        """
         for device in self.devices:
-            for found in device.notices():
-                self.incidents.note(found)
+            for notice in device.notices():
+                self.incidents.note(notice)
+            if found := device.differences():
+                raise SettingsLost(f"{'; '.join(found)}; look at the device", device=device.name)
 
     def recover(self) -> None:
         """Outputs to zero; then every device is identified again and gets the settings that it has lost.
@@ -196,13 +198,13 @@ class Bench:
         self.amplifier.check()
         for device in self.devices:
             device.identify()
-            for found in device.differences():
-                self.incidents.note(f"{found}; written again")
+            lost = device.differences()
             device.restore()
+            for found in lost:
+                self.incidents.note(f"{found}; written again")
         if sick := self.indicator.read().sick:
-            error = DeviceError(f"{self.indicator.name}: {sick}; check the bridge and its wires")
-            error.device = self.indicator.name
-            raise error
+            name = self.indicator.name
+            raise DeviceError(f"{name}: {sick}; check the bridge and its wires", device=name)
 
     def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         """Switch off by every means there is, whatever fails; signals meanwhile are ignored."""

@@ -153,7 +153,10 @@ class ModbusLink:
         """
         with self._lock:
             if self._reply_due:
-                self._connect()
+                try:
+                    self._connect()
+                except LinkError as error:
+                    raise LinkError(f"{who}: {error}") from None
             self._reply_due = True
             try:
                 reply = request(self._client, *args, **kwargs)

@@ -10,6 +10,7 @@
     │   ├── LinkError                a bus or connection failed                       (ConnectionError)
     │   │   └── LinkTimeout          no answer in time                                (TimeoutError)
     │   ├── DeviceError              a device answered with an error
+    │   │   └── SettingsLost         it does not hold what was written
     │   ├── IdentityError            another device, version or word order than the contract's
     │   ├── SafetyError              a limit of the bench was passed: outputs are off
     │   └── UnreachableError         the rig cannot reach what was asked for
@@ -59,7 +60,9 @@ class UnknownName(UsageError, LookupError):
 class BenchError(PalpateError):
     """`device` is the name of the one that failed, where it is known."""
 
-    device = ""
+    def __init__(self, *args: object, device: str = "") -> None:
+        super().__init__(*args)
+        self.device = device
 
 
 class LinkError(BenchError, ConnectionError):
@@ -71,6 +74,10 @@ class LinkTimeout(LinkError, TimeoutError):
 
 
 class DeviceError(BenchError):
+    pass
+
+
+class SettingsLost(DeviceError):
     pass
 
 

@@ -22,7 +22,7 @@ from procedures.films import FilmPoint, Films, check_nodes, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_calibrated, check_resolved
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, preload
+from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
 
 PROCEDURE = "characterise"
 LEAST_LOADS = 3
@@ -129,7 +129,7 @@ def run(
     check_resolved(settings.loads, calibration)
     check_calibrated(settings.loads, calibration, extrapolate=False)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     bench.operator.mount(get_sample(settings.sample))
     preloaded = preload(bench, calibration, preload_for(settings.loads))
@@ -158,8 +158,7 @@ def run(
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
         points.append(point)
         progress(len(points), len(steps), what)
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     return evaluate(points, design, calibration, settings, bench.force_limit)
 
 

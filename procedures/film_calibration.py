@@ -21,7 +21,7 @@ from procedures.load_cell import LONGEST_VALIDITY
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_calibrated, check_resolved
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, preload
+from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
 
 PROCEDURE = "calibrate-films"
 
@@ -98,13 +98,11 @@ def run(
     total = len(design.teeth) * len(settings.frequencies) * len(settings.loads)
     points: list[dict[str, Any]] = []
     readings: list[FilmReading] = []
-    bench.rest()
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     for tooth in range(len(design.teeth)):
         progress(len(points), total, f"press tooth {tooth + 1}")
-        bench.rest()
-        bench.positioner.home()
+        withdraw(bench)
         bench.operator.press_tooth(tooth)
         preloaded = preload(bench, calibration, preload_for(settings.loads))
         bench.drive()
@@ -136,8 +134,7 @@ def run(
                 if not measured.valid:
                     raise DeviceError(f"{what}: {', '.join(measured.flags)}; repair that and calibrate again")
                 readings.append(FilmReading(tooth, frequency, load, measured.load_N, measured.load_u, voltage))
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     found = calibrate_films(
         design,
         readings,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,13 +23,13 @@ from instrument.design import Design
 from instrument.dwell import Dwell
 from instrument.errors import DeviceError, EstimateError, RangeError
 from instrument.estimate import SineFit, fit_sine
+from procedures.policy import ATTEMPTS, carry_out
 from procedures.record import Recorder
 from procedures.servo import READINGS, LoadServo
 
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
 WIDE, SENSITIVE = RANGES
-ATTEMPTS = 3
 SHORT_RECORD = 0.2  # s, and whole cycles, two or more
 SETTLING_LIMIT = 30.0  # s, and ten short records or more
 AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
@@ -71,6 +71,7 @@ class FilmPoint:
         predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
         attempts: how many there were.
         flags: why the last one is not to be used; empty: it is.
+        incidents: how often something went wrong on the bench meanwhile and was made good; events say what.
     """
 
     load_N: float
@@ -83,6 +84,7 @@ class FilmPoint:
     settling: float
     attempts: int
     flags: tuple[str, ...]
+    incidents: int = 0
 
     @property
     def valid(self) -> bool:
@@ -225,19 +227,26 @@ def measure(
         SafetyError, DeviceError, LinkError, UnreachableError: the bench could not.
         EstimateError: the dwell gives no estimate.
     """
+    before = films.bench.incidents.count
+    named = what or f"{load:g} N"
     for attempt in range(1, ATTEMPTS + 1):
-        point = _attempt(films, servo, load, dwell, attempt)
+        point = carry_out(
+            films.bench,
+            named,
+            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt),  # type: ignore[misc]
+            again=lambda: servo.set(load),
+        )
         if point.valid or attempt == ATTEMPTS:
             break
         record.event(
             "rejected",
-            f"{what or f'{load:g} N'}, attempt {attempt}: {', '.join(point.flags)}",
+            f"{named}, attempt {attempt}: {', '.join(point.flags)}",
             films.bench.clock.now_ns(),
         )
         films.widen(point.record)
         if DRIFTED in point.flags:
-            servo.set(load)
-    return point
+            carry_out(films.bench, named, lambda: servo.set(load))
+    return replace(point, incidents=films.bench.incidents.count - before)
 
 
 def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int) -> FilmPoint:

@@ -22,7 +22,7 @@ from procedures.load_sweep import check_calibrated, check_resolved
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import FIRST_STEPS, Plan, Step, point_seconds
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, press
+from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
 PROCEDURE = "sweep-frequency"
 RANGE = (0.1, 100.0)  # Hz
@@ -184,7 +184,7 @@ def run(
     steps = plan(settings, design).steps
     static = preload_for((settings.load,))
     films = Films(bench, design, steps[0].frequency_Hz, static + settings.load / 2)
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     progress(0, len(steps), f"mount sample {settings.sample}")
     preloaded = press(bench, calibration, get_sample(settings.sample), static)
@@ -201,8 +201,7 @@ def run(
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
         points.append(point)
         progress(len(points), len(steps), what)
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     return evaluate(points, design)
 
 

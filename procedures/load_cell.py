@@ -15,7 +15,9 @@ from instrument.calibration import STANDARD_GRAVITY, LoadCellCalibration, calibr
 from instrument.classification import Run
 from instrument.errors import DeviceError, RangeError
 from instrument.load_budget import load_budget
+from instrument.quantity import show
 from instrument.uncertainty import Budget
+from procedures.policy import carry_out
 from procedures.record import Recorder
 
 PROCEDURE = "calibrate-load-cell"
@@ -212,7 +214,13 @@ class _Series:
         return self._point(position, number, direction, load)
 
     def _point(self, position: float, number: int, direction: str, load: float) -> float:
-        values = _read(self.bench)
+        before = self.bench.incidents.count
+        values = carry_out(
+            self.bench,
+            f"{direction}, {show(load, 'N')}",
+            lambda: _read(self.bench),
+            again=lambda: self.bench.clock.wait(SETTLING),
+        )
         point = {
             "position_deg": position,
             "run": number,
@@ -221,6 +229,7 @@ class _Series:
             "load_N": load,
             "reading_mV": sum(values) / len(values),
             "readings_mV": values,
+            "incidents": self.bench.incidents.count - before,
         }
         self.record.point(point, {}, self.bench.clock.now_ns())
         self.points.append(point)
@@ -239,7 +248,9 @@ def _read(bench: Bench) -> list[float]:
             bench.clock.wait(INTERVAL)
         reading = bench.indicator.read()
         if not reading.valid:
-            state = "bridge open" if reading.bridge_open else "overload" if reading.overload else "not stable"
-            raise DeviceError(f"{bench.indicator.name}: {state}; check the cell and wait until the weight rests")
+            name = bench.indicator.name
+            raise DeviceError(
+                f"{name}: {reading.sick or 'not stable'}; check the cell and wait until the weight rests", device=name
+            )
         values.append(reading.reading_mV)
     return values

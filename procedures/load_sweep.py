@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -21,8 +22,9 @@ from instrument.uncertainty import Budget, Component
 from procedures.films import DwellChoice, FilmPoint, Films, measure
 from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
 from procedures.pause import NOBODY, Pause, pause_here
+from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, press
+from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
 SMALLEST_LOAD = 2.0  # steps of the indicator
 
@@ -60,6 +62,7 @@ class LoadPoint:
     settling_s: float | None = None
     attempts: int = 1
     flags: tuple[str, ...] = ()
+    incidents: int = 0
     teeth: tuple[ToothPoint, ...] = ()
     extrapolated: bool = False
     calibration_u: float = 0.0
@@ -126,7 +129,7 @@ def run(
     steps = plan(settings, design).steps
     points = record.finished(LoadPoint)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     for name, of_sample in groupby(steps[len(points) :], lambda step: step.sample):
         progress(len(points), len(steps), f"mount sample {name}")
@@ -136,14 +139,13 @@ def run(
             what = f"sample {name}, {show(step.load_N, 'N')}"
             progress(len(points), len(steps), what)
             pause_here(pause, bench, record)
-            servo.set(step.load_N)
+            carry_out(bench, what, partial(servo.set, step.load_N))
             measured = measure(films, servo, step.load_N, _dwell(settings, design), record, what)
             point = _point(design, calibration, step, measured)
             record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
             points.append(point)
             progress(len(points), len(steps), what)
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     return evaluate(points, design)
 
 
@@ -201,6 +203,7 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         settling_s=measured.settling,
         attempts=measured.attempts,
         flags=measured.flags,
+        incidents=measured.incidents,
         teeth=forces.teeth if len(forces.teeth) > 1 else (),
         extrapolated=not calibration.covers(step.load_N),
         calibration_u=forces.calibration_u,

@@ -23,7 +23,7 @@ from procedures.load_sweep import check_calibrated, check_resolved
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import Plan, Step, point_seconds
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, preload
+from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
 
 PROCEDURE = "sweep-position"
 FEWEST = 2
@@ -148,7 +148,7 @@ def run(
     check_calibrated((settings.load,), calibration, settings.extrapolate)
     static = preload_for((settings.load,))
     films = Films(bench, design, settings.frequency, static + settings.load / 2)
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     total = len(settings.positions)
     progress(0, total, f"mount sample {settings.sample}")
@@ -170,8 +170,7 @@ def run(
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
         points.append(point)
         progress(len(points), total, what)
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     return evaluate(points)
 
 

@@ -11,11 +11,13 @@ from instrument.contracts.signal_generator import LARGEST_PEAK
 from instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
 from instrument.quantity import show
 from instrument.sample import Sample
+from procedures.policy import carry_out
 
 READINGS = 4  # averaged: the display's own noise dithers its steps
 READING_INTERVAL = 0.1  # s, the display is renewed ten times a second
 TRACK_FILTER = 0.1  # s
 TRACK_SETTLING = 0.8  # s, until a filtered reading counts as stable
+UNLOADING = 2.0  # s, until nothing of the last load is left in the filter
 APPROACH_STEP = 2e-3  # m
 CONTACT = 0.3  # N, surely more than noise
 ZERO_TOLERANCE = 3.0  # standard uncertainties
@@ -53,6 +55,30 @@ def check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
     Raises:
         BenchError: it reads something else, so that every load and the force limit would be off.
     """
+    carry_out(bench, "zero of the load cell", lambda: _check_zero(bench, calibration))
+
+
+def withdraw(bench: Bench) -> None:
+    """Outputs to zero, and the probe home."""
+    carry_out(bench, "probe home", lambda: _withdraw(bench))
+
+
+def finish(bench: Bench, calibration: LoadCellCalibration) -> None:
+    """As `withdraw`; then the load cell must still read its zero, or the loads since the start are in doubt.
+
+    Raises:
+        BenchError: it does not.
+    """
+    withdraw(bench)
+    bench.clock.wait(UNLOADING)
+    try:
+        check_zero(bench, calibration)
+    except BenchError as error:
+        error.add_note("the zero has moved since the start: loads of this run are in doubt")
+        raise
+
+
+def _check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
     bench.indicator.clear_tare()
     bench.indicator.track(TRACK_FILTER)
     bench.clock.wait(TRACK_SETTLING)
@@ -92,7 +118,8 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         bench.clock.wait(TRACK_SETTLING)
         reading = read_indicator(bench)
         if not reading.valid:
-            raise DeviceError(f"{bench.indicator.name}: no valid reading at {1e3 * position:.3f} mm; check the bridge")
+            name = bench.indicator.name
+            raise DeviceError(f"{name}: no valid reading at {1e3 * position:.3f} mm; check the bridge", device=name)
         load = calibration.load(reading.reading_mV)[0]
         if not load <= bench.force_limit:
             bench.positioner.home()
@@ -110,12 +137,17 @@ def press(bench: Bench, calibration: LoadCellCalibration, sample: Sample, force:
 
     Returns the force reached. Raises as `preload`, and what the operator raises.
     """
+    withdraw(bench)
+    bench.operator.mount(sample)
+    what = f"preload of {show(force, 'N')} on sample {sample.name}"
+    reached = carry_out(bench, what, lambda: preload(bench, calibration, force))
+    carry_out(bench, "outputs on", bench.drive)
+    return reached
+
+
+def _withdraw(bench: Bench) -> None:
     bench.rest()
     bench.positioner.home()
-    bench.operator.mount(sample)
-    reached = preload(bench, calibration, force)
-    bench.drive()
-    return reached
 
 
 def window(frequency: float) -> float:
@@ -224,8 +256,10 @@ class LoadServo:
             )
         if not reading.valid:
             self._bench.rest()
+            name = self._bench.indicator.name
             raise DeviceError(
-                f"{self._bench.indicator.name}: no valid reading while driving; outputs are off. "
-                "Check the bridge and the mounting of the sample"
+                f"{name}: no valid reading while driving; outputs are off. Check the bridge and the mounting of the "
+                "sample",
+                device=name,
             )
         return load

@@ -23,7 +23,7 @@ from procedures.load_plan import check_force, check_frequency, check_time, prelo
 from procedures.load_sweep import check_calibrated, check_resolved
 from procedures.model_modulus import COVERAGE, estimate
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, preload
+from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
 
 PROCEDURE = "softness"
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
@@ -156,7 +156,7 @@ def run(
     points: list[SoftnessPoint] = []
     total = len(settings.objects) * len(settings.loads)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     for sample in settings.objects:
         progress(len(points), total, f"mount {sample.name}")
@@ -179,8 +179,7 @@ def run(
             record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
             points.append(point)
             progress(len(points), total, what)
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     return evaluate(points, settings, design)
 
 

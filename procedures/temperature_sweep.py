@@ -25,7 +25,7 @@ from procedures.load_sweep import check_calibrated, check_resolved
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import Plan, Step, point_seconds
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, press
+from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
 PROCEDURE = "sweep-temperature"
 RANGE = (-20.0, 40.0)  # K against the start; PVDF loses its polarisation from about 80 °C on [S]
@@ -193,7 +193,7 @@ def run(
     steps = plan(settings, design).steps
     static = preload_for((settings.load,))
     films = Films(bench, design, settings.frequency, static + settings.load / 2)
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
     progress(0, len(steps), f"mount sample {settings.sample}")
     servo = LoadServo(
@@ -214,8 +214,7 @@ def run(
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
         points.append(point)
         progress(len(points), len(steps), what)
-    bench.rest()
-    bench.positioner.home()
+    finish(bench, calibration)
     return evaluate(points, design)
 
 

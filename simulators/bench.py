@@ -63,9 +63,9 @@ class SimulatedBench:
             relays = injection.relays() if injection else {}
             noise = injection.line(LINE_UNITS) if injection else None
             timeouts = injection.timeouts() if injection else {}
+            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial, noise)
             generator = servers.serve_tcp(1, self.generator, relays.get("signal_generator"))
             amplifier = servers.serve_tcp(1, self.amplifier, relays.get("shaker_amplifier"))
-            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial, noise)
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,

@@ -185,6 +185,7 @@ def open_session(
             resumed.begin(header)
             record = stack.enter_context(resumed)
         stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
+        opened.attend(record.event)
         with storing(folder):
             (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
             if chosen is not None:
