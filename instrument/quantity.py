@@ -50,20 +50,21 @@ def parse(text: str, unit: str) -> float:
     if found is None:
         raise QuantityError(f"{text[:100]!r} is not a quantity; {example}")
     value = float(found["number"])
-    if not math.isfinite(value):
-        raise QuantityError(f"{text!r} is not finite; {example}")
     try:
         quantity = _registry().Quantity(value, _spelled(found["unit"]))
-    except pint.UndefinedUnitError:
+    except (pint.PintError, ValueError):  # "nan" and others are numbers to pint
         raise QuantityError(f"{text!r}: {found['unit']!r} is no unit; {example}") from None
     if unit and quantity.unitless:
         raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
     try:
-        return float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
-    except pint.DimensionalityError:
+        converted = float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
+    except pint.PintError:  # another dimension, or a temperature with its own zero
         raise QuantityError(
             f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {example}"
         ) from None
+    if not math.isfinite(converted):
+        raise QuantityError(f"{text!r} is not finite; {example}")
+    return converted
 
 
 def _spelled(unit: str) -> str:
