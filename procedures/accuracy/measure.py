@@ -27,7 +27,7 @@ from procedures.accuracy.references import truth_of
 Array = NDArray[np.float64]
 
 DESIGNS = ("single_round", "single", "common_base", "different_base")
-# Without a surface there is no reference between the moduli: of twelve teeth it would take an hour.
+# Without a surface there is no reference between the moduli: of twelve teeth it would take SuperLU half an hour.
 UNPRICED = ("array",)
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 STRIDES = (8, 4, 2, 1)  # every eighth node of a surface, and so on
