@@ -10,6 +10,8 @@ from procedures.characterise import HOLDING, LOADING, UNLOADING, CharacteriseRes
 from procedures.report.figure import MARKERS, new_figure, save
 from procedures.report.text import STAMP, new_table, print_all, stamped, where
 
+MOST_NAMED = 6  # films that a legend has room for
+
 
 def print_characteristics(result: CharacteriseResult, outcome: dict[str, Any], plot: Path) -> None:
     """A row a figure of merit: value, standard uncertainty, how it was measured."""
@@ -44,8 +46,9 @@ def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Pa
         )  # fmt: skip
     left.set(xlabel="load, peak to peak (N)", ylabel="voltage, peak to peak (mV)", yscale="log")
     right.set(xlabel="time (s)", ylabel="change of the amplitude (%)")
-    left.legend(fontsize=8)
-    right.legend(fontsize=8)
+    if len(result.films) <= MOST_NAMED:
+        left.legend(fontsize=8)
+        right.legend(fontsize=8)
     return save(figure, folder)
 
 
