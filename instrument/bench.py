@@ -15,7 +15,7 @@ from instrument.designs import get_design
 from instrument.errors import UnknownName
 from instrument.quantity import Amperes, Newtons, Seconds, Volts
 
-Unit = Annotated[int, Field(ge=1, le=247)]
+Unit = Annotated[int, Field(ge=1, le=247, strict=True)]
 Timeout = Annotated[Seconds, Field(gt=0, le=60)]
 
 
@@ -23,7 +23,7 @@ class TcpAddress(Config):
     """A Modbus TCP device."""
 
     host: str = Field(min_length=1)
-    port: int = Field(default=502, ge=1, le=65535)
+    port: int = Field(default=502, ge=1, le=65535, strict=True)
     unit: Unit = 1
     timeout: Timeout = 1.0
 
@@ -39,9 +39,9 @@ class SerialLine(Config):
     """The Modbus RTU line that strain indicator and positioner share."""
 
     port: str = Field(min_length=1)
-    baudrate: int = Field(default=115200, ge=1200, le=4_000_000)
+    baudrate: int = Field(default=115200, ge=1200, le=4_000_000, strict=True)
     parity: Annotated[str, Field(pattern="^[NEO]$")] = "N"
-    stopbits: int = Field(default=1, ge=1, le=2)
+    stopbits: int = Field(default=1, ge=1, le=2, strict=True)
     timeout: Timeout = 1.0
 
 
@@ -64,8 +64,8 @@ class CanBus(Config):
 
     interface: str = Field(min_length=1)
     channel: str
-    bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
-    nodes: tuple[Annotated[int, Field(ge=1, le=127)], ...] = Field(min_length=1, max_length=20)
+    bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000, strict=True)
+    nodes: tuple[Annotated[int, Field(ge=1, le=127, strict=True)], ...] = Field(min_length=1, max_length=20)
     timeout: Timeout = 1.0
 
     @field_validator("nodes")

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from instrument.calibration import LoadCellCalibration
 from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
@@ -82,7 +82,7 @@ class FilmCalibration(Config):
     """
 
     design: Name
-    films: tuple[CalibratedFilm, ...]
+    films: Annotated[tuple[CalibratedFilm, ...], Field(min_length=1)]
     covariance: tuple[tuple[float, ...], ...]
     crosstalk: tuple[tuple[float, ...], ...]
     crosstalk_u: tuple[tuple[float, ...], ...]
@@ -97,6 +97,21 @@ class FilmCalibration(Config):
     source: Name
     created: Name
     expires: IsoDate
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        """Tables are as large as films and frequencies ask for."""
+        count = len(self.films)
+        shapes = {
+            "covariance": (self.covariance, count, count),
+            "gain": (self.gain, count, len(self.frequencies_Hz)),
+            "crosstalk_u": (self.crosstalk_u, len(self.crosstalk), len(self.crosstalk[0]) if self.crosstalk else 0),
+            "crosstalk": (self.crosstalk, len(self.crosstalk), len(self.crosstalk[0]) if self.crosstalk else 0),
+        }
+        for name, (table, rows, columns) in shapes.items():
+            if len(table) != rows or any(len(row) != columns for row in table):
+                raise ValueError(f"{name} is not {rows} rows of {columns} numbers, for {count} films")
+        return self
 
     def budgets(self) -> tuple[Budget, ...]:
         """Of each sensitivity."""

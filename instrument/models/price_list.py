@@ -14,10 +14,11 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from instrument.config import Config
 from instrument.design import Design
@@ -131,6 +132,18 @@ class PriceList(Config):
     moduli_Pa: tuple[float, ...] = Field(min_length=2)
     references: tuple[Reference, ...]
     prices: tuple[Price, ...]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        """Every price and reference has a number for every interval or modulus, and moduli rise."""
+        count = len(self.moduli_Pa)
+        if not (self.moduli_Pa[0] > 0 and all(low < high for low, high in pairwise(self.moduli_Pa))):
+            raise ValueError("moduli_Pa do not rise from above 0")
+        if any({len(price.errors), len(price.estimates)} != {count - 1} for price in self.prices) or any(
+            {len(reference.force_ratios), len(reference.uncertainties)} != {count} for reference in self.references
+        ):
+            raise ValueError(f"a price or reference does not go with {count} moduli")
+        return self
 
     def choose(self, design: str, low: float, high: float, tolerance: float) -> Choice:
         """The cheapest model whose priced error meets the tolerance for objects of moduli `low` to `high` [Pa].

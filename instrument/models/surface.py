@@ -45,6 +45,7 @@ REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
 # More teeth take the solid model's coarsest mesh: each modulus would cost a minute on the next one.
 FEW_TEETH = 4
 STORED = Path(__file__).with_name("surfaces")
+LARGEST_SURFACE = 1_000_000  # bytes unpacked; 97 nodes have a few thousand
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +208,7 @@ def read(path: Path) -> ResponseSurface:
     try:
         # np.load leaves a file that it opened itself open when it turns out to be cut off.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            _hold_limits(stored.zip)
             lowest, highest, bound, discretisation, seconds = (float(value) for value in stored["numbers"])
             surface = ResponseSurface(
                 coefficients=np.asarray(stored["coefficients"], dtype=np.float64),
@@ -219,11 +221,18 @@ def read(path: Path) -> ResponseSurface:
                 design_hash=str(stored["design_hash"]),
             )
             content = str(stored["content_hash"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # zipfile and numpy raise nearly anything at a damaged file
         raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
     if content != surface._content_hash():
         raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
     return surface
+
+
+def _hold_limits(archive: zipfile.ZipFile) -> None:
+    """Raises ValueError: unpacked it is larger than a surface."""
+    size = sum(entry.file_size for entry in archive.infolist())
+    if size > LARGEST_SURFACE:
+        raise ValueError(f"{size} bytes unpacked, {LARGEST_SURFACE} are the most")
 
 
 def find(design: Design, load: Load) -> ResponseSurface:
