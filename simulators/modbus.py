@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ModbusPDU
-from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
-from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from instrument.contract import Field
+from instrument.errors import BenchError
 from simulators.clock import VirtualClock
 from simulators.device import Refused, SimulatedDevice
+from simulators.modbus_server import Identity, SerialServer, TcpServer
 
 if TYPE_CHECKING:
     from simulators.effects.serial_timing import SerialTiming
@@ -66,14 +66,25 @@ class ServerThread:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
-    def serve_tcp(self, unit: int, device: SimulatedDevice, relay: Relay | None = None) -> int:
-        """Serve one device on an ephemeral loopback port; returns the port, of the relay where there is one."""
+    def serve_tcp(
+        self,
+        unit: int,
+        device: SimulatedDevice,
+        relay: Relay | None = None,
+        address: tuple[str, int] = (LOOPBACK, 0),
+    ) -> int:
+        """Serve one device, where no port is given on an ephemeral one; returns the port, of the relay if there is one.
+
+        Raises BenchError: the port is in use, or the host is not of this machine.
+        """
 
         async def start() -> int:
-            server = ModbusTcpServer(
-                [_sim_device(unit, device)], address=(LOOPBACK, 0), trace_pdu=_identify({unit: device})
-            )
-            await server.serve_forever(background=True)
+            server = TcpServer(_sim_device(unit, device), _identity(device), address)
+            if not await server.listen():
+                host, taken = address
+                raise BenchError(
+                    f"{host}:{taken} cannot be listened on; it is in use, or not an address of this machine"
+                )
             self._servers.append(server)
             transport: Any = server.transport
             port: int = transport.sockets[0].getsockname()[1]
@@ -92,8 +103,9 @@ class ServerThread:
 
         async def start() -> str:
             server_side, client_side = self._line(noise)
-            server = ModbusSerialServer(
+            server = SerialServer(
                 [_sim_device(unit, device) for unit, device in devices.items()],
+                {unit: _identity(device) for unit, device in devices.items()},
                 port=server_side,
                 baudrate=BAUDRATE,
                 trace_pdu=line.trace_pdu,
@@ -181,25 +193,22 @@ def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> dic
     return values
 
 
-def _identify(devices: dict[int, SimulatedDevice]) -> Any:
-    """Give each unit its own identity: pymodbus keeps one for all servers of a process."""
+def _identity(device: SimulatedDevice) -> Identity:
+    """What a device says it is, as it is asked."""
 
-    def trace(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
-        if sending and isinstance(pdu, ReadDeviceInformationResponse):
-            device = devices[pdu.dev_id]
-            identity = device.contract.identity
-            texts = {
-                0: identity.vendor,
-                1: identity.product,
-                2: identity.revision,
-                4: device.contract.title,
-                6: "simulated",
-                0x80: device.serial,
-            }
-            pdu.information = {number: text.encode() for number, text in texts.items()}
-        return pdu
+    def objects() -> dict[int, bytes]:
+        identity = device.contract.identity
+        texts = {
+            0: identity.vendor,
+            1: identity.product,
+            2: identity.revision,
+            4: device.contract.title,
+            6: "simulated",
+            0x80: device.serial,
+        }
+        return {number: text.encode() for number, text in texts.items()}
 
-    return trace
+    return objects
 
 
 class _Line:
@@ -212,13 +221,11 @@ class _Line:
         self._units = set(devices)
         self._clock = next(iter(devices.values())).clock
         self._timing = timing
-        self._identify = _identify(devices)
 
     def trace_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
         if not sending:
             self._pass(len(pdu.encode()) + OUTER)
-        identified: ModbusPDU = self._identify(sending, pdu)
-        return identified
+        return pdu
 
     def trace_packet(self, sending: bool, data: bytes) -> bytes:
         if sending:

@@ -1,0 +1,206 @@
+"""pymodbus' servers, completed where they fall short of the Modbus specification.
+
+Taken alone they answer the first of several pipelined requests only, name no function in the answer to one they
+cannot read, give code 4 for a unit that is absent, echo what a register holds instead of what was written to it, and
+keep one identity for all servers of a process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Coroutine, Iterable, Mapping
+from typing import Any
+
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
+from pymodbus.pdu.register_message import WriteSingleRegisterRequest
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.server.requesthandler import ServerRequestHandler
+from pymodbus.simulator import SimDevice
+from pymodbus.transaction import TransactionManager
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
+
+IDENTIFY, READ_IDENTITY = 43, b"\x0e"
+FUNCTIONS = (3, 6, 16, IDENTIFY)  # that read and write holding registers, and that
+BROADCAST = 0
+SELF = (0, 255)  # unit ids by which a device on TCP may be addressed as well (Modbus messaging on TCP/IP)
+HEADER = 6  # bytes of an MBAP header up to its length
+UNIT_AND_CHECK = 3  # bytes around a request on a serial line
+LENGTHS = range(2, 255)  # that an MBAP header may give
+PIPELINE = 65536  # bytes of requests that may wait
+EXCEPTION = 0x80  # bit of a function code
+CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # of identity objects, by read device id code
+ONE_OBJECT = 4
+
+Identity = Callable[[], Mapping[int, bytes]]
+
+
+class _Refusal(ModbusPDU):
+    """A request that is answered with an exception code, whatever it asks for."""
+
+    def __init__(self, function: int, code: ExcCodes) -> None:
+        super().__init__()
+        self.function_code = function
+        self._code = code
+
+    async def datastore_update(self, context: Any, device_id: int) -> ModbusPDU:
+        return ExceptionResponse(self.function_code & ~EXCEPTION, self._code)
+
+
+class _WholeFrame(ModbusPDU):
+    """A request on a serial line whose length only its end tells."""
+
+    @classmethod
+    def calculateRtuFrameSize(cls, data: bytes) -> int:
+        return len(data)
+
+
+class _Decoder(DecodePDU):
+    """Every request comes out: as itself, or as the refusal that answers it."""
+
+    def decode(self, frame: bytes) -> ModbusPDU:
+        function, kind = frame[0], frame[1:2]
+        if function not in FUNCTIONS or (function == IDENTIFY and kind != READ_IDENTITY):
+            return _Refusal(function, ExcCodes.ILLEGAL_FUNCTION)
+        request = super().decode(frame)
+        if request is None or not _same(request, frame):  # count 0 or too large, bytes that are missing or too many
+            return _Refusal(function, ExcCodes.ILLEGAL_VALUE)
+        return request
+
+    def lookupPduClass(self, data: bytes) -> type[ModbusPDU] | None:
+        known: type[ModbusPDU] | None = super().lookupPduClass(data)
+        if known is None and FramerRTU.check_CRC(data[:-2], int.from_bytes(data[-2:], "big")):
+            return _WholeFrame
+        return known
+
+
+class _LineFramer(FramerRTU):
+    """Takes one frame at a time: a pseudo-terminal hands on what came after it without the pause between them."""
+
+    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
+        used, unit, transaction, frame = super().decode(data)
+        if frame:
+            used = data.index(bytes([unit]) + frame) + len(frame) + UNIT_AND_CHECK
+        return used, unit, transaction, frame
+
+
+def _same(request: ModbusPDU, frame: bytes) -> bool:
+    """Whether nothing but this request gives these bytes."""
+    try:
+        return frame == bytes([request.function_code]) + request.encode()
+    except (ModbusException, ValueError):
+        return False
+
+
+def _alien(data: bytes) -> bool:
+    """Whether no request on TCP begins like this."""
+    return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
+
+
+def _identification(request: ReadDeviceInformationRequest, objects: Mapping[int, bytes]) -> ModbusPDU:
+    """The answer to function 43/14."""
+    if request.read_code == ONE_OBJECT:
+        if request.object_id not in objects:
+            return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_ADDRESS)
+        asked: Iterable[int] = [request.object_id]
+    elif request.read_code in CATEGORIES:
+        category = CATEGORIES[request.read_code]
+        first = request.object_id if request.object_id in objects and request.object_id in category else 0
+        asked = [number for number in sorted(objects) if number in category and number >= first]
+    else:
+        return ExceptionResponse(IDENTIFY, ExcCodes.ILLEGAL_VALUE)
+    return ReadDeviceInformationResponse(request.read_code, {number: objects[number] for number in asked})
+
+
+class _Connection(ServerRequestHandler):
+    """One client, whose requests are answered one after the other."""
+
+    def __init__(self, server: Any) -> None:
+        super().__init__(server, server.trace_packet, server.trace_pdu, server.trace_connect)  # type: ignore[no-untyped-call]
+        self._completed: Any = server
+        self.max_buffer_size = PIPELINE
+        self._waiting: deque[ModbusPDU] = deque()
+
+    def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
+        used = 0
+        while used < len(data):
+            if isinstance(self.framer, FramerSocket) and _alien(data[used:]):
+                self.close()  # nothing tells where its next request would begin
+                return len(data)
+            size = TransactionManager.callback_data(self, data[used:], addr)
+            if not size:
+                break
+            used += size
+            if self.last_pdu is not None:
+                self._waiting.append(self.last_pdu)
+        if self._waiting:
+            self._completed.answering(self._answer())
+        return used
+
+    async def _answer(self) -> None:
+        while self._waiting:
+            request = self._waiting.popleft()
+            if request.dev_id == BROADCAST and self._completed.broadcast_enable:
+                for unit in self._completed.identities:
+                    await request.datastore_update(self._completed.context, unit)
+                continue
+            response = await self._response(request)
+            response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
+            self.server_send(response, None)  # type: ignore[no-untyped-call]
+
+    async def _response(self, request: ModbusPDU) -> ModbusPDU:
+        identity = self._completed.identities.get(request.dev_id)
+        if identity is None:
+            return ExceptionResponse(request.function_code & ~EXCEPTION, ExcCodes.GATEWAY_NO_RESPONSE)
+        if isinstance(request, ReadDeviceInformationRequest):
+            return _identification(request, identity())
+        response: ModbusPDU = await request.datastore_update(self._completed.context, request.dev_id)
+        if isinstance(request, WriteSingleRegisterRequest) and not response.isError():
+            response.registers = request.registers  # a command register has fallen back to idle meanwhile
+        return response
+
+
+class _Completed:
+    """What both servers have in common."""
+
+    identities: dict[int, Identity]
+    decoder: DecodePDU
+    _tasks: set[asyncio.Task[None]]
+
+    def complete(self, identities: dict[int, Identity]) -> None:
+        self.identities = identities
+        self.decoder = _Decoder(True)
+        self._tasks = set()
+
+    def callback_new_connection(self) -> _Connection:
+        return _Connection(self)
+
+    def answering(self, answer: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(answer)
+        self._tasks.add(task)  # the loop alone would not keep it
+        task.add_done_callback(self._tasks.discard)
+
+
+class TcpServer(_Completed, ModbusTcpServer):
+    """One device on a TCP port, by its unit id and by those that mean the device itself."""
+
+    def __init__(self, device: SimDevice, identity: Identity, address: tuple[str, int]) -> None:
+        super().__init__([device], address=address)
+        self.complete(dict.fromkeys((device.id, *SELF), identity))
+        units: Any = self.context
+        units.devices.update(dict.fromkeys(SELF, units.devices[device.id]))
+
+
+class SerialServer(_Completed, ModbusSerialServer):
+    """Several units on a serial line; what is sent to unit 0 all of them carry out, and none answers."""
+
+    def __init__(self, devices: list[SimDevice], identities: dict[int, Identity], **line: Any) -> None:
+        super().__init__(devices, broadcast_enable=True, **line)
+        self.complete(identities)
+        self.framer = _LineFramer

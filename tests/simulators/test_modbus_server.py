@@ -1,0 +1,190 @@
+"""The Modbus servers on the wire, byte by byte, as any client meets them."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tty
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pytest
+from pymodbus.framer import FramerRTU
+
+from instrument.contract import PROBE
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene
+
+
+def framed(pdu: bytes, transaction: int = 7, unit: int = 1) -> bytes:
+    return transaction.to_bytes(2) + bytes(2) + (len(pdu) + 1).to_bytes(2) + bytes([unit]) + pdu
+
+
+@pytest.fixture(scope="module")
+def served(scene: Scene) -> Iterator[SimulatedBench]:
+    with SimulatedBench(scene) as simulated:
+        yield simulated
+
+
+@pytest.fixture
+def client(served: SimulatedBench) -> Iterator[socket.socket]:
+    address = served.description.signal_generator
+    with socket.create_connection((address.host, address.port), timeout=5) as connected:
+        yield connected
+
+
+def replies(client: socket.socket, count: int) -> list[bytes]:
+    """The next `count` replies, each with its header."""
+    stream = client.makefile("rb")
+    heads = [(head := stream.read(6), stream.read(int.from_bytes(head[4:6]))) for _ in range(count)]
+    return [head + rest for head, rest in heads]
+
+
+def asked(client: socket.socket, pdu: str, unit: int = 1) -> str:
+    """The answer to one request, both as hexadecimal digits without header."""
+    client.sendall(framed(bytes.fromhex(pdu), unit=unit))
+    (reply,) = replies(client, 1)
+    assert reply[:2] == b"\x00\x07"
+    assert reply[6] == unit
+    return reply[7:].hex()
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [
+        ("01 0000 0001", "8101"),  # coils: unknown function
+        ("04 0000 0001", "8401"),
+        ("08 0000 1234", "8801"),
+        ("16 0000 0000 0001", "9601"),
+        ("17 0000 0001 0000 0001 02 0001", "9701"),
+        ("2a", "aa01"),
+        ("64 00", "e401"),
+        ("c1 00", "c101"),  # itself an exception
+        ("2b 0d 00", "ab01"),  # another encapsulated interface
+        ("03 0000 0000", "8303"),  # count 0
+        ("03 0000 007e", "8303"),  # 126 registers
+        ("03 0000 00", "8303"),  # cut short
+        ("03 0000 0001 00", "8303"),  # goes on
+        ("10 0000 0000 00", "9003"),
+        ("10 0000 007c f8 0000", "9003"),  # 124 registers
+        ("10 0000 0002 02 0000", "9003"),  # byte count against count
+        ("06 0000", "8603"),
+        ("03 7000 0001", "8302"),  # unknown address
+        ("03 ffff 0002", "8302"),
+        ("06 7000 0001", "8602"),
+        ("2b 0e 00 00", "ab03"),  # read device id code 0
+        ("2b 0e 05 00", "ab03"),
+        ("2b 0e 04 33", "ab02"),  # no such object
+    ],
+)
+def test_what_is_wrong_with_a_request_has_its_exception_code(client: socket.socket, request_: str, answer: str) -> None:
+    assert asked(client, request_) == answer
+
+
+@pytest.mark.parametrize("unit", [2, 17, 247])
+def test_an_absent_unit_is_answered_by_the_gateway(client: socket.socket, unit: int) -> None:
+    assert asked(client, "03 0000 0001", unit) == "830b"
+    assert asked(client, "2b 0e 01 00", unit) == "ab0b"
+
+
+@pytest.mark.parametrize("unit", [0, 255])
+def test_a_device_on_tcp_is_meant_by_0_and_255_as_well(
+    client: socket.socket, served: SimulatedBench, unit: int
+) -> None:
+    address = served.generator.contract["probe"].address
+    assert asked(client, f"03 {address:04x} 0002", unit) == f"0304{PROBE:08x}"
+    assert asked(client, "2b 0e 04 00", unit).endswith(served.generator.contract.identity.vendor.encode().hex())
+
+
+@pytest.mark.parametrize(
+    ("code", "first", "objects"),
+    [(1, 0, [0, 1, 2]), (1, 2, [2]), (1, 0x80, [0, 1, 2]), (2, 0, [0, 1, 2, 4, 6]), (3, 0, [0, 1, 2, 4, 6, 0x80]),
+     (3, 0x80, [0x80]), (4, 4, [4])],
+)  # fmt: skip
+def test_an_identity_is_read_by_category_from_an_object_on(
+    client: socket.socket, code: int, first: int, objects: list[int]
+) -> None:
+    answer = bytes.fromhex(asked(client, f"2b 0e {code:02x} {first:02x}"))
+    assert answer[:7] == bytes([0x2B, 0x0E, code, 0x83, 0, 0, len(objects)])
+    found, rest = [], answer[7:]
+    while rest:
+        found.append(rest[0])
+        rest = rest[2 + rest[1] :]
+    assert found == objects
+
+
+def test_requests_in_one_segment_are_all_answered_in_their_order(client: socket.socket) -> None:
+    address = "0000"
+    many = [framed(bytes.fromhex(f"03 {address} 0001"), transaction=n) for n in range(400)]
+    client.sendall(b"".join(many))
+    assert [int.from_bytes(reply[:2]) for reply in replies(client, len(many))] == list(range(400))
+
+
+def test_a_request_in_single_bytes_is_answered(client: socket.socket) -> None:
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    for byte in framed(bytes.fromhex("03 7000 0001")):
+        client.sendall(bytes([byte]))
+    assert replies(client, 1)[0][7:].hex() == "8302"
+
+
+def test_one_register_is_echoed_as_written_though_a_command_falls_back(
+    client: socket.socket, served: SimulatedBench
+) -> None:
+    address = served.generator.contract["phase_reset"].address
+    assert asked(client, f"06 {address:04x} 0001") == f"06{address:04x}0001"
+    assert served.generator.settings["phase_reset"] == 0.0
+
+
+@pytest.mark.parametrize(
+    "rubbish", [b"GET / HTTP/1.1\r\n\r\n", bytes(64), b"\xff" * 300, framed(b"\x03", unit=1)[:4] + b"\xff\xff"]
+)
+def test_rubbish_ends_its_own_connection_alone(client: socket.socket, served: SimulatedBench, rubbish: bytes) -> None:
+    address = served.description.signal_generator
+    with socket.create_connection((address.host, address.port), timeout=5) as other:
+        other.sendall(rubbish)
+        with suppress(ConnectionResetError):
+            assert other.recv(100) == b""
+    assert asked(client, "03 7000 0001") == "8302"
+
+
+# --- the serial line -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def line(served: SimulatedBench) -> Iterator[int]:
+    descriptor = os.open(served.description.line.port, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(descriptor)
+    yield descriptor
+    os.close(descriptor)
+
+
+def checked(frame: str) -> bytes:
+    data = bytes.fromhex(frame)
+    return data + FramerRTU.compute_CRC(data).to_bytes(2)
+
+
+def on_line(line: int, frame: str, size: int) -> str:
+    """`size` bytes that come for a frame, its check sum added, without theirs."""
+    os.write(line, checked(frame))
+    data = b""
+    while len(data) < size + 2:
+        data += os.read(line, size + 2 - len(data))
+    assert data == checked(data[:-2].hex())
+    return data[:-2].hex()
+
+
+def test_a_function_that_a_unit_on_the_line_does_not_know_is_refused(line: int) -> None:
+    assert on_line(line, "01 64 00", 3) == "01e401"
+    assert on_line(line, "02 04 0000 0001", 3) == "028401"
+
+
+def test_a_broadcast_is_carried_out_by_all_and_answered_by_none(line: int, served: SimulatedBench) -> None:
+    """Both units have a register at that address; one takes the value and one does not: neither says so."""
+    field = served.positioner.contract["target"]
+    data = served.positioner.contract.encode("target", 2e-3).hex()
+    before = served.positioner.settings["target"]
+    os.write(line, checked(f"00 10 {field.address:04x} {field.size // 2:04x} {field.size:02x} {data}"))
+    probe = served.positioner.contract["probe"].address
+    assert on_line(line, f"02 03 {probe:04x} 0002", 7) == f"020304{PROBE:08x}"
+    assert before != 2e-3
+    assert served.positioner.settings["target"] == 2e-3
