@@ -19,8 +19,10 @@ from tests.benchmarks import (
     models,
     numbers,
     peers,
+    records,
     reproduce,
     scenes,
+    soak,
     solid,
     start_up,
     sweep,
@@ -38,11 +40,12 @@ PARTS = {
     "models": models.measure,
     "solid": solid.measure,
     "peers": peers.measure,
+    "records": records.measure,
     "reproduce": reproduce.measure,
     "scenes": scenes.measure,
     "start_up": start_up.measure,
 }
-LONG = {"kills": kills.measure}  # a quarter of an hour and more: only by name
+LONG = {"kills": kills.measure, "soak": soak.measure}  # a quarter of an hour and more: only by name
 
 
 def main(names: list[str]) -> int:
