@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -53,9 +54,10 @@ class _StrictDecoder(DecodePDU):
             if not all(isinstance(text, bytes) for text in reply.information.values()):
                 return None
             reply.number_of_objects = 0  # encoding counts them again
-        if reply is not None and frame == bytes([reply.function_code]) + reply.encode():
-            return reply
-        return None
+        try:
+            return reply if reply is not None and frame == bytes([reply.function_code]) + reply.encode() else None
+        except (struct.error, ValueError, ModbusException):  # of a function that nobody asks for
+            return None
 
 
 def _bounded(sending: bool, data: bytes) -> bytes:
