@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from instrument.errors import RecordError
-from procedures.run import DATABASE, SCHEMA, WAVEFORMS, Run, reading
+from procedures.run import DATABASE, SCHEMA, WAVEFORMS, Run, reading, row_crc32
 
 
 @dataclass(slots=True)
@@ -64,8 +64,10 @@ def _expected() -> set[str]:
 
 def _point_faults(database: sqlite3.Connection, found: Found) -> Iterator[str]:
     expected, last_ns = 1, 0
-    for point_id, bench_ns, text in database.execute("SELECT * FROM point ORDER BY id"):
+    for point_id, bench_ns, text, crc32 in database.execute("SELECT id, bench_ns, data, crc32 FROM point ORDER BY id"):
         found.points += 1
+        if row_crc32(point_id, bench_ns, text) != crc32:
+            yield f"point {point_id}: is not as it was written, CRC-32 differs"
         if point_id != expected:
             yield f"before point {point_id} points are missing, from {expected} on"
         if bench_ns < last_ns:

@@ -21,7 +21,6 @@ import itertools
 import os
 import re
 import sqlite3
-import zlib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,7 +31,7 @@ import numpy as np
 
 from instrument.errors import RecordError, UsageError
 from procedures.encoding import Waveforms, as_json, encoded
-from procedures.run import DATABASE, SCHEMA, WAVEFORMS, storing
+from procedures.run import DATABASE, SCHEMA, WAVEFORMS, row_crc32, storing, waveform_crc32
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 _OWN_KEYS = frozenset({"status", "summary"})
@@ -131,11 +130,13 @@ class Recorder:
         with storing(self.folder / WAVEFORMS):
             offsets = self._append([samples for _, _, samples in stored])
         rows = [
-            (point_id, name, samples.dtype.str, float(rate), offset, samples.size, zlib.crc32(samples.data))
+            (point_id, name, samples.dtype.str, float(rate), offset, samples.size, crc32)
             for (name, rate, samples), offset in zip(stored, offsets, strict=True)
+            for crc32 in [waveform_crc32(point_id, name, rate, samples)]
         ]
+        crc32 = row_crc32(point_id, bench_ns, text)
         with storing(self.folder / DATABASE), self._database:
-            self._database.execute("INSERT INTO point VALUES (?, ?, ?)", (point_id, bench_ns, text))
+            self._database.execute("INSERT INTO point VALUES (?, ?, ?, ?)", (point_id, bench_ns, text, crc32))
             self._database.executemany(
                 "INSERT INTO waveform (point_id, name, dtype, rate, offset, length, crc32)"
                 " VALUES (?, ?, ?, ?, ?, ?, ?)",

@@ -15,7 +15,7 @@ import numpy as np
 from instrument.errors import RecordError
 from procedures.check import is_object
 from procedures.record import REQUIRED, Recorder
-from procedures.run import WAVEFORM_COLUMNS, WAVEFORMS, WaveformRow, opened, reading, samples_of
+from procedures.run import WAVEFORM_COLUMNS, WAVEFORMS, WaveformRow, opened, reading, row_crc32, samples_of
 
 ENDED = ("complete", "stopped", "failed")
 
@@ -44,11 +44,11 @@ def repair(folder: Path, out: Path) -> Repaired:
     gone: list[str] = []
     with reading(folder) as database:
         header = _header(database, gone)
-        points = _rows(database, "point", "bench_ns, data")
+        points = _rows(database, "point", "bench_ns, data, crc32")
         numbered = _rows(database, "waveform", WAVEFORM_COLUMNS)
         events = _rows(database, "event", "bench_ns, kind, message")
     rows = [WaveformRow(*row) for _, *row in numbered]
-    good = [point for point in points if is_object(point[2])]
+    good = [tuple(row) for *row, crc32 in points if is_object(row[2]) and row_crc32(*row) == crc32]
     gone += [f"point {number}" for number in _missing(good, max((row.point_id for row in rows), default=0))]
     gone += [f"waveform {number}" for number in _missing(numbered, 0)]
     gone += [f"event {number}" for number in _missing(events, 0)]

@@ -11,7 +11,6 @@ import contextlib
 import json
 import os
 import tomllib
-import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
@@ -24,7 +23,7 @@ from procedures.check import check
 from procedures.encoding import Waveforms, as_json, encoded
 from procedures.pause import PAUSED, Pause
 from procedures.record import Recorder
-from procedures.run import DATABASE, WAVEFORMS, Run, storing
+from procedures.run import DATABASE, WAVEFORMS, Run, stored_points, storing, waveform_crc32
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED = "continued", "changed"
@@ -106,9 +105,12 @@ class Resumed(Recorder):
                 self._differs(f"event {self._events[0][0]!r}", bench_ns)
             return super().point(data, waveforms, bench_ns)
         text, arrays = encoded(data, waveforms)
-        rows = [(name, float(rate), samples.size, zlib.crc32(samples.data)) for name, rate, samples in arrays]
         before = self._stored[self._points]
         self._points += 1
+        rows = [
+            (name, float(rate), samples.size, waveform_crc32(self._points, name, rate, samples))
+            for name, rate, samples in arrays
+        ]
         self._bench_ns = bench_ns
         if (bench_ns, text, rows) != before:
             self._differs(f"point {self._points}", bench_ns)
@@ -151,7 +153,7 @@ class Resumed(Recorder):
             of_waveforms = "SELECT point_id, name, rate, length, crc32 FROM waveform ORDER BY id"
             for point_id, *row in self._database.execute(of_waveforms):
                 rows.setdefault(point_id, []).append((row[0], row[1], row[2], row[3]))
-            for point_id, bench_ns, text in self._database.execute("SELECT * FROM point ORDER BY id"):
+            for point_id, bench_ns, text in stored_points(self._database):
                 yield bench_ns, text, rows.get(point_id, [])
 
     def _stored_bytes(self) -> int:

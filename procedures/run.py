@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self, get_args
 
 import numpy as np
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 DATABASE = "run.sqlite"
 WAVEFORMS = "waveforms.f32"
 APPLICATION_ID = 0x50414C50  # "PALP"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
@@ -42,7 +42,8 @@ CREATE TABLE run (          -- the header, and at the end status and summary
 CREATE TABLE point (
     id INTEGER PRIMARY KEY, -- 1, 2, 3, … without a gap
     bench_ns INTEGER NOT NULL,
-    data TEXT NOT NULL      -- JSON object, keys sorted, no wall time: equal runs have equal bytes
+    data TEXT NOT NULL,     -- JSON object, keys sorted, no wall time: equal runs have equal bytes
+    crc32 INTEGER NOT NULL  -- of the others
 ) STRICT;
 CREATE TABLE waveform (
     id INTEGER PRIMARY KEY,
@@ -52,7 +53,7 @@ CREATE TABLE waveform (
     rate REAL NOT NULL,     -- Hz
     offset INTEGER NOT NULL CHECK (offset >= 0), -- bytes from the start of {WAVEFORMS}
     length INTEGER NOT NULL CHECK (length >= 0), -- samples
-    crc32 INTEGER NOT NULL,
+    crc32 INTEGER NOT NULL, -- of samples, point, name, rate and length
     UNIQUE (point_id, name)
 ) STRICT;
 CREATE TABLE event (
@@ -124,11 +125,14 @@ class Run:
                 raise RecordError(f"{folder / DATABASE} is not a run of palpate")
             if version != SCHEMA_VERSION:
                 raise RecordError(
-                    f"{folder} has record format {version}, this palpate reads {SCHEMA_VERSION}; update palpate"
+                    f"{folder} has record format {version}, this palpate reads {SCHEMA_VERSION}; "
+                    "use the palpate that wrote it"
                 )
             header = {key: json.loads(value) for key, value in database.execute("SELECT * FROM run")}
             status, summary = header.pop("status"), header.pop("summary")
             started = datetime.fromisoformat(header["started"]).astimezone(UTC)
+            if not (isinstance(header["procedure"], str) and isinstance(summary, dict) and status in get_args(Status)):
+                raise TypeError("its header is none of a run")
             if not isinstance(header["simulated"], bool):
                 raise TypeError("its header does not say whether it is simulated")
             return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
@@ -138,7 +142,7 @@ class Run:
         with reading(self.folder) as database:
             return [
                 {"id": point_id, "bench_ns": bench_ns, **json.loads(data)}
-                for point_id, bench_ns, data in database.execute("SELECT * FROM point ORDER BY id")
+                for point_id, bench_ns, data in stored_points(database)
             ]
 
     def events(self) -> list[dict[str, Any]]:
@@ -194,8 +198,8 @@ class Run:
         """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
         total = hashlib.sha256()
         with reading(self.folder) as database:
-            for row in database.execute("SELECT id, bench_ns, data FROM point ORDER BY id"):
-                total.update(json.dumps(row).encode() + b"\n")
+            for point in stored_points(database):
+                total.update(json.dumps(point).encode() + b"\n")
         for waveform in self.waveforms():
             row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
             total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())
@@ -210,16 +214,36 @@ class Run:
         return frame
 
 
+def row_crc32(*values: object) -> int:
+    """CRC-32 of what stands in a row."""
+    return zlib.crc32(json.dumps(values).encode())
+
+
+def stored_points(database: sqlite3.Connection) -> Iterator[tuple[int, int, str]]:
+    """Id, bench time and data of each point in order. Raises ValueError: one is damaged."""
+    for *row, crc32 in database.execute("SELECT id, bench_ns, data, crc32 FROM point ORDER BY id"):
+        if row_crc32(*row) != crc32:
+            raise ValueError(f"point {row[0]} is not as it was written, CRC-32 differs")
+        yield row[0], row[1], row[2]
+
+
+def waveform_crc32(point_id: int, name: str, rate: float, samples: np.ndarray) -> int:
+    """CRC-32 of a row and its samples, (n,) float32."""
+    return zlib.crc32(samples.view(np.uint8).data, row_crc32(point_id, name, float(rate), samples.size))
+
+
 def samples_of(file: BinaryIO, row: WaveformRow) -> np.ndarray | RecordError:
     """Those of a row in the waveform file; what is wrong is returned, so that others can still be read."""
     what = f"{file.name}: waveform {row.name!r} of point {row.point_id}"
-    if row.dtype != "<f4" or row.rate <= 0 or row.offset + 4 * row.length > os.fstat(file.fileno()).st_size:
+    numbers = isinstance(row.rate, float) and isinstance(row.offset, int) and isinstance(row.length, int)
+    size = os.fstat(file.fileno()).st_size
+    if row.dtype != "<f4" or not numbers or row.rate <= 0 or not 0 <= row.offset <= size - 4 * row.length <= size:
         return RecordError(f"{what} is cut short, or its row is wrong; restore the file from a copy")
     file.seek(row.offset)
-    stored = file.read(4 * row.length)
-    if zlib.crc32(stored) != row.crc32:
+    samples = np.frombuffer(file.read(4 * row.length), "<f4")
+    if waveform_crc32(row.point_id, row.name, row.rate, samples) != row.crc32:
         return RecordError(f"{what} is damaged (CRC-32 differs); restore the file from a copy")
-    return np.frombuffer(stored, "<f4")
+    return samples
 
 
 @contextlib.contextmanager
@@ -262,7 +286,7 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
                     raise
                 database = _snapshot(_copied(path, stack), "rw", stack)
             yield database
-        except (sqlite3.Error, KeyError, ValueError, TypeError, RecursionError) as error:
+        except (sqlite3.Error, KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             reason = f"no {error}" if isinstance(error, KeyError) else error
             raise RecordError(f"{path} is damaged ({reason}); restore it from a copy") from error
 

@@ -20,7 +20,7 @@ from procedures.cli import keys
 from procedures.load_sweep import LoadPoint
 from procedures.record import Recorder
 from procedures.resume import Resumed
-from procedures.run import DATABASE, WAVEFORMS, Run
+from procedures.run import DATABASE, WAVEFORMS, Run, row_crc32
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
 
@@ -54,6 +54,7 @@ def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
 
 def edit(folder: str, statement: str, *values: object) -> None:
     with closing(sqlite3.connect(Path(folder) / DATABASE)) as database, database:
+        database.create_function("row_crc32", -1, row_crc32)
         database.execute(statement, values)
 
 
@@ -158,6 +159,7 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
 def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
     stopped(palpate, stop, 3, *SWEEP)
     edit("cut", "UPDATE point SET data = json_replace(data, '$.force_ratio', 0.5) WHERE id = 2")
+    edit("cut", "UPDATE point SET crc32 = row_crc32(id, bench_ns, data) WHERE id = 2")
     said = palpate("runs", "resume", "cut")
     assert said.status == 1
     assert "point 2 is not what the bench gives now" in said.complaint

@@ -146,7 +146,7 @@ def test_a_waveform_file_that_is_cut_or_gone_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
-        ("PRAGMA user_version = 2", "record format 2, this palpate reads 1; update"),
+        ("PRAGMA user_version = 3", "record format 3, this palpate reads 2; use"),
         ("PRAGMA application_id = 1", "is not a run of palpate"),
         ("DELETE FROM run WHERE key = 'status'", "no 'status'"),
         ("UPDATE run SET value = '[' WHERE key = 'procedure'", "is damaged"),
