@@ -87,11 +87,20 @@ class Scene:
     faults: tuple[Fault, ...] = ()
 
     def to_toml(self) -> str:
-        """The scene file that gives this scene: its seed, and the model that answers."""
+        """The scene file that gives this scene: its seed, the model that answers, the effects that are in."""
         import tomli_w
 
-        file = self.file.model_copy(update={"seed": self.seed, "model": self.model, "tolerance": self.tolerance})
+        settled = {"seed": self.seed, "model": self.model, "tolerance": self.tolerance, "effects": self._effects_in()}
+        file = self.file.model_copy(update=settled)
         return tomli_w.dumps(file.model_dump(mode="json", exclude_none=True))
+
+    def _effects_in(self) -> dict[str, Any]:
+        """As the file gives them, but on: what an automatic one was weighed against need not be the same again."""
+        given = {name: self.file.effects[name] for name in self.effects}
+        return {
+            name: {key: value for key, value in of.items() if key != WHEN} if isinstance(of, dict) else ON
+            for name, of in given.items()
+        }
 
     def with_seed(self, seed: int) -> Scene:
         """The same scene with other noise and scatter. Raises RangeError."""

@@ -159,6 +159,18 @@ def test_what_auto_chose_is_written_so_that_the_file_gives_the_same_scene_for_ev
     assert (again.model, again.tolerance, again.seed) == ("axisymmetric", 1e-3, 9)
 
 
+@pytest.mark.parametrize(("tolerance", "effects"), [(0.5, ["gain_scatter"]), (1e-9, ["gain_scatter", "adc"])])
+def test_effects_that_were_weighed_are_written_as_they_were_found(
+    tmp_path: Path, tolerance: float, effects: list[str]
+) -> None:
+    automatic = '[effects.gain_scatter]\n[effects.adc]\nwhen = "auto"\n'
+    scene = read(tmp_path, f"tolerance = {tolerance}\n{automatic}")
+    assert set(scene.effects) == set(effects)
+    written = tmp_path / "written.toml"
+    written.write_text(scene.to_toml())
+    assert read_scene(str(written)).effects == scene.effects
+
+
 def test_another_model_keeps_the_tolerance_where_it_can_meet_one(
     tmp_path: Path, asked: list[tuple[set[float], float]]
 ) -> None:
