@@ -94,6 +94,8 @@ def _waveform_faults(run: Run, found: Found) -> Iterator[str]:
         found.waveforms += 1
         if error:
             yield error
+        if not (isinstance(row.offset, int) and isinstance(row.length, int)):
+            continue
         if row.offset != end:
             yield f"waveform {row.name!r} of point {row.point_id}: begins at byte {row.offset}, {end} is expected"
         end = max(end, row.offset + 4 * row.length)

@@ -1,0 +1,202 @@
+"""Files that people write, and those that come with palpate. An input is the content of a file.
+
+What a reader gives must be what stands in the file, key by key, and of the same type: nothing is turned into
+something else silently.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import math
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from instrument.bench import BenchDescription
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
+from instrument.config import Config, parse
+from instrument.film_calibration import FilmCalibration
+from instrument.models import price_list
+from instrument.models.surface import STORED, ResponseSurface, read
+from simulators.scene import read_scene, shipped
+from tests.fuzz.quantities import value_of
+from tests.fuzz.target import Target, require
+
+BENCH = b"""
+name = "bench"
+design = "single"
+force_limit = "8 N"
+watchdog = "2 s"
+[signal_generator]
+host = "10.0.0.1"
+port = 502
+unit = 1
+[shaker_amplifier]
+host = "10.0.0.2"
+port = 1502
+gain = 2.0
+current_limit = "5 A"
+[line]
+port = "/dev/ttyUSB0"
+baudrate = 115200
+parity = "N"
+stopbits = 1
+timeout = "200 ms"
+[strain_indicator]
+unit = 1
+gage_factor = 8.98
+full_scale = "200 mV"
+[positioner]
+unit = 2
+[can]
+interface = "socketcan"
+channel = "can0"
+bitrate = 1000000
+nodes = [1, 2]
+"""
+FILMS = b"""
+design = "single"
+covariance = [[1e-4, 0.0], [0.0, 1e-4]]
+crosstalk = [[1.0]]
+crosstalk_u = [[0.01]]
+frequencies_Hz = [10.0]
+gain = [[1.0], [1.0]]
+least_N = 1.5
+greatest_N = 4.0
+load_cell = "thesis"
+device = "20260101"
+simulated = true
+source = "somewhere"
+created = "2026-11-21"
+expires = "2027-11-21"
+"""
+FILM = b"""
+[[films]]
+name = "rigid"
+sensitivity_mV_per_N = 10.0
+sensitivity_u = 0.1
+scatter_u = 0.1
+degrees_of_freedom = 5
+load_cell_u = 0.05
+linearity = 0.01
+clamping = 1.0
+"""
+WORDS = [
+    b"nan", b"inf", b"-inf", b"1e400", b"9" * 5000, b"[[", b"]]", b"[" * 2000, b"a.a.a.a.", b'"', b"'''", b"\n", b"= ",
+    b"true", b"-1", b"0x10", b"1979-05-27", b"\xff", b"\0", b"{ a = ", b'"1 N"', b'"auto"', b'"on"', b"null", b",",
+]  # fmt: skip
+FOLDER = Path(tempfile.mkdtemp(prefix="palpate-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
+
+
+def in_file(name: str, data: bytes) -> Path:
+    path = FOLDER / name
+    path.write_bytes(data)
+    return path
+
+
+def holds(raw: Any, read: Any, where: str = "") -> None:
+    """Whether all that stands in a file was read as it stands there."""
+    if isinstance(read, Config):
+        read = vars(read)
+    if isinstance(raw, dict) and isinstance(read, dict):
+        for key, value in raw.items():
+            require(key in read, "key", where, key)
+            holds(value, read[key], f"{where}.{key}")
+    elif isinstance(raw, list) and isinstance(read, (list, tuple)):
+        require(len(raw) == len(read), "length", where, len(raw))
+        for one, other in zip(raw, read, strict=True):
+            holds(one, other, where)
+    elif isinstance(raw, str) and isinstance(read, float):
+        held = value_of(raw)
+        require(held is None or math.isclose(float(held[0]), read, rel_tol=1e-12), "quantity", where, raw, read)
+    else:
+        number = type(raw) is int and type(read) is float and float(raw) == read
+        require(number or (type(raw) is type(read) and raw == read), "value", where, raw, read)
+        require(not isinstance(read, float) or math.isfinite(read), "finite", where, raw)
+
+
+def _toml(model: type[Config], seeds: list[bytes], inner: Callable[[Any], None] = lambda _: None) -> Target:
+    def decode(data: bytes) -> None:
+        found = parse(data, model, "file")
+        holds(tomllib.loads(data.decode()), found)
+        inner(found)
+
+    return Target(seeds, decode, WORDS)
+
+
+def bench() -> Target:
+    def check(found: BenchDescription) -> None:
+        require(0 < found.force_limit < math.inf and len(found.can.nodes) <= 20, "limits", found)
+
+    return _toml(BenchDescription, [BENCH], check)
+
+
+def load_cell() -> Target:
+    import tomli_w
+
+    return _toml(LoadCellCalibration, [tomli_w.dumps(THESIS_LOAD_CELL.model_dump(exclude_none=True)).encode()])
+
+
+def films() -> Target:
+    def check(found: FilmCalibration) -> None:
+        count = len(found.films)
+        square = len(found.covariance) == count and all(len(row) == count for row in found.covariance)
+        gains = len(found.gain) == count and all(len(row) == len(found.frequencies_Hz) for row in found.gain)
+        require(square and gains and count > 0, "shape", found)
+
+    return _toml(FilmCalibration, [FILMS + FILM + FILM.replace(b"rigid", b"total")], check)
+
+
+def scene() -> Target:
+    def decode(data: bytes) -> None:
+        found = read_scene(str(in_file("scene.toml", data)))
+        raw = tomllib.loads(data.decode())
+        holds({k: v for k, v in raw.items() if k != "fault"}, found.file)
+        for name, effect in found.effects.items():
+            given = raw["effects"][name]
+            if isinstance(given, dict):
+                holds({k: v for k, v in given.items() if k != "when"}, effect)
+        require(len(found.faults) == len(raw.get("fault", [])), "faults", raw.get("fault"))
+
+    fault = b'\n[[fault]]\nkind = "no_reply"\non = "signal_generator"\ntransaction = 3\n'
+    seeds = [path.read_bytes() for path in shipped().values()]
+    seeds = [seed for seed in seeds if b'"auto"' not in seed] or seeds
+    return Target([*seeds, seeds[0] + fault], decode, WORDS)
+
+
+def prices() -> Target:
+    def decode(data: bytes) -> None:
+        with patch.object(price_list, "STORED", in_file("prices.json", data)):
+            found = price_list.stored.__wrapped__()
+        holds(json.loads(data), found)
+        count = len(found.moduli_Pa)
+        lengths = {len(p.errors) for p in found.prices} | {len(p.estimates) for p in found.prices}
+        require(lengths <= {count - 1}, "prices", lengths)
+        require({len(r.force_ratios) for r in found.references} <= {count}, "references", count)
+        require(list(found.moduli_Pa) == sorted(set(found.moduli_Pa)) and found.moduli_Pa[0] > 0, "moduli")
+
+    return Target([price_list.STORED.read_bytes()], decode, WORDS)
+
+
+def surface() -> Target:
+    paths = sorted(STORED.glob("*.npz"))
+    known = {_numbers(read(path)) for path in paths}
+
+    def decode(data: bytes) -> None:
+        found = read(in_file("surface.npz", data))
+        require(_numbers(found) in known, "surface", _numbers(found))
+
+    return Target(
+        [path.read_bytes() for path in paths], decode, [b"PK\x01\x02", b"\x93NUMPY", b"(99999999999,)", b"|O"]
+    )
+
+
+def _numbers(surface: ResponseSurface) -> tuple[object, ...]:
+    known = (surface.lowest, surface.highest, surface.error_bound, surface.discretisation, surface.seconds)
+    return (*known, surface.coefficients.tobytes(), surface.model, surface.design_hash)

@@ -1,0 +1,57 @@
+"""Run folders. An input is four bytes that say how long the database is, the database, and the waveforms.
+
+What is damaged is either found, or leaves points and waveforms as they were.
+"""
+
+from __future__ import annotations
+
+import struct
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.check import check
+from procedures.record import Recorder
+from procedures.run import DATABASE, WAVEFORMS, Run
+from tests.fuzz.files import FOLDER, in_file
+from tests.fuzz.target import Target, require
+
+HEADER = {"procedure": "sweep loads", "simulated": True, "started": datetime(2026, 11, 21, tzinfo=UTC).isoformat()}
+POINTS = [({"load_N": 1.5 + n, "valid": True}, 1_000_000_000 * (n + 1)) for n in range(3)]
+
+
+@cache
+def _stored() -> tuple[bytes, bytes, list[dict[str, Any]], str]:
+    folder = FOLDER / "good"
+    with Recorder.create(folder, HEADER) as record:
+        for data, bench_ns in POINTS:
+            waves = {name: (1000.0, np.arange(8.0) * bench_ns) for name in ("rigid", "total")}
+            record.point(data, waves, bench_ns)
+        record.event("note", "a note", 4_000_000_000)
+        record.finish("complete", {"points": 3})
+    run = Run.open(folder)
+    return (folder / DATABASE).read_bytes(), (folder / WAVEFORMS).read_bytes(), run.points(), run.digest()
+
+
+def decode(data: bytes) -> None:
+    *_, points, digest = _stored()
+    size = int.from_bytes(data[:4], "big")
+    in_file(DATABASE, data[4 : 4 + size])
+    in_file(WAVEFORMS, data[4 + size :])
+    folder = Path(FOLDER)
+    faults = check(folder).faults
+    run = Run.open(folder)
+    found = run.points()
+    run.events()
+    same = run.digest() == digest
+    require(all(point in points for point in found), "points", found)
+    require(same or bool(faults), "a run that differs and has no fault", faults)
+
+
+def run() -> Target:
+    database, waveforms, *_ = _stored()
+    seed = struct.pack(">I", len(database)) + database + waveforms
+    return Target([seed], decode, [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", b"CREATE VIEW point AS", b"\x0d\0\0\0"])
