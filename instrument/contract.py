@@ -24,6 +24,7 @@ Value = float | str
 _STRUCT: dict[str, str] = {
     "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
 }  # fmt: skip
+_SIZE = {name: struct.calcsize(code) for name, code in _STRUCT.items()}
 
 
 def sdo(index: int, subindex: int = 0) -> int:
@@ -55,7 +56,7 @@ class Field:
     @property
     def size(self) -> int:
         """Bytes on the wire."""
-        return struct.calcsize(_STRUCT[self.type])
+        return _SIZE[self.type]
 
     @property
     def index(self) -> int:

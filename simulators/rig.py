@@ -81,9 +81,12 @@ class Rig:
         for effect in self.scene.effects.values():
             if isinstance(effect, DriveEffect):
                 voltage = replace(voltage, frequency=effect.frequency(voltage.frequency))
-        if not np.array_equal(voltage.amplitude, self._voltage.amplitude):
+        before, self._voltage = self._voltage, voltage
+        alike = np.array_equal(voltage.amplitude, before.amplitude)
+        if alike and voltage.mean == before.mean and not voltage.amplitude.any():
+            return  # a constant has no phase: nothing changes
+        if not alike:
             self._set_at_ns = self._clock.now_ns()
-        self._voltage = voltage
         self._begin()
 
     def set_position(self, position: float) -> None:

@@ -240,3 +240,15 @@ def test_after_30_days_the_films_are_as_good_as_on_the_first() -> None:
     times = np.arange(0, 100 * MS, MS)
     expected = (phasor * np.exp(20j * np.pi * 1e-9 * times)).imag  # 30 days are whole cycles
     assert np.abs(rig.film_voltages(clock.now_ns() + times)[1] - expected).max() < 1e-12
+
+
+def test_only_a_drive_that_drives_is_a_change() -> None:
+    rig = Rig(scene(), VirtualClock())
+    nothing = waveform("sine", 0.0, 20 * HERTZ, 0)
+    changes = rig.changes
+    rig.set_voltage(nothing)
+    assert rig.changes == changes
+    for drive in (replace(nothing, mean=0.5), nothing, waveform("sine", 1.0, 20 * HERTZ, 0), nothing):
+        rig.set_voltage(drive)
+        changes += 1
+        assert rig.changes == changes
