@@ -69,7 +69,7 @@ class Bench:
         line = ModbusLink.rtu(description.line)
         self.indicator = StrainIndicator(line, description.strain_indicator.unit, self.clock)
         self.positioner = Positioner(line, description.positioner.unit, self.clock)
-        can = CanLink(description.can)
+        self._can = can = CanLink(description.can)
         self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
         self.incidents = Incidents(clock)
         self.attended = False
@@ -182,6 +182,9 @@ class Bench:
         for device in self.devices:
             for notice in device.notices():
                 self.incidents.note(notice)
+        if errors := self._can.error_frames():  # those before the nodes' answers have come
+            self.incidents.note(f"{self._can.name}: {errors} error frames")
+        for device in self.devices:
             if found := device.differences():
                 raise SettingsLost(f"{'; '.join(found)}; look at the device", device=device.name)
 

@@ -62,8 +62,12 @@ class _SdoClient(SdoClient):
 class _Listener(MessageListener):
     """Hands standard data frames on; canopen takes an extended identifier for the standard one of the same number."""
 
+    errors = 0  # frames that were destroyed on the bus; controllers send them again
+
     def on_message_received(self, msg: can.Message) -> None:
-        if not (msg.is_extended_id or msg.is_fd):
+        if msg.is_error_frame:
+            self.errors += 1
+        elif not (msg.is_extended_id or msg.is_fd):
             super().on_message_received(msg)  # type: ignore[no-untyped-call]
 
 
@@ -95,7 +99,8 @@ class CanLink:
                 f"CAN bus {self.name} cannot be opened: {error}; check the interface and channel in the bench file"
             ) from error
         self._network = canopen.Network(bus)
-        self._network.listeners = [_Listener(self._network)]
+        self._listener = _Listener(self._network)
+        self._network.listeners = [self._listener]
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # would be kept for ever
         self._network.connect()
 
@@ -113,6 +118,11 @@ class CanLink:
         if self._network is None:
             raise LinkError(f"CAN bus {self.name} is not open; open the bench first")
         return self._network
+
+    def error_frames(self) -> int:
+        """How many there were on the bus since the last call."""
+        errors, self._listener.errors = self._listener.errors, 0
+        return errors
 
     def add_node(self, node_id: int) -> canopen.RemoteNode:
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]

@@ -28,6 +28,7 @@ SETTLING = 1.0  # s
 INTERVAL = 0.1  # s, the display is renewed ten times a second
 CREEP_TIMES = (30.0, 300.0)  # s after the weight is on, ISO 376
 RECOVERY = 300.0  # s without load before that, so that the creep of the runs is gone
+RETURN_STEPS, RETURN_OF_SPAN = 1.5, 0.01  # that the zero may move by in a run [A]; ISO 376 allows classes 0.1 %
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
 
 Progress = Callable[[int, int, str], None]
@@ -145,7 +146,7 @@ def run(
     bench.indicator.clear_tare()
     bench.indicator.track(FILTER)
     resolution_mV = bench.indicator.read().resolution_mV
-    series = _Series(bench, settings, record, progress)
+    series = _Series(bench, settings, record, progress, resolution_mV)
     runs = []
     for position in settings.positions:
         if len(settings.positions) > 1:
@@ -176,6 +177,7 @@ class _Series:
     settings: LoadCellSettings
     record: Recorder
     progress: Progress
+    resolution_mV: float
     points: list[dict[str, Any]] = field(default_factory=list)
 
     def run(self, position: float, number: int) -> Run:
@@ -186,9 +188,21 @@ class _Series:
         unloading = [self._placed(position, number, "unloading", load) for load in reversed(loads)]
         self.bench.operator.place_weight(0.0)
         after = self._settled(position, number, "zero_after", 0.0)
+        self._check_return(before, after, loading[-1] - before)
         displays = [p["readings_mV"] for p in self.points[-2 * len(loads) - 1 : -1]]
         scatter = float(np.sqrt(np.var(displays, axis=1, ddof=1).mean()))
         return Run(position, np.array(loading), np.array(unloading[::-1]), before, after, REPEATS, scatter)
+
+    def _check_return(self, before: float, after: float, span: float) -> None:
+        """The zero after a run, mV, must be that before it. Raises DeviceError: the bridge drifts."""
+        allowed = RETURN_STEPS * self.resolution_mV + RETURN_OF_SPAN * abs(span)
+        if not abs(after - before) <= allowed:
+            name = self.bench.indicator.name
+            raise DeviceError(
+                f"{name}: the zero went from {before:.4g} to {after:.4g} mV in a run, more than {allowed:.2g} mV; let "
+                "cell and indicator warm up, look for loose wires, and calibrate again",
+                device=name,
+            )
 
     def creep(self) -> float:
         """Change of the reading in mV under the greatest load from 30 s to 300 s; the weights come off after it."""

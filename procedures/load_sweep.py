@@ -198,7 +198,7 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         condition=measured.fit.condition,
         valid=measured.valid,
         dwell_s=measured.dwell,
-        relative_u=forces.force_ratio_u / forces.force_ratio,
+        relative_u=forces.force_ratio_u / forces.force_ratio if forces.force_ratio else None,
         relative_u_predicted=measured.predicted_u,
         settling_s=measured.settling,
         attempts=measured.attempts,

@@ -35,7 +35,7 @@ class Emergency(DeviceFault):
         sim.can.emergency(node(sim, self.on), self.code)
 
 
-class _FilmFault(DeviceFault):
+class FilmFault(DeviceFault):
     """Something is added to what the charge amplifier of a `channel` gives."""
 
     targets: ClassVar[tuple[str, ...]] = (NODE,)
@@ -58,12 +58,12 @@ class _FilmFault(DeviceFault):
         raise NotImplementedError
 
 
-class SaturatedFilm(_FilmFault):
+class SaturatedFilm(FilmFault):
     def added(self, seconds: Any) -> Any:
         return BEYOND
 
 
-class FilmDrift(_FilmFault):
+class FilmDrift(FilmFault):
     """The output runs away by `rate` V in a second."""
 
     rate: float = Field(default=1e-3)

@@ -1,0 +1,62 @@
+"""Of the matrix of faults, a cell of every other kind; `python -m tests.benchmarks faults` plays and prints them all."""
+
+from __future__ import annotations
+
+import pytest
+
+from simulators.faults import FAULTS, fault_class
+from simulators.faults.can import CanFault
+from simulators.faults.rtu import RtuFault
+from simulators.faults.tcp import TcpFault
+from tests.fault_matrix import ONCE, PROCEDURES, STAYS, Cell, cells, play
+
+SWEEP, CALIBRATE = PROCEDURES
+
+
+KNOWN = {
+    Cell(SWEEP, "no_reply", "signal_generator", ONCE): "right",
+    Cell(SWEEP, "power_cycle", "signal_generator", ONCE): "right",
+    Cell(SWEEP, "node_reboot", "sensor_node_1", ONCE): "right",
+    Cell(SWEEP, "bridge_open", "strain_indicator", ONCE): "right",
+    Cell(SWEEP, "saturated_film", "sensor_node_1", STAYS): "marked",
+    Cell(SWEEP, "over_temperature", "shaker_amplifier", ONCE): "stopped",
+    Cell(SWEEP, "stuck_reading", "strain_indicator", STAYS): "stopped",
+    Cell(SWEEP, "zero_drift", "strain_indicator", STAYS): "stopped",
+    Cell(CALIBRATE, "not_a_number", "strain_indicator", STAYS): "stopped",
+}
+
+
+def chosen() -> list[Cell]:
+    """Of every other kind the cell whose turn it is; of those that a client waits for in vain, one that passes."""
+    kinds = [kind for kind in FAULTS if kind not in {cell.kind for cell in KNOWN}][::2]
+    found = []
+    for number, kind in enumerate(kinds):
+        short = issubclass(fault_class(kind), (TcpFault, RtuFault, CanFault))
+        of_kind = [cell for cell in cells() if cell.kind == kind and not (short and cell.lasts == STAYS)]
+        found.append(of_kind[5 * number % len(of_kind)])
+    return found
+
+
+def test_the_matrix_has_every_fault_on_everything_that_can_have_it_in_every_procedure() -> None:
+    whole = list(cells())
+    assert len({cell.name for cell in whole}) == len(whole)
+    assert {cell.kind for cell in whole} == set(FAULTS)
+    assert {cell.procedure for cell in whole} == set(PROCEDURES)
+    assert {cell.on for cell in whole} == {
+        "signal_generator", "shaker_amplifier", "strain_indicator", "positioner", "line", "can", "sensor_node_1",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", chosen(), ids=lambda cell: cell.name)
+def test_a_fault_ends_in_a_right_result_a_mark_or_a_clear_stop_with_outputs_at_zero(
+    cell: Cell, nothing_left_behind: None
+) -> None:
+    outcome = play(cell)
+    assert outcome.verdict in ("right", "marked", "stopped"), outcome.said
+
+
+@pytest.mark.parametrize(("cell", "verdict"), KNOWN.items(), ids=lambda each: getattr(each, "name", each))
+def test_what_can_be_made_good_is_and_what_cannot_is_marked_or_stops(cell: Cell, verdict: str) -> None:
+    outcome = play(cell)
+    assert outcome.verdict == verdict, outcome.said
+    assert outcome.incidents or verdict != "right"
