@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
 from simulators.can import CanSegment
+from simulators.can_bus import own_channel
 from simulators.clock import VirtualClock
 from simulators.modbus import BAUDRATE, LOOPBACK, ServerThread
 from simulators.operator import SimulatedOperator
@@ -24,25 +24,47 @@ if TYPE_CHECKING:
     from simulators.effects.serial_timing import SerialTiming
     from simulators.faults.inject import Injection
 
-_numbers = itertools.count(1)
 INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
 LINE_UNITS = {INDICATOR_UNIT: "strain_indicator", POSITIONER_UNIT: "positioner"}
 BITRATE = 1_000_000
 TIMEOUT: Any = "10 s"  # of the wall: a device of a busy machine is slow, not absent
 
 
-class SimulatedBench:
-    """A context manager: servers, line and bus run inside it, and nothing is left behind."""
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a simulated bench is to be found.
 
-    def __init__(self, scene: Scene) -> None:
+    Attributes:
+        host: its Modbus TCP devices listen on.
+        port: of the first of them, the next has the next; 0: any that are free.
+        interface, channel: of python-can; channel None: one of its own.
+    """
+
+    host: str = LOOPBACK
+    port: int = 0
+    interface: str = "virtual"
+    channel: str | None = None
+
+
+HERE = Place()  # in this process
+
+
+class SimulatedBench:
+    """A context manager: servers, line and bus run inside it, and nothing is left behind.
+
+    Raises BenchError: a port is in use, or the CAN interface cannot be opened.
+    """
+
+    def __init__(self, scene: Scene, place: Place = HERE) -> None:
         self.scene = scene
+        self._place = place
         self.clock = VirtualClock()
         self.rig = Rig(scene, self.clock)
-        self._channel = f"palpate-{os.getpid()}-{next(_numbers)}"
+        self._channel = own_channel(place.interface) if place.channel is None else place.channel
         self._node_ids = list(range(1, scene.nodes + 1))
         # first on the clock: what is sampled up to an event does not know of it yet
         self._injection = _injection(scene, self.clock)
-        self.can = CanSegment(self.clock, self.rig, self._node_ids, "virtual", self._channel, self._injection)
+        self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self._channel, self._injection)
         self.clock.add(self.rig)
         self.nodes = self.can.nodes
         self.generator = SignalGenerator(self.clock, "SIM-SG-0001", self._generator_changed)
@@ -56,7 +78,8 @@ class SimulatedBench:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            servers = stack.enter_context(ServerThread())
+            stack.callback(self.can.close)
+            self.servers = servers = stack.enter_context(ServerThread())
             serial = cast("SerialTiming | None", self.scene.effects.get("serial_timing"))
             bus = cast("CanTiming | None", self.scene.effects.get("can_timing"))
             injection = self._injection
@@ -64,16 +87,17 @@ class SimulatedBench:
             noise = injection.line(LINE_UNITS) if injection else None
             timeouts = injection.timeouts() if injection else {}
             line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial, noise)
-            generator = servers.serve_tcp(1, self.generator, relays.get("signal_generator"))
-            amplifier = servers.serve_tcp(1, self.amplifier, relays.get("shaker_amplifier"))
+            host, port = self._place.host, self._place.port
+            generator = servers.serve_tcp(1, self.generator, relays.get("signal_generator"), (host, port))
+            amplifier = servers.serve_tcp(1, self.amplifier, relays.get("shaker_amplifier"), (host, port and port + 1))
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,
                 signal_generator=TcpAddress(
-                    host=LOOPBACK, port=generator, timeout=timeouts.get("signal_generator", TIMEOUT)
+                    host=host, port=generator, timeout=timeouts.get("signal_generator", TIMEOUT)
                 ),
                 shaker_amplifier=Amplifier(
-                    host=LOOPBACK, port=amplifier, timeout=timeouts.get("shaker_amplifier", TIMEOUT)
+                    host=host, port=amplifier, timeout=timeouts.get("shaker_amplifier", TIMEOUT)
                 ),
                 line=SerialLine(
                     port=line,
@@ -83,7 +107,7 @@ class SimulatedBench:
                 strain_indicator=Indicator(unit=INDICATOR_UNIT),
                 positioner=RtuAddress(unit=POSITIONER_UNIT),
                 can=CanBus(
-                    interface="virtual",
+                    interface=self._place.interface,
                     channel=self._channel,
                     bitrate=round(bus.bitrate) if bus else BITRATE,
                     nodes=tuple(self._node_ids),

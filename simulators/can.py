@@ -14,6 +14,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from instrument.contract import Field
 from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from instrument.object_dictionary import object_dictionary
+from simulators.can_bus import MULTICAST, Listener, open_bus
 from simulators.clock import NEVER, VirtualClock
 from simulators.rig import Rig
 from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
@@ -24,9 +25,11 @@ if TYPE_CHECKING:
 
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
+NMT_FRAME, SDO_FRAME = 2, 8  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED = 5, 4
 NMT_START, NMT_RESETS = 1, (129, 130)
+LENGTH = 0x0607_0010
 VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
@@ -93,10 +96,12 @@ class CanSegment:
     ) -> None:
         self._clock = clock
         self._rig = rig
-        self._bus = can.Bus(interface=interface, channel=channel)
+        self._bus = open_bus(interface, channel)
+        self._echoes: int | None = 0 if interface == MULTICAST else None  # of SYNC, still to come back
         if injection is not None:
             self._bus.send = injection.bus(self._bus.send)  # type: ignore[method-assign,assignment]
         self._network = _VirtualNetwork(self._bus, clock)
+        self._network.listeners = [Listener(self._network)]
         self.nodes = [
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
             for number, node_id in enumerate(node_ids, 1)
@@ -116,6 +121,7 @@ class CanSegment:
             local.add_read_callback(_reader(node))  # type: ignore[no-untyped-call]
             # before canopen's own, which would start a heartbeat with a period that is then refused
             local._write_callbacks.insert(0, _writer(node))
+            local.sdo._index = local.sdo._subindex = 0  # what it aborts may not have begun
             self._network.unsubscribe(local.sdo.rx_cobid, local.sdo.on_request)
             self._network.subscribe(local.sdo.rx_cobid, self._sdo_handler(local))
             self._boot(local)
@@ -126,6 +132,20 @@ class CanSegment:
     def __exit__(self, *_: object) -> None:
         self._network.disconnect()
 
+    def close(self) -> None:
+        """Leave a bus that was never entered."""
+        self._bus.shutdown()
+
+    @property
+    def states(self) -> dict[int, str]:
+        """NMT state of each node."""
+        return {number: str(local.nmt.state) for number, local in self._local.items()}
+
+    @property
+    def sync_rate(self) -> float:
+        """At which a node sends SYNC, 0 where none does [Hz]."""
+        return 1e9 / self._sync_period_ns if self._sync_period_ns else 0.0
+
     # --- what the nodes hear ---------------------------------------------------------------------------
 
     def _boot(self, local: Any) -> None:
@@ -133,6 +153,8 @@ class CanSegment:
         local.nmt.state = "PRE-OPERATIONAL"  # starts the heartbeat
 
     def _on_nmt(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) < NMT_FRAME:
+            return
         command, target = data[0], data[1]
         for node in self.nodes:
             if target in (0, node.id):
@@ -153,7 +175,7 @@ class CanSegment:
 
     def _sdo_handler(self, local: Any) -> Any:
         def handle(cob_id: int, data: bytearray, timestamp: float) -> None:
-            if local.nmt.state != "STOPPED":
+            if local.nmt.state != "STOPPED" and len(data) == SDO_FRAME:
                 self._let_pass()
                 local.sdo.on_request(cob_id, data, timestamp)
 
@@ -167,6 +189,9 @@ class CanSegment:
 
     def _on_sync(self, _cob_id: int, _data: bytearray, _timestamp: float) -> None:
         """SYNC from the bus master."""
+        if self._echoes:
+            self._echoes -= 1
+            return
         self._sample(np.array([self._clock.now_ns()]), send_sync=False)
 
     def _timing_changed(self) -> None:
@@ -209,6 +234,8 @@ class CanSegment:
         send = self._bus.send
         for i in range(len(time_ns)):
             if send_sync:
+                if self._echoes is not None:
+                    self._echoes += 1
                 send(_Frame(arbitration_id=SYNC_COB_ID, is_extended_id=False))
             for cob_id, payloads in frames:
                 send(_Frame(arbitration_id=cob_id, is_extended_id=False, data=payloads[i]))
@@ -249,6 +276,8 @@ def _writer(node: SensorNode) -> Any:
         field = _field(index, subindex)
         if field is None:
             return
+        if len(data) != field.size:
+            raise SdoAbortedError(LENGTH)
         value = CONTRACT.decode(field.name, bytes(data))
         if not CONTRACT.allows(field.name, value):
             if field.maximum is not None and value > field.maximum:

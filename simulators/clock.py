@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import Protocol
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 NEVER = 2**63 - 1
 
@@ -28,7 +29,7 @@ class VirtualClock:
     """
 
     def __init__(self) -> None:
-        self.lock = threading.RLock()
+        self.lock: AbstractContextManager[Any] = threading.RLock()
         self._now = 0
         self._simulated: list[Simulated] = []
 

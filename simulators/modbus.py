@@ -66,6 +66,11 @@ class ServerThread:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
+    @property
+    def transactions(self) -> int:
+        """Requests that came in so far."""
+        return sum(server.transactions for server in self._servers if isinstance(server, TcpServer | SerialServer))
+
     def serve_tcp(
         self,
         unit: int,

@@ -34,6 +34,10 @@ HEADER = 6  # bytes of an MBAP header up to its length
 UNIT_AND_CHECK = 3  # bytes around a request on a serial line
 LENGTHS = range(2, 255)  # that an MBAP header may give
 PIPELINE = 65536  # bytes of requests that may wait
+MOST_CONNECTIONS = 32  # to one port
+MOST_WAITING = 64  # requests of one client, above which nothing more is read from it
+PIECE = 4096  # bytes that are read from a client before it is the next one's turn
+UNREAD = 65536  # bytes of answers that a client may leave unread
 EXCEPTION = 0x80  # bit of a function code
 CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # of identity objects, by read device id code
 ONE_OBJECT = 4
@@ -146,6 +150,7 @@ class _Connection(ServerRequestHandler):
     async def _answer(self) -> None:
         while self._waiting:
             request = self._waiting.popleft()
+            self._completed.transactions += 1
             if request.dev_id == BROADCAST and self._completed.broadcast_enable:
                 for unit in self._completed.identities:
                     await request.datastore_update(self._completed.context, unit)
@@ -153,6 +158,10 @@ class _Connection(ServerRequestHandler):
             response = await self._response(request)
             response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
             self.server_send(response, None)  # type: ignore[no-untyped-call]
+            await self._answered()
+
+    async def _answered(self) -> None:
+        """After each answer."""
 
     async def _response(self, request: ModbusPDU) -> ModbusPDU:
         identity = self._completed.identities.get(request.dev_id)
@@ -166,11 +175,64 @@ class _Connection(ServerRequestHandler):
         return response
 
 
+class _TcpConnection(_Connection):
+    """One client among others: none can take the time or the memory of the rest."""
+
+    asked = False  # anything, so far
+    unwanted = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if self.unwanted:
+            transport.abort()  # type: ignore[attr-defined]
+            return
+        transport.max_size = PIECE  # type: ignore[attr-defined]
+        super().connection_made(transport)
+
+    def leave(self) -> None:
+        """Make room for another; the connection may still be on its way."""
+        self.unwanted = True
+        self.listener = None
+        if self.transport:
+            self.close()
+
+    def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
+        used = super().callback_data(data, addr)
+        self.asked = self.asked or bool(self._waiting)
+        if len(self._waiting) > MOST_WAITING and self.transport:
+            self.transport.pause_reading()  # type: ignore[attr-defined]
+        return used
+
+    def send(self, data: bytes, addr: tuple[Any, ...] | None = None) -> None:
+        begun = self.recv_buffer  # of the next request; pymodbus forgets it
+        super().send(data, addr)
+        self.recv_buffer = begun
+
+    async def _answered(self) -> None:
+        """Lets the others have their turn."""
+        transport: Any = self.transport
+        if transport is None:
+            self._waiting.clear()
+        elif transport.get_write_buffer_size() > UNREAD:
+            self._waiting.clear()
+            transport.abort()
+        elif len(self._waiting) <= MOST_WAITING:
+            transport.resume_reading()
+        await asyncio.sleep(0)
+
+
+class _Refused(asyncio.Protocol):
+    """One client too many."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        transport.abort()  # type: ignore[attr-defined]
+
+
 class _Completed:
     """What both servers have in common."""
 
     identities: dict[int, Identity]
     decoder: DecodePDU
+    transactions = 0
     _tasks: set[asyncio.Task[None]]
 
     def complete(self, identities: dict[int, Identity]) -> None:
@@ -195,6 +257,20 @@ class TcpServer(_Completed, ModbusTcpServer):
         self.complete(dict.fromkeys((device.id, *SELF), identity))
         units: Any = self.context
         units.devices.update(dict.fromkeys(SELF, units.devices[device.id]))
+
+    def callback_new_connection(self) -> _Connection:
+        return _TcpConnection(self)
+
+    def handle_new_connection(self) -> Any:
+        """A place for one more client: where there is none, that of one who has not asked anything yet."""
+        if len(self.active_connections) >= MOST_CONNECTIONS:
+            clients: Iterable[Any] = self.active_connections.values()
+            silent = next((client for client in clients if not client.asked), None)
+            if silent is None:
+                return _Refused()
+            del self.active_connections[silent.unique_id]
+            silent.leave()
+        return super().handle_new_connection()
 
 
 class SerialServer(_Completed, ModbusSerialServer):

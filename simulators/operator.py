@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 from instrument.errors import BenchError
 from instrument.sample import Sample
-from simulators.clock import VirtualClock
 from simulators.rig import Rig
 
 MOUNTING = 60.0  # s [A]
 PLACING = 10.0  # s [A]
 
 
+class OwnTime(Protocol):
+    """On which he takes his time."""
+
+    lock: AbstractContextManager[Any]
+
+    def wait(self, duration: float) -> None: ...
+
+
 class SimulatedOperator:
     """Meets `instrument.operator.Operator`."""
 
-    def __init__(self, rig: Rig, clock: VirtualClock) -> None:
+    def __init__(self, rig: Rig, clock: OwnTime) -> None:
         self._rig = rig
         self._clock = clock
 

@@ -16,6 +16,7 @@ from procedures.cli.model import model
 from procedures.cli.reproduce import reproduce
 from procedures.cli.runs import runs
 from procedures.cli.scene import scene
+from procedures.cli.serve import serve
 from procedures.cli.softness import softness
 from procedures.cli.sweep import sweep
 from procedures.cli.test import test
@@ -33,7 +34,9 @@ def palpate() -> None:
     """
 
 
-for group in (sweep, calibrate, test, softness, characterise, runs, contracts, model, scene, reproduce, accuracy):
+for group in (
+    sweep, calibrate, test, softness, characterise, serve, runs, contracts, model, scene, reproduce, accuracy,
+):  # fmt: skip
     palpate.add_command(group)
 
 

@@ -1,0 +1,113 @@
+"""What a person sees of a served bench, and does at it by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+from instrument.contracts.sensor_node import bus_load
+from instrument.errors import UsageError
+from instrument.quantity import parse, show
+from instrument.sample import get_sample
+from simulators.bench import SimulatedBench
+from simulators.operator import SimulatedOperator
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+HANDLING = """mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN"""
+
+
+class _AtOnce:
+    """The clock of a person whose time the client's own waiting has taken."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self.lock: AbstractContextManager[Any] = sim.clock.lock
+
+    def wait(self, duration: float) -> None:
+        pass
+
+
+class Person:
+    """Does by hand what is typed: one of HANDLING a line."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        operator = SimulatedOperator(sim.rig, _AtOnce(sim))
+        self._verbs: dict[str, Callable[[list[str]], None]] = {
+            "mount": lambda words: operator.mount(get_sample(_one(words))),
+            "lay": lambda words: operator.lay_on_support(None if words == ["none"] else get_sample(_one(words))),
+            "probe": lambda words: operator.place_probe(*(parse(word, "m") for word in _several(words, 2))),
+            "tooth": lambda words: operator.press_tooth(round(parse(_one(words), "")) - 1),
+            "weight": lambda words: operator.place_weight(parse(" ".join(words), "kg")),
+            "turn": lambda words: operator.turn_load_cell(parse(_one(words), "")),
+            "warm": lambda words: operator.set_temperature(parse(" ".join(words), "K")),
+        }
+
+    def do(self, line: str) -> None:
+        """Raises UsageError: it is none of these. BenchError: the probe is not home. RangeError, UnknownName."""
+        verb, *words = line.split()
+        if verb not in self._verbs:
+            raise UsageError(f"{line!r} is no work of a person at the bench; type one of: {HANDLING}")
+        self._verbs[verb](words)
+
+
+def _one(words: list[str]) -> str:
+    return _several(words, 1)[0]
+
+
+def _several(words: list[str], count: int) -> list[str]:
+    if len(words) != count:
+        raise UsageError(f"{count} word(s) belong behind it, {len(words)} are there; type one of: {HANDLING}")
+    return words
+
+
+class Traffic:
+    """Transactions a second since the last look."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self._sim = sim
+        self._before = (0.0, 0)
+
+    def rate(self, now: float) -> float:
+        """`now` is of the wall [s]."""
+        (then, before), count = self._before, self._sim.servers.transactions
+        self._before = (now, count)
+        return (count - before) / (now - then) if then else 0.0
+
+
+def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
+    """The page of a served bench at this moment; `rate` in Modbus transactions a second, `behind` in s of the wall."""
+    from rich.table import Table
+
+    with sim.clock.lock:
+        generator, amplifier, positioner = sim.generator.settings, sim.amplifier, sim.positioner
+        indicator, states, sync = sim.indicator, sim.can.states, sim.can.sync_rate
+        active = sum(state == "OPERATIONAL" for state in states.values())
+        contract = amplifier.contract
+        faults = {name: contract.set_bits(name, amplifier.read(name)) for name in ("faults", "faults_latched")}
+        reading = indicator.read("reading_float")
+        load = bus_load(active, sync, sim.description.can.bitrate) if sync else 0.0
+        rows = {
+            "bench time": f"{sim.clock.now_ns() / 1e9:.1f} s" + (f", {behind:.1f} s behind" if behind >= 1 else ""),
+            "generator": f"{_on(generator['output'])}, {show(generator['amplitude'], 'V')} at "
+            f"{show(generator['frequency'], 'Hz')}",
+            "amplifier": f"{_on(amplifier.settings['enable'])}, {show(amplifier.read('output_current'), 'A')}, "
+            f"{amplifier.read('temperature'):.1f} °C",
+            "faults": ", ".join(sorted(faults["faults"])) or "none",
+            "latched": ", ".join(sorted(faults["faults_latched"])) or "none",
+            "indicator": "bridge open" if math.isnan(reading) else f"{reading:g} mV",
+            "positioner": show(positioner.read("position"), "m"),
+            "sensor nodes": ", ".join(f"{number} {state.lower()}" for number, state in states.items()),
+            "CAN bus": f"{100 * load:.0f} % of {show(sim.description.can.bitrate, '')}bit/s at worst",
+            "Modbus": f"{rate:.0f} transactions/s",
+        }
+    table = Table(title=f"SIMULATED {sim.description.name}", show_header=False, box=None, padding=(0, 1))
+    for name, value in rows.items():
+        table.add_row(name, value)
+    return table
+
+
+def _on(value: float) -> str:
+    return "on" if value else "off"

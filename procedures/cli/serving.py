@@ -1,0 +1,196 @@
+"""Keeps a simulated bench served until it is told to end."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from instrument.bench import BenchDescription
+from instrument.errors import BenchError, PalpateError
+from instrument.sample import Sample
+from procedures.cli.options import Output
+from procedures.cli.served import Person, Traffic, status
+from procedures.run import storing
+from simulators.bench import Place, SimulatedBench
+from simulators.changer import Changer
+from simulators.pace import Pacer
+from simulators.scene import Scene
+
+LONGEST_WATCHDOG = 60.0  # s, that a bench file may ask for
+REFRESH = 0.25  # s of the wall between two looks at the input and at the status
+CHUNK = 4096  # bytes
+ENDINGS = (signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What shall be served.
+
+    Attributes:
+        line: another name of the serial line's terminal.
+        speed: of the bench's clock, to that of the wall.
+        step: by which Enter moves the clock on, which stands still otherwise [s]; None: it follows the wall.
+        samples: of the changer.
+        out: where the bench file goes.
+    """
+
+    scene: Scene
+    place: Place
+    line: Path | None
+    speed: float
+    step: float | None
+    samples: tuple[Sample, ...]
+    out: Path | None
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A bench that is served, the description by which it is found, and what ended its time before it was told to."""
+
+    sim: SimulatedBench
+    description: BenchDescription
+    pacer: Pacer
+    failures: list[BaseException]
+
+
+@contextmanager
+def serving(wish: Wish) -> Iterator[Served]:
+    """Serve inside; the bench file and the name of the line are there.
+
+    Raises:
+        BenchError: a port is in use, or the CAN interface cannot be opened.
+        RecordError: the bench file or the name of the line cannot be written.
+    """
+    failures: list[BaseException] = []
+    with ExitStack() as stack:
+        sim = stack.enter_context(SimulatedBench(wish.scene, wish.place))
+        description = _description(sim, wish)
+        if wish.line is not None:
+            with storing(wish.line):
+                wish.line.symlink_to(sim.description.line.port)
+            stack.callback(wish.line.unlink, missing_ok=True)
+        if wish.out is not None:
+            with storing(wish.out):
+                wish.out.write_text(description.to_toml(), encoding="utf-8")
+        if wish.samples:
+            with sim.clock.lock:
+                sim.clock.add(Changer(sim.rig, wish.samples))
+        pacer = Pacer(sim.clock, wish.speed, failures.append)
+        if wish.step is None:
+            stack.enter_context(pacer)
+        yield Served(sim, description, pacer, failures)
+
+
+def serve_until_told(wish: Wish, output: Output, shows_status: bool) -> None:
+    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit".
+
+    Raises:
+        BenchError: as `serving`; or the scene failed while it was served. RecordError: as `serving`.
+    """
+    with _ending(), serving(wish) as served, ExitStack() as stack:
+        _announce(wish, served.description, output)
+        look = stack.enter_context(_page(served)) if shows_status and output.for_people else _unseen
+        _attend(served, wish.step, look, sys.stdin.fileno())
+
+
+def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
+    """The bench file; its clients live by the wall, by which a fast bench's watchdog is short."""
+    line = sim.description.line
+    watchdog = min(sim.description.watchdog * max(1.0, wish.speed), LONGEST_WATCHDOG)
+    named = line if wish.line is None else line.model_copy(update={"port": str(wish.line.absolute())})
+    return sim.description.model_copy(update={"line": named, "watchdog": watchdog})
+
+
+def _announce(wish: Wish, description: BenchDescription, output: Output) -> None:
+    if output.as_json:
+        output.json(
+            {
+                "scene": wish.scene.name,
+                "seed": wish.scene.seed,
+                "speed": wish.speed if wish.step is None else 0.0,
+                "bench_file": str(wish.out) if wish.out is not None else None,
+                "bench": description.model_dump(mode="json"),
+            }
+        )
+    else:
+        output.line(
+            description.to_toml() if wish.out is None else f"{wish.out}: palpate sweep loads --bench {wish.out}"
+        )
+    sys.stdout.flush()
+
+
+def _attend(served: Served, step: float | None, look: Callable[[], None], typed: int) -> None:
+    """Do what is typed, line by line, until "quit"; the end of the input ends nothing."""
+    person = Person(served.sim)
+    rest = b""
+    watched = [typed]
+    try:
+        while not served.failures:
+            if not select.select(watched, [], [], REFRESH)[0]:
+                look()
+                continue
+            chunk = os.read(typed, CHUNK)
+            if not chunk:
+                watched = []
+            *lines, rest = (rest + chunk).split(b"\n")
+            for line in lines:
+                text = line.decode(errors="replace").strip()
+                if text == "quit":
+                    return
+                if text:
+                    _carry_out(person, text)
+                elif step is not None:
+                    served.sim.clock.wait(step)
+    except KeyboardInterrupt:
+        return
+    raise BenchError(f"the scene cannot go on: {served.failures[0]}") from served.failures[0]
+
+
+def _carry_out(person: Person, text: str) -> None:
+    try:
+        person.do(text)
+        click.echo(f"done: {text}", err=True)
+    except PalpateError as error:  # of a mistyped line, which is no reason to stop
+        click.echo(f"palpate: {error}", err=True)
+
+
+def _unseen() -> None:
+    pass
+
+
+@contextmanager
+def _page(served: Served) -> Iterator[Callable[[], None]]:
+    from rich.live import Live
+
+    traffic = Traffic(served.sim)
+    with Live(auto_refresh=False) as live:
+
+        def look() -> None:
+            live.update(status(served.sim, traffic.rate(time.monotonic()), served.pacer.behind), refresh=True)
+
+        yield look
+
+
+@contextmanager
+def _ending() -> Iterator[None]:
+    """SIGTERM and SIGHUP end it as Ctrl-C does."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, end) for number in ENDINGS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,51 @@
+"""The CAN bus that simulated nodes share with whoever talks to them."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import socket
+from typing import Any
+
+import can
+from canopen.network import MessageListener
+
+from instrument.errors import BenchError
+
+logging.getLogger("canopen").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
+
+MULTICAST = "udp_multicast"  # of python-can; it hands a bus its own frames as well
+RECEIVE_BUFFER = 4 << 20  # bytes; the usual one holds 256 frames
+_numbers = itertools.count(1)
+
+
+def own_channel(interface: str) -> str:
+    """A channel of python-can that no other bench of this machine uses."""
+    number = next(_numbers)
+    if interface == MULTICAST:
+        return f"239.74.{os.getpid() % 256}.{number % 256}"
+    return f"palpate-{os.getpid()}-{number}"
+
+
+def open_bus(interface: str, channel: str) -> can.BusABC:
+    """A bus of python-can. Raises BenchError."""
+    options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # does not leave this machine
+    try:
+        bus = can.Bus(interface=interface, channel=channel, **options)
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        raise BenchError(f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface") from error
+    if interface == MULTICAST:
+        with socket.socket(fileno=os.dup(bus.fileno())) as end:
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+    return bus
+
+
+class Listener(MessageListener):
+    """canopen's listener; what comes and is no frame does not end its thread."""
+
+    def on_error(self, exc: Exception) -> None:
+        """Goes on, unless the bus itself has failed."""
+        if isinstance(exc.__cause__, OSError) or self.network.notifier is None:
+            raise NotImplementedError
+        self.network.notifier.exception = None  # canopen would send nothing any more

@@ -1,0 +1,312 @@
+"""`palpate serve`: the bench of one process, for the clients of another."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from rich.console import Console
+
+from instrument.bench import read_bench
+from instrument.contract import PROBE
+from instrument.sample import get_sample
+from procedures.cli import session
+from procedures.cli.options import Output
+from procedures.cli.served import Traffic, status
+from procedures.cli.serving import Wish, serve_until_told, serving
+from simulators.bench import Place, SimulatedBench
+from simulators.can_bus import MULTICAST
+from simulators.clock import VirtualClock
+from simulators.rig import STANDARD_GRAVITY
+from simulators.scene import Scene
+from tests.procedures.conftest import Palpate, happens_in
+
+STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise
+
+
+@pytest.fixture
+def wish(scene: Scene) -> Wish:
+    return Wish(scene, Place(), None, 1.0, STANDING, (), None)
+
+
+@contextmanager
+def typing(text: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A console at which somebody has typed this; its end never comes."""
+    read, write = os.pipe()
+    os.write(write, text.encode())
+    with os.fdopen(read) as console:
+        monkeypatch.setattr(sys, "stdin", console)
+        yield
+    os.close(write)
+
+
+def same_wall(monkeypatch: pytest.MonkeyPatch, sim: SimulatedBench) -> None:
+    """The client's wall clock is the bench's, so that nobody waits."""
+    monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)
+
+
+def test_a_sweep_on_a_served_bench_gives_the_ratios_of_one_in_its_own_process(
+    palpate: Palpate, wish: Wish, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a changer and somebody who presses Enter; with the seed and the noise of another bench."""
+    sweep = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
+    alone = palpate(*sweep, "--seed", "5").object["samples"]
+    place = Path("bench.toml")
+    wanted = replace(wish, samples=(get_sample("1"), get_sample("2")), out=place)
+    with typing("\n\n", monkeypatch), serving(wanted) as served:
+        same_wall(monkeypatch, served.sim)
+        found = palpate(*sweep, "--bench", str(place)).object
+    assert found["simulated"]
+    for one, other in zip(found["samples"], alone, strict=True):
+        apart = 3 * math.hypot(one["force_ratio_u"], other["force_ratio_u"])
+        assert one["force_ratio"] == pytest.approx(other["force_ratio"], abs=apart)
+
+
+def test_the_changer_lays_the_next_sample_as_the_probe_comes_home(wish: Wish) -> None:
+    first, second = get_sample("1"), get_sample("2")
+    with serving(replace(wish, samples=(first, second))) as served:
+        sim = served.sim
+        for position, under in ((0.0, first), (2e-3, first), (1e-3, first), (0.0, second), (1e-3, second), (0, second)):
+            sim.positioner.write({"target": position, "command": 1.0})
+            sim.clock.wait(10.0)
+            assert sim.rig._sample is under
+
+
+@pytest.mark.parametrize(
+    ("line", "seen"),
+    [
+        ("mount 3", lambda sim: sim.rig._sample == get_sample("3")),
+        ("lay none", lambda sim: sim.rig._on_support),
+        ("weight 240 g", lambda sim: sim.rig._weight == pytest.approx(0.24 * STANDARD_GRAVITY)),
+        ("turn 90", lambda sim: sim.rig.cell_position == 90.0),
+    ],
+)
+def test_what_a_person_does_is_typed(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, line: str, seen: Callable[[SimulatedBench], bool]
+) -> None:
+    was = []
+    monkeypatch.setattr(SimulatedBench, "__exit__", _look_first(was, seen))
+    with typing(f"{line}\nquit\n", monkeypatch):
+        said = palpate("serve", "thesis_single", "--can", "virtual", "--quiet")
+    assert (said.status, said.out, said.err) == (0, "", f"done: {line}\n")
+    assert was == [True]
+
+
+def _look_first(was: list[bool], seen: Callable[[SimulatedBench], bool]) -> Any:
+    leave = SimulatedBench.__exit__
+
+    def exit_(sim: SimulatedBench, *error: object) -> None:
+        was.append(bool(seen(sim)))
+        leave(sim, *error)
+
+    return exit_
+
+
+@pytest.mark.parametrize("line", ["mount", "mount 9", "weight heavy", "probe 1 mm", "dance"])
+def test_a_mistyped_line_is_said_and_stops_nothing(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    with typing(f"{line}\nturn 90\nquit\n", monkeypatch):
+        said = palpate("serve", "thesis_single", "--can", "virtual", "--quiet")
+    first, second = said.err.splitlines()
+    assert first.startswith("palpate: ")
+    assert (said.status, second) == (0, "done: turn 90")
+
+
+def test_json_says_where_everything_is(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    with typing("quit\n", monkeypatch):
+        found = palpate(
+            "serve",
+            "thesis_single",
+            "--seed",
+            "3",
+            "--can",
+            "virtual:mine",
+            "--line",
+            "line",
+            "--out",
+            "b.toml",
+            "--json",
+        ).object
+    assert (found["scene"], found["seed"], found["speed"], found["bench_file"]) == ("thesis_single", 3, 1.0, "b.toml")
+    assert found["bench"] == read_bench(Path("b.toml")).model_dump(mode="json")
+    assert found["bench"]["can"]["channel"] == "mine"
+    assert found["bench"]["line"]["port"] == str(Path("line").absolute())
+    assert not Path("line").is_symlink()
+
+
+def test_a_fast_bench_asks_for_a_watchdog_of_the_clients_time(wish: Wish) -> None:
+    with serving(wish) as slow, serving(replace(wish, speed=10.0)) as fast:
+        assert fast.description.watchdog == 10 * slow.description.watchdog
+
+
+def test_a_name_for_the_line_leads_to_its_terminal(wish: Wish, tmp_path: Path) -> None:
+    with serving(replace(wish, line=tmp_path / "line")) as served:
+        assert str((tmp_path / "line").readlink()) == served.sim.description.line.port
+
+
+# --- time ----------------------------------------------------------------------------------------------
+
+
+def test_enter_moves_a_bench_on_whose_time_stands_still(wish: Wish, monkeypatch: pytest.MonkeyPatch) -> None:
+    passed: list[float] = []
+    monkeypatch.setattr(VirtualClock, "wait", lambda _clock, duration: passed.append(duration))
+    with typing("\n\nquit\n", monkeypatch):
+        serve_until_told(wish, Output(as_json=False, quiet=True), shows_status=False)
+    assert passed == [STANDING, STANDING]
+
+
+def test_time_goes_on_by_itself_and_stops_at_the_end(wish: Wish) -> None:
+    reached = threading.Event()
+    with serving(replace(wish, step=None, speed=20.0)) as served:
+        happens_in(served.sim, 1.0, reached.set)
+        assert reached.wait(30)
+    then = served.sim.clock.now_ns()
+    assert then >= 1_000_000_000
+    assert served.sim.clock.now_ns() == then
+
+
+def test_a_scene_that_fails_ends_the_serving_with_its_reason(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_clock: VirtualClock, _duration: float) -> None:
+        raise ArithmeticError("the chain flies apart")
+
+    monkeypatch.setattr(VirtualClock, "wait", fail)
+    with typing("", monkeypatch):
+        said = palpate("serve", "thesis_single", "--can", "virtual", "--quiet")
+    assert said.status == 1
+    assert said.complaint == "the scene cannot go on: the chain flies apart"
+
+
+def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
+    with (
+        serving(wish) as served,
+        socket.create_connection(
+            (served.description.signal_generator.host, served.description.signal_generator.port)
+        ) as client,
+    ):
+        sim = served.sim
+        sim.generator.write({"amplitude": 0.5, "frequency": 20.0, "output": 1.0})
+        sim.amplifier.trip("watchdog")
+        traffic = Traffic(sim)
+        traffic.rate(1.0)
+        for _ in range(6):
+            client.sendall(bytes.fromhex("0001 0000 0006 01 03 7000 0001"))
+            assert client.recv(100)
+        console = Console(width=100, record=True, file=StringIO())
+        console.print(status(sim, traffic.rate(3.0), 0.0))
+    page = " ".join(console.export_text().split())
+    for shown in (
+        "SIMULATED",
+        "on, 500 mV at 20 Hz",
+        "latched watchdog",
+        "1 pre-operational",
+        "3 transactions/s",
+        "mV",
+    ):
+        assert shown in page, page
+
+
+# --- CAN of another process ----------------------------------------------------------------------------
+
+
+def test_a_plain_can_master_on_multicast_sees_each_sync_sampled_once(wish: Wish) -> None:
+    """The server's own SYNC comes back to it there, and is none of the master's."""
+    with serving(replace(wish, place=Place(interface=MULTICAST))) as served:
+        channel = served.description.can.channel
+        with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
+            answers = _Answers(bus)
+            answers.ask(0x601, "2f 00 00 00 00 00 00 00", 0x581)  # no such object
+            bus.send(_frame(0x000, "01 01"))
+            answers.ask(0x601, "23 05 10 00 80 00 00 40", 0x581)  # produces SYNC
+            served.sim.clock.wait(3e-3)
+            answers.ask(0x601, "23 05 10 00 80 00 00 00", 0x581)
+            bus.send(_frame(0x080, ""))
+            answers.until(0x281)
+            counters = [int.from_bytes(m.data[:4], "little") for m in answers.heard if m.arbitration_id == 0x281]
+            while counters[-1] < 4:
+                counters.append(int.from_bytes(answers.until(0x281).data[:4], "little"))
+    assert counters == [1, 2, 3, 4]
+
+
+def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
+    with serving(replace(wish, place=Place(interface=MULTICAST))) as served:
+        channel = served.description.can.channel
+        with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as rude:
+                rude.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+                for data in (b"", b"\xc1\xc1", b"\x93\x01"):
+                    rude.sendto(data, (channel, 43113))
+            for data in ("", "01", "40 00 10"):
+                bus.send(_frame(0x000, data[:2]))
+                bus.send(_frame(0x601, data))
+            answer = _Answers(bus).ask(0x601, "40 00 20 00 00 00 00 00", 0x581)
+    assert answer == f"43002000{PROBE.to_bytes(4, 'little').hex()}"
+
+
+class _Answers:
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self.heard: list[can.Message] = []
+
+    def until(self, cob_id: int) -> can.Message:
+        while True:
+            try:
+                message = self._bus.recv(10)
+            except can.CanOperationError:  # no frame
+                continue
+            assert message is not None
+            self.heard.append(message)
+            if message.arbitration_id == cob_id:
+                return message
+
+    def ask(self, cob_id: int, data: str, answer: int) -> str:
+        self._bus.send(_frame(cob_id, data))
+        return bytes(self.until(answer).data).hex()
+
+
+def _frame(cob_id: int, data: str) -> can.Message:
+    return can.Message(arbitration_id=cob_id, is_extended_id=False, data=bytes.fromhex(data))
+
+
+# --- what cannot be served -----------------------------------------------------------------------------
+
+
+def test_a_port_in_use_is_named(palpate: Palpate) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        said = palpate("serve", "thesis_single", "--can", "virtual", "--port", str(port))
+    assert said.status == 1
+    assert said.complaint == f"127.0.0.1:{port} cannot be listened on; it is in use, or not an address of this machine"
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "names"),
+    [
+        (("--can", "nonsense:0"), 1, "nonsense:0"),
+        (("--can", "virtual", "--listen", "192.0.2.1"), 1, "192.0.2.1"),
+        (("--can", "virtual", "--speed", "0"), 2, "--speed 0"),
+        (("--can", "virtual", "--speed", "nan"), 2, "--speed nan"),
+        (("--can", "virtual", "--step", "0 s"), 2, "--step 0 s"),
+        (("--can", "virtual", "--step", "fast"), 2, "fast"),
+        (("--can", "virtual", "--line", "."), 2, "--line ."),
+        (("--can", "virtual", "--samples", "7"), 2, "7"),
+        (("--can", "virtual", "--out", "no/where.toml"), 1, "no/where.toml"),
+    ],
+)
+def test_what_cannot_be_served_is_named_and_nothing_is_left(
+    palpate: Palpate, options: tuple[str, ...], status: int, names: str
+) -> None:
+    said = palpate("serve", "thesis_single", *options)
+    assert said.status == status
+    assert names in said.complaint
