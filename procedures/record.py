@@ -58,6 +58,7 @@ class Recorder:
         self.folder = folder
         self._points = 0
         self._bench_ns = 0
+        self._inodes: dict[str, int] = {}
         with contextlib.ExitStack() as undo:
             with storing(folder / WAVEFORMS):
                 self._waveforms = undo.enter_context((folder / WAVEFORMS).open("ab", buffering=0))
@@ -142,6 +143,7 @@ class Recorder:
                 " VALUES (?, ?, ?, ?, ?, ?, ?)",
                 rows,
             )
+        self._check_files()
         self._points = point_id
         self._bench_ns = bench_ns
         return point_id
@@ -159,6 +161,7 @@ class Recorder:
         """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
         with storing(self.folder / DATABASE), self._database:
             self._insert_event(kind, message, bench_ns)
+        self._check_files()
         self._bench_ns = bench_ns
 
     def finish(
@@ -196,13 +199,18 @@ class Recorder:
         text = message.encode(errors="backslashreplace").decode()
         self._database.execute("INSERT INTO event (bench_ns, kind, message) VALUES (?, ?, ?)", (bench_ns, kind, text))
 
+    def _check_files(self) -> None:
+        """What was just written is in files that are still there: the system lets removed ones be written on."""
+        for name in (DATABASE, f"{DATABASE}-wal", WAVEFORMS):
+            with storing(self.folder / name):
+                inode = (self.folder / name).stat().st_ino
+                if inode != self._inodes.setdefault(name, inode):
+                    raise FileNotFoundError(errno.ENOENT, "it was replaced while the run was being written")
+
     def _append(self, arrays: Sequence[np.ndarray]) -> list[int]:
         """Appends the samples, makes them durable and returns where each array starts, in bytes."""
-        state = os.fstat(self._waveforms.fileno())
-        if state.st_nlink == 0:
-            raise FileNotFoundError(errno.ENOENT, "it was removed while the run was being written")
         offsets: list[int] = []
-        end = state.st_size
+        end = os.fstat(self._waveforms.fileno()).st_size
         for samples in arrays:
             offsets.append(end)
             end += samples.nbytes

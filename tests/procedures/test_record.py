@@ -278,7 +278,7 @@ def test_a_start_that_fails_leaves_the_folder_free(tmp_path: Path, monkeypatch: 
 def test_a_run_whose_folder_was_removed_is_not_written_into_nothing(tmp_path: Path) -> None:
     recorder = Recorder.create(tmp_path / "run", HEADER)
     shutil.rmtree(tmp_path / "run")
-    with pytest.raises(RecordError, match="removed while the run was being written"), recorder:
+    with pytest.raises(RecordError, match=r"cannot write .*run\.sqlite: "), recorder:
         recorder.point({"load_N": 1.5}, {}, 0)
 
 
