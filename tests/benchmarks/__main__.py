@@ -42,6 +42,7 @@ PARTS = {
     "peers": peers.measure,
     "records": records.measure,
     "reproduce": reproduce.measure,
+    "faults": faults.measure,
     "scenes": scenes.measure,
     "start_up": start_up.measure,
 }
