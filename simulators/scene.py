@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -107,6 +107,14 @@ class Scene:
         if not 0 <= seed <= LARGEST_SEED:
             raise RangeError(f"seed {seed} is outside 0 to {LARGEST_SEED}; give one inside")
         return replace(self, seed=seed)
+
+    def with_faults(self, given: Sequence[Mapping[str, Any]]) -> Scene:
+        """The same scene with these faults after its own. Raises ConfigError."""
+        from simulators.faults.fault import parse_faults
+
+        every = [*(self.file.fault or ()), *map(dict, given)]
+        faults = parse_faults(every, self.nodes, f"scene {self.name}")
+        return replace(self, faults=faults, file=self.file.model_copy(update={"fault": every}))
 
     def with_model(self, model: str) -> Scene:
         """The same scene with another sensor model, to the file's tolerance where the model refines.

@@ -1,0 +1,101 @@
+"""The pytest plugin: a fresh bench for each test, simulated or real. What costs time is imported when a test asks."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from drivers.bench import Bench, WatchedClock
+    from instrument.bench import BenchDescription
+    from instrument.operator import Operator
+    from procedures.testing.benches import Watch
+    from simulators.scene import Scene
+
+REAL: pytest.StashKey[BenchDescription] = pytest.StashKey()
+WATCH: pytest.StashKey[Watch] = pytest.StashKey()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.getgroup("palpate").addoption(
+        "--bench", dest="palpate_bench", metavar="FILE", help="Run on the real bench of this bench file, not on scenes."
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Raises UsageError: the bench file is missing or wrong, or several workers would share the bench."""
+    config.addinivalue_line(
+        "markers",
+        "scene(name='thesis_single', *, seed=None, faults=()): what the simulated bench of this test is; a name, or"
+        " a file beside the test; faults as in a scene's [[fault]]",
+    )
+    file = config.getoption("palpate_bench")
+    if file is None:
+        return
+    if getattr(config.option, "dist", "no") != "no":
+        raise pytest.UsageError(f"--bench {file}: one bench cannot serve several workers; give -n0")
+    from procedures.testing.benches import described
+
+    config.stash[REAL] = described(Path(file))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """On a real bench what needs a scene is skipped. Raises UsageError: a marker names no scene or no fault."""
+    marked = [item for item in items if item.get_closest_marker("scene")]
+    if REAL in config.stash:
+        scenic = [item for item in items if "scene" in getattr(item, "fixturenames", ())]
+        for item in {*marked, *scenic}:
+            item.add_marker(pytest.mark.skip(reason="needs a simulated bench, and --bench gives a real one"))
+    elif marked:
+        from procedures.testing.benches import marked_scene
+
+        for item in marked:
+            marked_scene(item)
+
+
+@pytest.fixture
+def scene(request: pytest.FixtureRequest) -> Scene:
+    """The scene of this test's bench: that of its marker, or thesis_single. A real bench has none."""
+    from procedures.testing.benches import marked_scene
+
+    return marked_scene(request.node)
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """A bench of this test's own, opened and identified; its outputs are off, before and after."""
+    from procedures.testing.benches import real_bench, simulated_bench
+
+    description = request.config.stash.get(REAL, None)
+    opening = simulated_bench(request.getfixturevalue("scene")) if description is None else real_bench(description)
+    with opening as watch:
+        request.node.stash[WATCH] = watch
+        with watch.bench:
+            yield watch.bench
+
+
+@pytest.fixture
+def clock(bench: Bench) -> WatchedClock:
+    """The clock of this test's bench: wait with it, in bench time."""
+    return bench.clock
+
+
+@pytest.fixture
+def operator(bench: Bench) -> Operator:
+    """Who mounts samples on this test's bench; on a real one a person, asked at the console (give -s)."""
+    return bench.operator
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed and WATCH in item.stash:
+        from procedures.testing.benches import told
+
+        report.sections.append((f"palpate bench at {call.when}", told(item, item.stash[WATCH])))
+    return report

@@ -1,0 +1,94 @@
+"""The benches of tests: what a marker asks for, and what is told of a test that failed."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import canopen
+import pytest
+
+from drivers.bench import Bench
+from drivers.clock import WallClock
+from instrument.bench import BenchDescription, read_bench
+from instrument.errors import PalpateError
+from procedures.cli.session import DEFAULT_SCENE, ConsoleOperator
+from procedures.testing.traffic import Traffic
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene, read_scene, shipped
+
+CYCLE = 0.002  # s, for which closing a bus waits; tests close many
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """A bench that is not open yet, what it is, and what has gone over its links."""
+
+    bench: Bench
+    what: str
+    traffic: Traffic
+
+
+def described(file: Path) -> BenchDescription:
+    """The bench of a bench file. Raises UsageError."""
+    try:
+        return read_bench(file)
+    except PalpateError as error:
+        raise pytest.UsageError(f"--bench: {error}") from None
+
+
+def marked_scene(item: pytest.Item) -> Scene:
+    """The scene that a test's marker asks for. Raises UsageError: it names no scene, or no fault that it can have."""
+    marker = item.get_closest_marker("scene")
+    try:
+        return _asked(item.path.parent, *marker.args, **marker.kwargs) if marker else _read(DEFAULT_SCENE)
+    except (PalpateError, TypeError) as error:
+        raise pytest.UsageError(f"{item.nodeid}: marker scene: {error}") from None
+
+
+def _asked(
+    folder: Path, name: str = DEFAULT_SCENE, *, seed: int | None = None, faults: Sequence[Mapping[str, Any]] = ()
+) -> Scene:
+    """A file is looked for in the test's folder."""
+    is_file = name not in shipped() and name.endswith(".toml")
+    scene = _read(str(folder / name) if is_file else name)
+    if seed is not None:
+        scene = scene.with_seed(seed)
+    return scene.with_faults(faults) if faults else scene
+
+
+@functools.cache
+def _read(name: str) -> Scene:
+    return read_scene(name)
+
+
+@contextmanager
+def simulated_bench(scene: Scene) -> Iterator[Watch]:
+    """Serve a scene."""
+    canopen.Network.NOTIFIER_CYCLE = CYCLE
+    with SimulatedBench(scene) as simulated:
+        bench = Bench(simulated.description, simulated.clock, simulated.operator)
+        faults = [f"fault {table}" for table in scene.file.fault or ()]
+        yield Watch(bench, "\n".join([f"scene {scene.name}, seed {scene.seed}", *faults]), Traffic(bench))
+
+
+@contextmanager
+def real_bench(description: BenchDescription) -> Iterator[Watch]:
+    bench = Bench(description, WallClock(), ConsoleOperator())
+    yield Watch(bench, f"bench {description.name}", Traffic(bench))
+
+
+def told(item: pytest.Item, watch: Watch) -> str:
+    """What is known of the bench of a test that failed, and the command that runs it again."""
+    config = item.config
+    place = os.path.relpath(item.path, config.invocation_params.dir)
+    name = item.nodeid.partition("::")[2]
+    real = config.getoption("palpate_bench")
+    command = ["pytest", f"{place}::{name}", *(["--bench", real] if real else [])]
+    return f"{watch.what}\n{watch.traffic.told()}\nagain: {shlex.join(command)}"

@@ -1,0 +1,171 @@
+"""What has lately gone over the links of a bench, with the names, values and units of the contracts."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.bench import Bench
+from drivers.can import CanLink, FrameCallback
+from drivers.modbus import ModbusLink, read_identity, write_registers
+from instrument.contract import Contract, Field, sdo
+from instrument.contracts import sensor_node
+from instrument.errors import BenchError
+
+SPAN = 2.0  # s of bench time
+MOST = 10_000  # messages that are kept
+NODE = sensor_node.CONTRACT
+STREAMS = {pdo.base: pdo for pdo in NODE.pdos}
+BROADCAST = 0x7F  # bits of a COB-ID that say which node
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One transaction or frame; `address` and `data` as on the wire, big-endian registers or an object's bytes."""
+
+    time_ns: int
+    who: str
+    verb: str
+    address: int
+    data: bytes
+    trouble: str = ""
+
+
+class Traffic:
+    """Listens to all links of a bench from before it is opened."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._messages: deque[Message] = deque(maxlen=MOST)
+        links = {id(device.link): device.link for device in bench.devices}
+        for link in links.values():
+            if isinstance(link, CanLink):
+                self._listen_can(link)
+            else:
+                self._listen_modbus(link)
+
+    def _keep(self, who: str, verb: str, address: int, data: bytes, trouble: str = "") -> None:
+        self._messages.append(Message(self._bench.clock.now_ns(), who, verb, address, data, trouble))
+
+    def _answered(self, who: str, verb: str, address: int, sent: bytes, ask: Callable[[], Any]) -> Any:
+        """What `ask` gives; kept with it is what was sent, or what was got."""
+        try:
+            reply = ask()
+        except BenchError as error:
+            self._keep(who, verb, address, sent, str(error))
+            raise
+        got = reply if isinstance(reply, bytes) else _registers(getattr(reply, "registers", []))
+        self._keep(who, verb, address, sent or got)
+        return reply
+
+    def _listen_modbus(self, link: ModbusLink) -> None:
+        transact = link.transact
+
+        def heard(who: str, request: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+            def ask() -> Any:
+                return transact(who, request, *args, **kwargs)
+
+            if request is read_identity:
+                return self._answered(who, "identify", 0, b"", ask)
+            written = request is write_registers
+            sent = _registers(args[1]) if written else b""
+            return self._answered(who, "write" if written else "read", args[0], sent, ask)
+
+        link.transact = heard  # type: ignore[method-assign]
+
+    def _listen_can(self, link: CanLink) -> None:
+        upload, download, command, subscribe = link.upload, link.download, link.command, link.subscribe
+
+        def uploaded(who: str, node: Any, index: int, subindex: int) -> bytes:
+            data: bytes = self._answered(
+                who, "read", sdo(index, subindex), b"", lambda: upload(who, node, index, subindex)
+            )
+            return data
+
+        def downloaded(who: str, node: Any, index: int, subindex: int, data: bytes) -> None:
+            self._answered(who, "write", sdo(index, subindex), data, lambda: download(who, node, index, subindex, data))
+
+        def commanded(node: Any, state: str) -> None:
+            self._keep(f"sensor node {node.id}", f"NMT {state}", 0, b"")
+            command(node, state)
+
+        def subscribed(cob_id: int, callback: FrameCallback) -> None:
+            def hear(cob_id: int, data: bytearray, timestamp: float) -> None:
+                self._keep(f"sensor node {cob_id & BROADCAST}", "frame", cob_id, bytes(data))
+                callback(cob_id, data, timestamp)
+
+            subscribe(cob_id, hear)
+
+        link.upload, link.download = uploaded, downloaded  # type: ignore[method-assign]
+        link.command, link.subscribe = commanded, subscribed  # type: ignore[method-assign]
+
+    def told(self) -> str:
+        """The messages of the last `SPAN` s of bench time, a line each; sample streams are counted."""
+        now = self._bench.clock.now_ns()
+        kept = [message for message in list(self._messages) if message.time_ns >= now - SPAN * 1e9]
+        lines = [f"bus traffic of the last {SPAN:g} s, up to bench time {now / 1e9:.6f} s:"]
+        for streaming, group in itertools.groupby(kept, key=_is_stream):
+            messages = list(group)
+            if streaming:
+                last = messages[-1]
+                text = f"{len(messages)} frames of samples, the last: {self._decoded(last)}"
+                lines.append(_line(last.time_ns, last.who, text))
+            else:
+                lines += [_line(m.time_ns, m.who, self._described(m)) for m in messages]
+        return "\n".join(lines if kept else [*lines, "  none"])
+
+    def _described(self, message: Message) -> str:
+        trouble = message.trouble.removeprefix(f"{message.who}: ")
+        return " ".join(filter(None, (message.verb, self._decoded(message), trouble and f"failed: {trouble}")))
+
+    def _decoded(self, message: Message) -> str:
+        data = message.data
+        if message.verb == "frame":
+            pdo = STREAMS.get(message.address & ~BROADCAST)
+            sizes = [NODE[name].size for name in pdo.fields] if pdo else []
+            if pdo is None or len(data) != sum(sizes):
+                return f"0x{message.address:03X} {data.hex(' ')}"
+            starts = itertools.accumulate(sizes, initial=0)
+            return ", ".join(
+                _value(NODE, NODE[name], data[at : at + size])
+                for name, at, size in zip(pdo.fields, starts, sizes, strict=False)
+            )
+        contract = next((device.contract for device in self._bench.devices if device.name == message.who), None)
+        if contract is None or not data:
+            return ""
+        if contract.bus == "canopen":
+            fields = [(f, data) for f in contract.fields if f.address == message.address]
+        else:
+            fields = [
+                (f, data[at : at + f.size]) for f in contract.fields if (at := 2 * (f.address - message.address)) >= 0
+            ]
+        return ", ".join(_value(contract, f, own) for f, own in fields if own)
+
+
+def _is_stream(message: Message) -> bool:
+    return message.verb == "frame" and message.address & ~BROADCAST in STREAMS
+
+
+def _registers(registers: list[int]) -> bytes:
+    return b"".join(register.to_bytes(2, "big") for register in registers)
+
+
+def _line(time_ns: int, who: str, text: str) -> str:
+    return f"  {time_ns / 1e9:14.6f} s  {who.partition(' at ')[0]}: {text}"
+
+
+def _value(contract: Contract, field: Field, data: bytes) -> str:
+    """A field as people read it."""
+    if field.type == "text":
+        return f"{field.name} = {data.decode('ascii', 'replace')!r}"
+    if len(data) != field.size:
+        return f"{field.name} = {data.hex(' ')}"
+    value = contract.decode(field.name, data)
+    if field.choices:
+        return f"{field.name} = {contract.choice(field.name, value)}"
+    if field.bits:
+        return f"{field.name} = {' '.join(sorted(contract.set_bits(field.name, value))) or 'none'}"
+    return f"{field.name} = {value:.10g} {field.unit}".rstrip()
