@@ -1,0 +1,137 @@
+"""Modbus servers on the wire among clients that mean no good: the bench's own is served all the same."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.modbus import ModbusLink
+from drivers.signal_generator import SignalGenerator
+from instrument.bench import TcpAddress
+from instrument.contract import PROBE
+from simulators import modbus_server
+from simulators.bench import SimulatedBench
+from simulators.modbus_server import MOST_CONNECTIONS
+from simulators.scene import Scene
+
+READ = bytes.fromhex("03 0000 0002")
+
+
+def framed(pdu: bytes, transaction: int = 7) -> bytes:
+    return struct.pack(">HHHB", transaction, 0, len(pdu) + 1, 1) + pdu
+
+
+@pytest.fixture
+def address(scene: Scene) -> Iterator[TcpAddress]:
+    with SimulatedBench(scene) as simulated:
+        yield simulated.description.signal_generator
+
+
+@pytest.fixture
+def own(address: TcpAddress) -> Iterator[SignalGenerator]:
+    """The bench's own client, connected."""
+    link = ModbusLink.tcp(address.model_copy(update={"timeout": 10.0}))
+    link.open()
+    yield SignalGenerator(link, address.unit)
+    link.close()
+
+
+@contextlib.contextmanager
+def clients(address: TcpAddress, count: int, says: bytes = b"") -> Iterator[list[socket.socket]]:
+    with contextlib.ExitStack() as stack:
+        found = []
+        for _ in range(count):
+            client = stack.enter_context(socket.create_connection((address.host, address.port), timeout=10))
+            client.sendall(says)
+            found.append(client)
+        yield found
+
+
+def ended(client: socket.socket) -> bool:
+    try:
+        return client.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
+def served(own: SignalGenerator) -> bool:
+    return own.get("probe") == PROBE
+
+
+def test_the_servers_listen_on_loopback(address: TcpAddress) -> None:
+    assert address.host == "127.0.0.1"
+
+
+@pytest.mark.parametrize("says", [b"", framed(READ)[:7]], ids=["half-open", "slow"])
+def test_clients_that_ask_nothing_make_room_for_those_that_come(
+    address: TcpAddress, own: SignalGenerator, says: bytes
+) -> None:
+    assert served(own)
+    with clients(address, 3 * MOST_CONNECTIONS, says) as many:
+        assert served(own)
+        assert ended(many[0])
+        with clients(address, 1, framed(READ)) as (late,):
+            assert late.recv(100)[7:] == b"\x03\x04" + PROBE.to_bytes(4, "big")
+
+
+def test_one_client_too_many_is_refused_and_the_others_stay(address: TcpAddress, own: SignalGenerator) -> None:
+    assert served(own)
+    with clients(address, MOST_CONNECTIONS - 1, framed(READ)) as many:
+        assert all(client.recv(100) for client in many)
+        with clients(address, 1) as (late,):
+            assert ended(late)
+        assert served(own)
+        many[0].sendall(framed(READ))
+        assert many[0].recv(100)
+
+
+def test_clients_that_flood_take_their_turns(address: TcpAddress, own: SignalGenerator) -> None:
+    flood = framed(READ) * 400
+    with clients(address, 3, flood) as many:
+        for client in many:
+            client.setblocking(False)
+        for _ in range(20):
+            for client in many:
+                with contextlib.suppress(BlockingIOError):
+                    client.send(flood)
+        assert served(own)
+        assert served(own)
+
+
+def test_a_client_that_leaves_its_answers_unread_is_cut(
+    address: TcpAddress, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert served(own)
+    with monkeypatch.context() as patch, clients(address, 1) as (client,):
+        patch.setattr(modbus_server, "UNREAD", -1)  # sockets take megabytes before anything waits
+        client.sendall(framed(READ) * 100)
+        answers = 0
+        while not ended(client):
+            answers += 1
+        assert answers < 100
+    assert served(own)
+
+
+@pytest.mark.parametrize(
+    "rubbish", [bytes(range(256)) * 16, framed(READ)[:4] + b"\xff\xff" + bytes(70_000), b"\0\1\0\0\0\0" * 99]
+)
+def test_rubbish_and_oversized_frames_end_their_own_connection(
+    address: TcpAddress, own: SignalGenerator, rubbish: bytes
+) -> None:
+    with clients(address, 2) as many:
+        for client in many:
+            with contextlib.suppress(OSError):
+                client.sendall(rubbish)
+        assert all(map(ended, many))
+        assert served(own)
+
+
+def test_a_request_whose_end_comes_after_the_answer_to_the_one_before_is_answered(address: TcpAddress) -> None:
+    with clients(address, 1, framed(READ, 1) + framed(READ, 2)[:5]) as (client,):
+        assert client.recv(13)[:2] == b"\0\1"
+        client.sendall(framed(READ, 2)[5:])
+        assert client.recv(13)[:2] == b"\0\2"
