@@ -24,7 +24,7 @@ from procedures.run import DATABASE, WAVEFORMS, Run, row_crc32
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
 
-SWEEP = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
 Stop = Callable[[int], None]
 
 
@@ -79,7 +79,7 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     stopped(palpate, stop, 1, *SWEEP)
     with (Path("cut") / WAVEFORMS).open("ab") as file:
         file.write(bytes(1001))  # of a point that was never stored
-    stop(3)
+    stop(2)
     assert palpate("runs", "resume", "cut").status == 130
     stop(0)
     Path("cut/scene.toml").unlink()
@@ -88,7 +88,7 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
     assert (run.folder / WAVEFORMS).read_bytes() == (whole.folder / WAVEFORMS).read_bytes()
     assert said["softness_order"] == whole.summary["softness_order"]
-    assert len(said["points"]) == 4
+    assert len(said["points"]) == 3
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
 
 
@@ -127,7 +127,7 @@ def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monke
     with monkeypatch.context() as pressed:
         pressed.setattr(keys, "keyboard", lambda: nullcontext(Once()))
         assert palpate(*SWEEP, "--out", "whole").status == 0
-        stopped(palpate, stop, 3, *SWEEP)
+        stopped(palpate, stop, 2, *SWEEP)
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
     assert Run.open(Path("cut")).digest() == Run.open(Path("whole")).digest()
     assert events("cut") == ["paused", "resumed", "stopped", "continued"]
@@ -137,7 +137,7 @@ def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monke
 
 
 def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, stop: Stop) -> None:
-    before = stopped(palpate, stop, 3, *SWEEP).points()
+    before = stopped(palpate, stop, 2, *SWEEP).points()
     scene = Path("cut/scene.toml")
     scene.write_text(scene.read_text().replace("seed = 1", "seed = 2"))
     edit("cut", "UPDATE run SET value = json_replace(value, '$.numpy', '1.0') WHERE key = 'versions'")
@@ -151,19 +151,19 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
     assert events("cut") == ["stopped"]
     assert palpate("runs", "resume", "cut", "--accept-change", "--quiet").status == 0
     run = Run.open(Path("cut"))
-    assert (run.status, run.points()[:3], len(run.points())) == ("complete", before, 4)
+    assert (run.status, run.points()[:2], len(run.points())) == ("complete", before, 3)
     messages = [event["message"] for event in run.events() if event["kind"] == "changed"]
-    assert messages[3:] == [f"point {n} is not what the bench gives now" for n in (1, 2, 3)]
+    assert messages[3:] == [f"point {n} is not what the bench gives now" for n in (1, 2)]
 
 
 def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
-    stopped(palpate, stop, 3, *SWEEP)
+    stopped(palpate, stop, 2, *SWEEP)
     edit("cut", "UPDATE point SET data = json_replace(data, '$.force_ratio', 0.5) WHERE id = 2")
     edit("cut", "UPDATE point SET crc32 = row_crc32(id, bench_ns, data) WHERE id = 2")
     said = palpate("runs", "resume", "cut")
     assert said.status == 1
     assert "point 2 is not what the bench gives now" in said.complaint
-    assert len(Run.open(Path("cut")).points()) == 3
+    assert len(Run.open(Path("cut")).points()) == 2
 
 
 def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
@@ -182,31 +182,29 @@ def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
 # --- a real bench ---------------------------------------------------------------------------------------
 
 
-def test_a_real_bench_begins_at_the_next_point(palpate: Palpate, stop: Stop, person: str, sim: SimulatedBench) -> None:
-    before = stopped(palpate, stop, 3, *SWEEP, "--bench", person).points()
-    mounted = sim.clock.now_ns()
-    said = palpate("runs", "resume", "cut", "--json").object
-    run = Run.open(Path("cut"))
-    points = run.points()
-    assert points[:3] == before
-    assert [(p["sample"], p["load_N"]) for p in points] == [("1", 2.0), ("1", 3.0), ("2", 2.0), ("2", 3.0)]
-    assert points[3]["bench_ns"] > mounted + 60e9
-    assert [p["force_ratio"] for p in said["points"]] == [p["force_ratio"] for p in points]
-    assert outputs(sim) == OFF
-
-
-def test_another_force_limit_of_a_real_bench_is_named(palpate: Palpate, stop: Stop, person: str) -> None:
-    stopped(palpate, stop, 1, *SWEEP, "--bench", person)
+def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
+    palpate: Palpate, stop: Stop, person: str, sim: SimulatedBench
+) -> None:
+    two_samples = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
+    before = stopped(palpate, stop, 3, *two_samples, "--bench", person).points()
+    ended = sim.clock.now_ns()
     other = Path("other.toml")
     other.write_text(Path(person).read_text().replace('"10.0 N"', '"9.0 N"'))
     said = palpate("runs", "resume", "cut", "--bench", "other.toml")
     assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said.complaint
-    assert palpate("runs", "resume", "cut", "--bench", "other.toml", "--accept-change", "--quiet").status == 0
+    result = palpate("runs", "resume", "cut", "--bench", "other.toml", "--accept-change", "--json").object
+    run = Run.open(Path("cut"))
+    points = run.points()
+    assert (run.status, points[:3]) == ("complete", before)
+    assert [(p["sample"], p["load_N"]) for p in points] == [("1", 2.0), ("1", 3.0), ("2", 2.0), ("2", 3.0)]
+    assert points[3]["bench_ns"] > ended + 60e9  # the sample is mounted anew
+    assert [p["force_ratio"] for p in result["points"]] == [p["force_ratio"] for p in points]
     assert events("cut") == ["stopped", "continued", "changed"]
+    assert outputs(sim) == OFF
 
 
 def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpate, stop: Stop, person: str) -> None:
-    stopped(palpate, stop, 2, "calibrate", "load-cell", "--bench", person, "--quiet")
+    stopped(palpate, stop, 1, "calibrate", "load-cell", "--bench", person, "--quiet")
     assert "cannot go on in the middle" in palpate("runs", "resume", "cut").complaint
 
 
