@@ -14,13 +14,13 @@ TARGETS = {
     "node_frames": ("can:node_frames", 150),
     "fields": ("contracts:fields", 300),
     "quantities": ("quantities:quantities", 60),
-    "bench_files": ("files:bench", 20),
-    "scene_files": ("files:scene", 10),
-    "load_cell_calibrations": ("files:load_cell", 10),
-    "film_calibrations": ("files:films", 5),
-    "price_lists": ("files:prices", 5),
-    "surfaces": ("files:surface", 5),
-    "runs": ("runs:run", 5),
+    "bench_files": ("files:bench", 24),
+    "scene_files": ("files:scene", 8),
+    "load_cell_calibrations": ("files:load_cell", 12),
+    "film_calibrations": ("files:films", 8),
+    "price_lists": ("files:prices", 3),
+    "surfaces": ("files:surface", 3),
+    "runs": ("runs:run", 2),
 }
 
 
