@@ -22,6 +22,7 @@ from tests.benchmarks import (
     records,
     reproduce,
     scenes,
+    serve,
     soak,
     solid,
     start_up,
@@ -44,6 +45,7 @@ PARTS = {
     "reproduce": reproduce.measure,
     "faults": faults.measure,
     "scenes": scenes.measure,
+    "serve": serve.measure,
     "start_up": start_up.measure,
 }
 LONG = {"kills": kills.measure, "soak": soak.measure}  # a quarter of an hour and more: only by name

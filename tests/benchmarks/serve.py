@@ -1,0 +1,129 @@
+"""What serving costs: the bench's Modbus server beside a bare one of pymodbus, and a sweep from another process."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from instrument.contracts.signal_generator import CONTRACT
+from procedures.cli.serving import Wish, serving
+from simulators.bench import LOOPBACK, Place
+from simulators.scene import read_scene
+from tests.benchmarks.row import Row
+
+REQUESTS = 3000  # of a round, all clients together
+ROUNDS = 5
+GOAL = 0.8
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.5 s", "--json")
+NOTHING = Wish(read_scene("thesis_single"), Place(), None, 1.0, 1.0, (), None)
+
+
+def measure() -> Iterator[Row]:
+    """Requests a second, and the ratio of a sample from another process."""
+    with serving(NOTHING) as served, _bare() as bare:
+        for clients in (1, 8):
+            own_rate, bare_rate = _rates(served.description.signal_generator.port, bare, clients)
+            ratio = own_rate / bare_rate
+            yield Row(
+                f"served generator / bare pymodbus, {clients} client{'s' * (clients > 1)}",
+                f"{own_rate:.0f} / {bare_rate:.0f} requests/s = {ratio:.2f}",
+                f">= {GOAL}",
+                ratio >= GOAL,
+            )
+    yield _other_process()
+
+
+def _rates(own: int, bare: int, clients: int) -> tuple[float, float]:
+    """Best of some rounds, taken in turn."""
+    context = get_context("spawn")
+    with context.Pool(1) as pool:  # a client of its own process, as real ones are
+        taken = [[pool.apply(_ask, (port, clients)) for port in (own, bare)] for _ in range(ROUNDS)]
+    return max(rates[0] for rates in taken), max(rates[1] for rates in taken)
+
+
+def _ask(port: int, clients: int) -> float:
+    """Requests a second of so many clients, each of which waits for its answer; checks that it is the right one."""
+    address, count = CONTRACT.block(["frequency", "amplitude"])
+    body = bytes([1, 3]) + address.to_bytes(2) + count.to_bytes(2)
+
+    async def client(number: int) -> None:
+        reader, writer = await asyncio.open_connection(LOOPBACK, port)
+        for i in range(REQUESTS // clients):
+            transaction = (number * REQUESTS + i) % 65536
+            writer.write(transaction.to_bytes(2) + bytes(2) + len(body).to_bytes(2) + body)
+            reply = await reader.readexactly(9 + 2 * count)
+            assert int.from_bytes(reply[:2]) == transaction
+            assert reply[7:9] == bytes([3, 2 * count])
+        writer.close()
+
+    async def all_clients() -> float:
+        loop = asyncio.get_running_loop()
+        start = loop.time()
+        await asyncio.gather(*(client(number) for number in range(clients)))
+        return clients * (REQUESTS // clients) / (loop.time() - start)
+
+    return asyncio.run(all_clients())
+
+
+@contextmanager
+def _bare() -> Iterator[int]:
+    """A server of pymodbus with the same registers and nothing behind them; its port."""
+    registers = [SimData(f.address, count=f.size // 2, datatype=DataType.REGISTERS) for f in CONTRACT.fields]
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+
+    async def start() -> ModbusTcpServer:
+        server = ModbusTcpServer([SimDevice(id=1, simdata=registers)], address=(LOOPBACK, 0))
+        await server.serve_forever(background=True)
+        return server
+
+    server = asyncio.run_coroutine_threadsafe(start(), loop).result()
+    yield server.transport.sockets[0].getsockname()[1]
+    asyncio.run_coroutine_threadsafe(server.shutdown(), loop).result()
+    loop.call_soon_threadsafe(loop.stop)
+    thread.join()
+    loop.close()
+
+
+def _other_process() -> Row:
+    """A point that one process takes on the bench that another serves, by the wall, beside one of its own bench."""
+    palpate = (sys.executable, "-c", "from procedures.cli import main; main()")
+    with TemporaryDirectory() as folder:
+        bench = Path(folder) / "bench.toml"
+        environment = {**os.environ, "PALPATE_STORE": folder}
+        command = [*palpate, "serve", "thesis_single", "--samples", "1", "--out", str(bench), "--json"]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+            assert server.stdout is not None
+            while server.stdout.readline() != "}\n":  # the bench is there
+                pass
+
+            def sample(*more: str) -> dict[str, float]:
+                done = subprocess.run(
+                    [*palpate, *SWEEP, *more], input="\n", capture_output=True, text=True, check=True, env=environment
+                )
+                found: dict[str, float] = json.loads(done.stdout)["samples"][0]
+                return found
+
+            served, own = sample("--bench", str(bench)), sample()
+            server.communicate("quit\n")
+    apart = abs(served["force_ratio"] - own["force_ratio"])
+    u = (served["force_ratio_u"] ** 2 + own["force_ratio_u"] ** 2) ** 0.5
+    return Row(
+        "sample 1 from another process / own bench",
+        f"{served['force_ratio']:.4f} / {own['force_ratio']:.4f}, {apart / u:.1f} u apart",
+        "<= 2 u",
+        apart <= 2 * u and server.returncode == 0,
+    )
