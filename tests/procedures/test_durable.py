@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from procedures import record
+from instrument.errors import RecordError
 from procedures.cli.options import Progress
-from procedures.run import DATABASE, WAVEFORMS, Run
-from tests.procedures.conftest import OFF, Benches, Palpate, outputs
+from procedures.record import Recorder
+from procedures.run import DATABASE, WAVEFORMS
+from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 
-SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--out", "day")
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")
 Break = Callable[[pytest.MonkeyPatch], object]
 
 
@@ -25,7 +28,7 @@ def refused(number: int) -> Break:
     def refuse(_handle: int) -> None:
         raise OSError(number, os.strerror(number))
 
-    return lambda patch: patch.setattr(record.os, "fsync", refuse)
+    return lambda patch: patch.setattr(os, "fsync", refuse)
 
 
 def replaced(name: str) -> Break:
@@ -54,26 +57,31 @@ def removed(name: str) -> Break:
     ],
     ids=["full", "read only", "removed", "database", "log", "waveforms"],
 )
-def test_a_run_that_cannot_be_stored_stops_with_outputs_off(
-    palpate: Palpate,
-    benches: Benches,
-    on_progress: Callable[[Progress], None],
-    monkeypatch: pytest.MonkeyPatch,
-    broken: Break,
-    message: str,
+def test_a_point_that_is_not_stored_is_not_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Break, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    films = {"rigid": (250.0, np.zeros(50))}
+    with pytest.raises(RecordError, match=re.escape(message)), Recorder.create(Path("day"), HEADER) as record:
+        assert record.point({"load_N": 2.0}, films, 1) == 1
+        broken(monkeypatch)
+        record.point({"load_N": 3.0}, films, 2)
+    assert record.points == 1
+
+
+def test_a_run_whose_folder_is_removed_stops_with_outputs_off(
+    palpate: Palpate, benches: Benches, on_progress: Callable[[Progress], None]
 ) -> None:
     reported: list[int] = []
 
     def report(done: int, _total: int, _what: str) -> None:
         if done == 1 and 1 not in reported:
-            broken(monkeypatch)
+            shutil.rmtree("day")
         reported.append(done)
 
     on_progress(report)
     said = palpate(*SWEEP, "--json")
     assert said.status == 1
-    assert message in said.complaint
+    assert "do not move or remove a run while it is being written" in said.complaint
     assert max(reported) == 1
     assert outputs(benches[0]) == OFF
-    if "space" in message:
-        assert [point["load_N"] for point in Run.open(Path("day")).points()] == [2.0]

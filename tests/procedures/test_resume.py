@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
@@ -10,17 +11,24 @@ import sys
 from collections.abc import Callable
 from contextlib import closing, nullcontext
 from dataclasses import asdict
+from datetime import UTC, datetime
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from instrument.sample import get_sample
 from procedures.cli import keys
+from procedures.cli.conduct import Procedure
+from procedures.cli.resume import resumable
+from procedures.encoding import as_json
+from procedures.load_plan import SweepSettings
 from procedures.load_sweep import LoadPoint
 from procedures.record import Recorder
-from procedures.resume import Resumed
+from procedures.resume import Resumed, settings_of
 from procedures.run import DATABASE, WAVEFORMS, Run, row_crc32
+from procedures.softness import SoftnessSettings
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
 
@@ -92,21 +100,33 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
 
 
-@pytest.mark.parametrize(
-    ("points", "command"),
-    [
-        (3, ("calibrate", "load-cell", "--loads", "140 gf:740 gf:200 gf")),
-        (2, ("sweep", "frequency", "--frequencies", "5 Hz, 10 Hz, 20 Hz")),
-    ],
-)
-def test_other_procedures_go_on_too(palpate: Palpate, stop: Stop, points: int, command: tuple[str, ...]) -> None:
-    assert palpate(*command, "--quiet", "--out", "whole").status == 0
-    shutil.rmtree("runs", ignore_errors=True)
-    stopped(palpate, stop, points, *command, "--quiet")
-    palpate("runs", "resume", "cut", "--json").object  # noqa: B018
+def test_a_calibration_goes_on_and_is_kept(palpate: Palpate, stop: Stop) -> None:
+    command = ("calibrate", "load-cell", "--loads", "140 gf:740 gf:200 gf", "--quiet")
+    assert palpate(*command, "--out", "whole").status == 0
+    shutil.rmtree("runs")  # where it is kept for later runs
+    stopped(palpate, stop, 3, *command)
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
     whole, run = Run.open(Path("whole")), Run.open(Path("cut"))
     assert (run.digest(), run.summary) == (whole.digest(), whole.summary)
-    assert {p.name for p in run.folder.iterdir()} == {p.name for p in whole.folder.iterdir()}
+    assert {path.name for path in run.folder.iterdir()} == {path.name for path in whole.folder.iterdir()}
+    assert list(Path("runs/calibrations").iterdir())
+
+
+def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
+    found = {name: builder() for name, builder in resumable().items()}
+    assert [procedure.name for procedure in found.values()] == list(found)
+    assert {name for name, procedure in found.items() if procedure.continues} == {"sweep-loads", "sweep-frequency"}
+    loads = SweepSettings(("1",), (2.0, 3.0), 0.2, 10.0, None, True)
+    assert settings_from(found["sweep-loads"], loads) == loads
+    unknown = SoftnessSettings((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
+    assert settings_from(found["softness"], unknown) == unknown
+
+
+def settings_from(procedure: Procedure[Any, Any], settings: Any) -> Any:
+    """Settings as a record gives them back."""
+    header = json.loads(as_json({"settings": asdict(settings)}))
+    run = Run(Path("run"), procedure.name, True, datetime.now(UTC), "stopped", header, {})
+    return settings_of(run, procedure.settings)
 
 
 class Once:
@@ -210,7 +230,8 @@ def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpa
 
 def test_a_stored_null_is_read_back_as_nan(tmp_path: Path) -> None:
     header = {**HEADER, "settings": {}}
-    point = LoadPoint("1", 2.0, *[math.nan] * 11, valid=False, flags=("not finite",))
+    unknown: list[Any] = [math.nan] * 11
+    point = LoadPoint("1", 2.0, *unknown, valid=False, flags=("not finite",))
     with Recorder.create(tmp_path, header) as record:
         record.point(asdict(point), {}, 5)
     with Resumed(Run.open(tmp_path), replay=False, accept=False) as resumed:
