@@ -1,0 +1,119 @@
+"""However a command ends, its outputs are at zero: hung up, interrupted twice, or with a plot that crashes."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from procedures.load_sweep import Progress
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import OFF, Benches, Palpate, outputs
+
+SMALL = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")
+DRIVEN = (1, "sample 1, 3 N")  # a point is stored, and the next load is about to be set
+
+
+def send(number: signal.Signals) -> None:
+    os.kill(os.getpid(), number)
+
+
+def at_second_load(action: Callable[[], object]) -> Progress:
+    def progress(done: int, _total: int, what: str) -> None:
+        if (done, what) == DRIVEN:
+            action()
+
+    return progress
+
+
+def ended_safe(benches: Benches, status: str) -> None:
+    assert outputs(benches[0]) == OFF
+    run = Run.open(Path("day"))
+    assert [p["load_N"] for p in run.points()][:1] == [2.0]
+    assert run.status == status
+
+
+def test_a_terminal_that_is_closed_while_the_shaker_is_driven_switches_it_off(
+    palpate: Palpate, benches: Benches, on_progress: Any
+) -> None:
+    driven: list[tuple[bool, bool, float]] = []
+
+    def interrupt() -> None:
+        driven.append(outputs(benches[0]))
+        send(signal.SIGHUP)
+
+    on_progress(at_second_load(interrupt))
+    assert palpate(*SMALL).status == 128 + signal.SIGHUP
+    assert driven[0][:2] == (True, True) and driven[0][2] > 0
+    ended_safe(benches, "stopped")
+
+
+@pytest.mark.parametrize("device", ["amplifier", "generator"])
+def test_a_second_interrupt_while_outputs_are_being_switched_off_does_not_keep_them_on(
+    palpate: Palpate, benches: Benches, on_progress: Any, monkeypatch: pytest.MonkeyPatch, device: str
+) -> None:
+    again: list[object] = []
+
+    def interrupt() -> None:
+        simulated = getattr(benches[0], device)
+        write = simulated.write
+
+        def interrupted(values: dict[str, float]) -> None:
+            again.append(values)
+            send(signal.SIGINT)
+            write(values)
+
+        monkeypatch.setattr(simulated, "write", interrupted)
+        send(signal.SIGINT)
+
+    on_progress(at_second_load(interrupt))
+    assert palpate(*SMALL).status == 130
+    assert again
+    ended_safe(benches, "stopped")
+
+
+def test_a_plot_that_crashes_comes_when_outputs_are_off_and_the_run_is_complete(
+    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[tuple[bool, bool, float]] = []
+
+    def crash(_figure: Figure, _path: object, **_: object) -> None:
+        drawn.append(outputs(benches[0]))
+        raise RuntimeError("no fonts")
+
+    monkeypatch.setattr(Figure, "savefig", crash)
+    with pytest.raises(RuntimeError, match="no fonts"):
+        palpate(*SMALL)
+    assert drawn == [OFF]
+    ended_safe(benches, "complete")
+
+
+def hot(sim: SimulatedBench) -> None:
+    sim.amplifier.read = _hot(sim.amplifier.read)  # type: ignore[method-assign]
+
+
+def _hot(read: Callable[[str], float]) -> Callable[[str], float]:
+    return lambda name: 85.5 if name == "temperature" else read(name)
+
+
+def loud(sim: SimulatedBench) -> None:
+    read = sim.amplifier.read
+    # 4 A rms, 5.7 A peak: a trip that the device has lost
+    sim.amplifier.read = lambda name: 4.0 if name == "output_current" else read(name)  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize(("doctor", "message"), [(hot, "heat sink at 85.5 degC"), (loud, "5.66 A peak")])
+def test_an_amplifier_that_is_too_hot_or_passes_its_limit_without_a_trip_is_switched_off(
+    palpate: Palpate, benches: Benches, on_progress: Any, doctor: Callable[[SimulatedBench], None], message: str
+) -> None:
+    on_progress(at_second_load(lambda: doctor(benches[0])))
+    said = palpate(*SMALL)
+    assert said.status == 1
+    assert message in said.complaint
+    ended_safe(benches, "failed")
