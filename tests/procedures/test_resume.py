@@ -10,7 +10,7 @@ import sqlite3
 import sys
 from collections.abc import Callable
 from contextlib import closing, nullcontext
-from dataclasses import asdict
+from dataclasses import MISSING, asdict, fields
 from datetime import UTC, datetime
 from io import StringIO
 from pathlib import Path
@@ -230,8 +230,10 @@ def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpa
 
 def test_a_stored_null_is_read_back_as_nan(tmp_path: Path) -> None:
     header = {**HEADER, "settings": {}}
-    unknown: list[Any] = [math.nan] * 11
-    point = LoadPoint("1", 2.0, *unknown, valid=False, flags=("not finite",))
+    known = {"sample": "1", "load_N": 2.0, "valid": False, "flags": ("not finite",)}
+    needed = [field.name for field in fields(LoadPoint) if field.default is MISSING]
+    values: dict[str, Any] = {**dict.fromkeys(needed, math.nan), **known}
+    point = LoadPoint(**values)
     with Recorder.create(tmp_path, header) as record:
         record.point(asdict(point), {}, 5)
     with Resumed(Run.open(tmp_path), replay=False, accept=False) as resumed:
