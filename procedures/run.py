@@ -64,6 +64,7 @@ CREATE TABLE event (
 ) STRICT;
 """
 
+LARGEST_ROW = 10_000_000  # bytes; a point has some thousand
 WAVEFORM_COLUMNS = "point_id, name, dtype, rate, offset, length, crc32"
 
 Status = Literal["running", "complete", "stopped", "failed"]
@@ -295,8 +296,11 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
 def _snapshot(path: Path, mode: str, stack: contextlib.ExitStack) -> sqlite3.Connection:
     connection = sqlite3.connect(f"{path.as_uri()}?mode={mode}", uri=True)
     stack.enter_context(contextlib.closing(connection))
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
     connection.execute("BEGIN")
-    connection.execute("SELECT 1 FROM sqlite_schema").fetchone()
+    (others,) = connection.execute("SELECT count(*) FROM sqlite_schema WHERE type NOT IN ('table', 'index')").fetchone()
+    if others:  # a view could go on for ever
+        raise ValueError("it has views or triggers, a run has none")
     return connection
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from simulators.faults.fault import Fault
 
 LARGEST_SEED = 2**63 - 1
+MOST_EFFECTS = 100
 WHEN, ON = "when", "on"  # a table's own key, and what it says if it has none
 DITHER = "white_noise"  # makes the steps of a converter average out
 EFFECTS_TOLERANCE = 1e-4  # of automatic effects, where the file has none
@@ -55,7 +56,7 @@ class SceneFile(Config):
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
     nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
     rig: RigParameters = RigParameters()
-    effects: dict[str, Any] = Field(default_factory=dict)  # a table, "on" or "auto"
+    effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
     fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
 
 

@@ -18,9 +18,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from instrument.config import Config
+from instrument.config import LARGEST_FILE, Config
 from instrument.design import Design
 from instrument.designs import DESIGNS
 from instrument.errors import ConfigError, RangeError
@@ -297,8 +297,10 @@ def stored() -> PriceList:
         ConfigError: the file is missing or damaged.
     """
     try:
+        if STORED.stat().st_size > LARGEST_FILE:
+            raise ValueError
         return PriceList.model_validate_json(STORED.read_bytes())
-    except (OSError, ValidationError):
+    except (OSError, ValueError):  # ValidationError is one
         raise ConfigError(
             f"{STORED}: is missing or no price list; measure it anew: palpate accuracy models --store"
         ) from None

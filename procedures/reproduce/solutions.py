@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
+from instrument.errors import ConfigError
 from instrument.models.parameters import RoundParameters, SolidParameters
 from instrument.models.surface import CODE_VERSION
 from procedures.run import storing
@@ -31,8 +32,14 @@ class Solutions:
 
     @classmethod
     def shipped(cls) -> Self:
-        """Those that come with palpate."""
-        return cls(json.loads(SHIPPED.read_text(encoding="utf-8")) if SHIPPED.exists() else {})
+        """Those that come with palpate. Raises ConfigError."""
+        try:
+            known = json.loads(SHIPPED.read_text(encoding="utf-8")) if SHIPPED.exists() else {}
+            if all(isinstance(number, float) for numbers in known.values() for number in numbers):
+                return cls(known)
+        except (OSError, ValueError, AttributeError, TypeError, RecursionError):
+            pass
+        raise ConfigError(f"{SHIPPED}: is damaged; solve anew: palpate reproduce models --fresh")
 
     def of(
         self,
