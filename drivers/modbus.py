@@ -26,7 +26,7 @@ EXCEPTIONS = {
 }  # fmt: skip
 LARGEST_FRAME = 256  # bytes on a serial line
 LARGEST_REPLY = 4096  # bytes that may come for one request, late replies among them
-EXTENDED_IDENTITY = 3
+BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
 
 
 class _SerialClient(ModbusSerialClient):
@@ -188,6 +188,6 @@ def write_registers(client: Any, address: int, registers: list[int], unit: int) 
     return reply
 
 
-def read_identity(client: Any, unit: int) -> ModbusPDU:
-    reply: ModbusPDU = client.read_device_information(read_code=EXTENDED_IDENTITY, object_id=0, device_id=unit)
+def read_identity(client: Any, category: int, unit: int) -> ModbusPDU:
+    reply: ModbusPDU = client.read_device_information(read_code=category, object_id=0, device_id=unit)
     return reply

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from drivers.device import Device
-from drivers.modbus import ModbusLink, read_identity, read_registers, write_registers
+from drivers.modbus import BASIC, EXTENDED, REGULAR, ModbusLink, read_identity, read_registers, write_registers
 from instrument.contract import PROBE, Contract, Value
 from instrument.errors import BenchError, DeviceError, IdentityError, LinkError, UsageError
 
@@ -60,7 +60,14 @@ class ModbusDevice(Device):
         self.simulated = objects.get(APPLICATION, "") == "simulated"
 
     def _identity(self) -> dict[int, str]:
-        reply = self.link.transact(self.name, read_identity, self.unit)
+        """By number; a device that leaves the lower categories out of the extended one is asked for them too."""
+        objects = self._category(EXTENDED)
+        if VENDOR not in objects:
+            objects |= self._category(BASIC) | self._category(REGULAR)
+        return objects
+
+    def _category(self, category: int) -> dict[int, str]:
+        reply = self.link.transact(self.name, read_identity, category, self.unit)
         return {k: v.decode(errors="replace") for k, v in getattr(reply, "information", {}).items()}
 
     def get(self, name: str) -> float:
