@@ -17,6 +17,7 @@ from instrument.bench import BenchDescription
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
 
+collect_ignore = ["examples"]  # projects of their own: see tests/procedures/test_plugin.py
 canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,7 @@ import procedures.testing.benches  # noqa: F401  (what an inner session imports 
 from simulators.bench import SimulatedBench
 
 pytest_plugins = ["pytester"]
+EXAMPLES = Path(__file__).parents[1] / "examples"
 ALONE = ("--disable-plugin-autoload", "-p", "procedures.testing")  # other plugins would be imported again each time
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 
@@ -159,6 +162,13 @@ def test_a_real_bench_is_not_shared_by_workers(pytester: pytest.Pytester) -> Non
     result = pytester.runpytest_inprocess("-n2", "--bench=lab.toml")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["ERROR: --bench lab.toml: one bench cannot serve several workers; give -n0"])
+
+
+def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
+    shutil.copytree(EXAMPLES / "lab", pytester.path, dirs_exist_ok=True)
+    pytester.syspathinsert()
+    result = pytester.runpytest_inprocess(*ALONE)
+    result.assert_outcomes(passed=3)
 
 
 def test_the_plugin_costs_nothing_where_it_is_not_used() -> None:
