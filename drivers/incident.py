@@ -11,21 +11,26 @@ Store = Callable[[str, str, int], object]
 
 
 class Incidents:
-    """Of one bench. `count` is how many there were."""
+    """Of one bench."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._store: Store | None = None
         self._waiting: list[tuple[str, int]] = []
-        self.count = 0
+        self._new = 0
 
     def note(self, what: str) -> None:
         """Raises what storing raises: what cannot be recorded stops the run."""
-        self.count += 1
+        self._new += 1
         if self._store is None:
             self._waiting.append((what, self._clock.now_ns()))
         else:
             self._store(INCIDENT, what, self._clock.now_ns())
+
+    def new(self) -> int:
+        """How many there were since the last call: what a point says of the time since the point before."""
+        new, self._new = self._new, 0
+        return new
 
     def tell(self, store: Store) -> None:
         """Store each with `store(kind, message, bench_ns)` from now on, and those so far."""

@@ -71,7 +71,7 @@ class FilmPoint:
         predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
         attempts: how many there were.
         flags: why the last one is not to be used; empty: it is.
-        incidents: how often something went wrong on the bench meanwhile and was made good; events say what.
+        incidents: how often something went wrong on the bench since the point before and was made good.
     """
 
     load_N: float
@@ -227,7 +227,6 @@ def measure(
         SafetyError, DeviceError, LinkError, UnreachableError: the bench could not.
         EstimateError: the dwell gives no estimate.
     """
-    before = films.bench.incidents.count
     named = what or f"{load:g} N"
     for attempt in range(1, ATTEMPTS + 1):
         point = carry_out(
@@ -246,7 +245,7 @@ def measure(
         films.widen(point.record)
         if DRIFTED in point.flags:
             carry_out(films.bench, named, lambda: servo.set(load))
-    return replace(point, incidents=films.bench.incidents.count - before)
+    return replace(point, incidents=films.bench.incidents.new())
 
 
 def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int) -> FilmPoint:

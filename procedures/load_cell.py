@@ -228,7 +228,6 @@ class _Series:
         return self._point(position, number, direction, load)
 
     def _point(self, position: float, number: int, direction: str, load: float) -> float:
-        before = self.bench.incidents.count
         values = carry_out(
             self.bench,
             f"{direction}, {show(load, 'N')}",
@@ -243,7 +242,7 @@ class _Series:
             "load_N": load,
             "reading_mV": sum(values) / len(values),
             "readings_mV": values,
-            "incidents": self.bench.incidents.count - before,
+            "incidents": self.bench.incidents.new(),
         }
         self.record.point(point, {}, self.bench.clock.now_ns())
         self.points.append(point)

@@ -1,0 +1,198 @@
+"""What the policy does about a fault is recorded, repeated alike, and leaves a broken device alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.incident import INCIDENT
+from instrument.errors import (
+    BenchError,
+    DeviceError,
+    IdentityError,
+    LinkError,
+    LinkTimeout,
+    SafetyError,
+    SettingsLost,
+    UnreachableError,
+)
+from procedures.policy import ATTEMPTS, RESTORE, STOP, carry_out, policy_for
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from simulators.faults.fault import parse_faults
+from tests.fault_matrix import scene
+from tests.procedures.conftest import Palpate
+
+SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
+
+
+@contextmanager
+def attended(*tables: dict[str, Any]) -> Iterator[tuple[SimulatedBench, Bench, list[str]]]:
+    """A bench with faults, and the incidents that its record would have."""
+    told: list[str] = []
+    with (
+        SimulatedBench(replace(scene(), faults=parse_faults(tables, 1, "here"))) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        bench.attend(lambda kind, message, _ns: told.append(message) if kind == INCIDENT else None)
+        yield sim, bench, told
+
+
+@pytest.fixture(autouse=True)
+def _ends(nothing_left_behind: None) -> None:
+    pass
+
+
+# --- the table -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "does", "attempts"),
+    [
+        (SafetyError, STOP, 1), (IdentityError, STOP, 1), (UnreachableError, STOP, 1), (BenchError, STOP, 1),
+        (SettingsLost, RESTORE, ATTEMPTS), (LinkError, RESTORE, ATTEMPTS), (LinkTimeout, RESTORE, ATTEMPTS),
+        (DeviceError, RESTORE, ATTEMPTS),
+    ],
+)  # fmt: skip
+def test_every_error_of_the_bench_has_one_policy(error: type[BenchError], does: str, attempts: int) -> None:
+    policy = policy_for(error("x"))
+    assert (policy.does, policy.attempts) == (does, attempts)
+
+
+# --- steps ---------------------------------------------------------------------------------------------
+
+
+def test_a_step_is_repeated_on_a_bench_that_was_put_right_and_each_attempt_is_told() -> None:
+    with attended() as (sim, bench, told):
+        bench.drive()
+        seen: list[tuple[float, float]] = []
+
+        def step() -> str:
+            seen.append((sim.amplifier.settings["enable"], sim.generator.settings["frequency"]))
+            sim.generator.settings["frequency"] = 11.0  # a knob
+            if len(seen) < ATTEMPTS:
+                raise LinkError("the cable")
+            sim.generator.settings["frequency"] = 10.0
+            return "done"
+
+        assert carry_out(bench, "a step", step) == "done"
+        assert seen == [(1.0, 10.0)] * ATTEMPTS
+        bench.rest()
+    assert told == ["a step: the cable; restore the settings, repeat the step"] * (ATTEMPTS - 1)
+
+
+def test_what_the_policy_stops_is_not_repeated() -> None:
+    with attended() as (_sim, bench, told):
+        calls: list[int] = []
+
+        def step() -> None:
+            calls.append(1)
+            raise SafetyError("too much")
+
+        with pytest.raises(SafetyError):
+            carry_out(bench, "a step", step)
+    assert (len(calls), told) == (1, [])
+
+
+def test_a_bench_that_nobody_attends_raises_the_first_failure(bench: Bench, sim: SimulatedBench) -> None:
+    calls: list[int] = []
+
+    def step() -> None:
+        calls.append(1)
+        raise LinkError("the cable")
+
+    with pytest.raises(LinkError):
+        carry_out(bench, "a step", step)
+    assert len(calls) == 1
+
+
+def test_a_device_that_stays_away_is_broken_and_no_later_step_uses_it() -> None:
+    gone = {"kind": "device_failure", "on": "signal_generator", "at": "1 s", "lasts": "1 h"}
+    with attended(gone) as (sim, bench, told):
+        sim.clock.wait(1.0)
+        with pytest.raises(DeviceError, match="device failure"):
+            carry_out(bench, "a step", bench.generator.read)
+        assert told[-1] == f"{bench.generator.name}: is broken"
+        assert len(bench.broken) == 1
+        asked: list[object] = []
+        sim.generator.requested = lambda: asked.append(1)  # type: ignore[method-assign]
+        sim.clock.wait(3600.0)  # it would answer now
+        with pytest.raises(DeviceError, match="is not used any more in this run"):
+            bench.generator.read()
+        with pytest.raises(DeviceError, match="is not used any more in this run"):
+            bench.generator.output(False)
+        assert asked == []
+    assert asked  # but to switch it off
+
+
+def test_a_write_that_is_not_confirmed_and_reads_back_is_told_and_not_repeated() -> None:
+    with attended({"kind": "no_reply", "on": "signal_generator", "at": "1 s"}) as (sim, bench, told):
+        sim.clock.wait(1.0)
+        writes: list[object] = []
+        write = sim.generator.write
+
+        def counted(values: dict[str, float]) -> None:
+            writes.append(values)
+            write(values)
+
+        sim.generator.write = counted  # type: ignore[method-assign]
+        bench.generator.sine(7.0, 0.25)
+        assert len(writes) == 1
+        assert len(told) == 1 and told[0].endswith("read back, it was carried out")
+
+
+def test_an_order_that_is_not_confirmed_is_neither_read_back_nor_repeated() -> None:
+    with attended({"kind": "late_answer", "on": "positioner", "transaction": 5}) as (sim, bench, told):
+        with pytest.raises(LinkTimeout):  # identity, probe and limits came before, now position and order
+            bench.positioner.move(1e-3)
+        sim.clock.wait(2.0)
+        assert bench.positioner.position() == 1e-3
+        assert told == []
+
+
+# --- a whole run ---------------------------------------------------------------------------------------
+
+FAULTY = """
+name = "faulty"
+purpose = "A bench that fails in the middle."
+design = "single"
+
+[[fault]]
+kind = "power_cycle"
+on = "shaker_amplifier"
+at = "85 s"
+
+[[fault]]
+kind = "device_busy"
+on = "signal_generator"
+probability = 0.1
+"""
+
+
+def test_a_run_with_faults_says_so_in_its_record_and_gives_the_same_bytes_again(
+    palpate: Palpate, tmp_path: Path
+) -> None:
+    (tmp_path / "faulty.toml").write_text(FAULTY, encoding="utf-8")
+    runs = []
+    for name in ("first", "again"):
+        said = palpate(*SMALL, "--scene", "faulty.toml", "--out", name, "--json").object
+        run = Run.open(Path(name))
+        incidents = [(e["bench_ns"], e["message"].split("unit 1")[-1]) for e in run.events() if e["kind"] == INCIDENT]
+        assert sum(point["incidents"] for point in said["points"]) > 0
+        assert len(incidents) > 2
+        runs.append((run.digest(), incidents))
+    assert runs[0] == runs[1]
+
+
+def test_a_wrong_fault_is_refused_before_anything_is_opened(palpate: Palpate, tmp_path: Path) -> None:
+    (tmp_path / "faulty.toml").write_text(FAULTY.replace("power_cycle", "power_cycel"), encoding="utf-8")
+    said = palpate(*SMALL, "--scene", "faulty.toml")
+    assert said.status == 2
+    assert "fault 1: unknown fault 'power_cycel' (did you mean 'power_cycle'?)" in said.complaint
+    assert not Path("runs").exists()
