@@ -36,10 +36,11 @@ class LoadPoint:
     """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
 
     Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
-    has each tooth's own. `incidents` counts what went wrong since the point before and was made good: see the events. `noise_u` and `calibration_u` are what noise and the films' calibration have in
+    has each tooth's own. `noise_u` and `calibration_u` are what noise and the films' calibration have in
     `force_ratio_u`. `relative_u` is that to `force_ratio`, beside what was predicted of it where the dwell was chosen
     at the point. `extrapolated`: the load lies outside the calibrated range. Not `valid`: after the last of its
-    `attempts` it is flagged still; `flags` say why.
+    `attempts` it is flagged still; `flags` say why. `incidents` counts what went wrong since the point before and was
+    made good; the events say what.
     """
 
     sample: str
