@@ -29,7 +29,7 @@ NMT_FRAME, SDO_FRAME = 2, 8  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED = 5, 4
 NMT_START, NMT_RESETS = 1, (129, 130)
-LENGTH = 0x0607_0010
+LENGTH, NO_SUBINDEX = 0x0607_0010, 0x0609_0011
 VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
@@ -259,8 +259,11 @@ def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]
 
 
 def _field(index: int, subindex: int) -> Field | None:
-    address = index << 8 | subindex
-    return next((f for f in CONTRACT.fields if f.address == address), None)
+    """None for what canopen itself holds. Raises SdoAbortedError: canopen's arrays have any number of elements."""
+    siblings = {f.subindex: f for f in CONTRACT.fields if f.index == index}
+    if siblings and subindex not in (0, *siblings):
+        raise SdoAbortedError(NO_SUBINDEX)
+    return siblings.get(subindex)
 
 
 def _reader(node: SensorNode) -> Any:

@@ -42,7 +42,11 @@ def open_bus(interface: str, channel: str) -> can.BusABC:
 
 
 class Listener(MessageListener):
-    """canopen's listener; what comes and is no frame does not end its thread."""
+    """canopen's listener, which takes an extended identifier for the standard one; what is no frame ends nothing."""
+
+    def on_message_received(self, msg: can.Message) -> None:
+        if not (msg.is_extended_id or msg.is_fd):
+            super().on_message_received(msg)  # type: ignore[no-untyped-call]
 
     def on_error(self, exc: Exception) -> None:
         """Goes on, unless the bus itself has failed."""
