@@ -196,6 +196,7 @@ class Bench:
             LinkError, DeviceError: one does not answer, or does not take its settings; the indicator reads no load.
         """
         self.clock.watching = False
+        self._switch_off()
         self.clock.wait(RECOVERY)
         self.rest()
         self.amplifier.check()
@@ -212,14 +213,10 @@ class Bench:
     def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         """Switch off by every means there is, whatever fails; signals meanwhile are ignored."""
         self.clock.watching = False
+        self.incidents.hold()
         self.amplifier.broken = self.generator.broken = ""
-        failures: list[str] = []
         with _signals_held():
-            for step in (self.amplifier.disable, lambda: self.generator.output(False), self._zero):
-                try:
-                    step()
-                except Exception as failure:  # of a defect too: the next means must still be tried
-                    failures.append(str(failure))
+            failures = self._switch_off()
         if failures:
             message = (
                 "outputs could not all be switched off: "
@@ -229,6 +226,16 @@ class Bench:
             if error is None:
                 raise BenchError(message)
             error.add_note(message)
+
+    def _switch_off(self) -> list[str]:
+        """By every means there is; returns what failed."""
+        failures = []
+        for step in (self.amplifier.disable, lambda: self.generator.output(False), self._zero):
+            try:
+                step()
+            except Exception as failure:  # of a defect too: the next means must still be tried
+                failures.append(str(failure))
+        return failures
 
     def _zero(self) -> None:
         self.generator.sine(10.0, 0.0)

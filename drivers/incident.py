@@ -27,6 +27,10 @@ class Incidents:
         else:
             self._store(INCIDENT, what, self._clock.now_ns())
 
+    def hold(self) -> None:
+        """The record may be closed from now on: what comes is not stored."""
+        self._store = None
+
     def new(self) -> int:
         """How many there were since the last call: what a point says of the time since the point before."""
         new, self._new = self._new, 0

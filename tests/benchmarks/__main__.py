@@ -15,6 +15,7 @@ from tests.benchmarks import (
     array,
     driver_call,
     estimators,
+    faults,
     kills,
     models,
     numbers,

@@ -156,6 +156,24 @@ def test_an_order_that_is_not_confirmed_is_neither_read_back_nor_repeated() -> N
         assert told == []
 
 
+def test_outputs_go_off_at_once_where_one_device_is_gone_and_not_after_it_was_given_time_to_come_back() -> None:
+    with attended({"kind": "device_failure", "on": "signal_generator", "at": "1 s", "lasts": "1 h"}) as (sim, bench, _):
+        bench.drive()
+        sim.clock.wait(1.0)
+        waits: list[float] = []
+        wait = bench.clock.wait
+
+        def watched(duration: float) -> None:
+            waits.append(sim.amplifier.settings["enable"])
+            wait(duration)
+
+        bench.clock.wait = watched  # type: ignore[method-assign]
+        with pytest.raises(DeviceError):
+            carry_out(bench, "a step", bench.generator.read)
+        assert waits == [0.0] * (ATTEMPTS - 1)
+        sim.clock.wait(3600.0)
+
+
 # --- a whole run ---------------------------------------------------------------------------------------
 
 FAULTY = """
