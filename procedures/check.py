@@ -42,6 +42,7 @@ def check(folder: Path) -> Found:
             if tables_of(database) != _expected():
                 found.faults.append(f"{DATABASE}: its tables are not those of a run")
             found.faults += _point_faults(database, found)
+        run.events()
         found.faults += _waveform_faults(run, found)
         if run.status == "complete" and not run.summary:
             found.faults.append("it is complete, but its summary is gone")

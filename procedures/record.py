@@ -177,8 +177,8 @@ class Recorder:
         try:
             with storing(self.folder / DATABASE), self._database:
                 self._database.executemany(
-                    "UPDATE run SET value = ? WHERE key = ?",
-                    [(as_json(status), "status"), (as_json(summary), "summary")],
+                    "UPDATE run SET value = ?, crc32 = ? WHERE key = ?",
+                    header_rows({"status": status, "summary": summary}),
                 )
                 if message:
                     self._insert_event(status, message, self._bench_ns)
@@ -197,7 +197,10 @@ class Recorder:
     def _insert_event(self, kind: str, message: str, bench_ns: int) -> None:
         # File names in a message can hold bytes that are no UTF-8; SQLite would refuse the text.
         text = message.encode(errors="backslashreplace").decode()
-        self._database.execute("INSERT INTO event (bench_ns, kind, message) VALUES (?, ?, ?)", (bench_ns, kind, text))
+        row = (bench_ns, kind, text)
+        self._database.execute(
+            "INSERT INTO event (bench_ns, kind, message, crc32) VALUES (?, ?, ?, ?)", (*row, row_crc32(*row))
+        )
 
     def _check_files(self) -> None:
         """What was just written is in files that are still there: the system lets removed ones be written on."""
@@ -237,6 +240,12 @@ class Recorder:
             self.finish("stopped" if wanted else "failed", {}, f"{type(error).__name__}: {error}")
 
 
+def header_rows(header: Mapping[str, object]) -> list[tuple[str, int, str]]:
+    """Value, CRC-32 and key of each entry."""
+    rows = [(key, as_json(value)) for key, value in header.items()]
+    return [(value, row_crc32(key, value), key) for key, value in rows]
+
+
 def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
     """Makes an empty folder for a run in `store`, such as `20250314T150926Z-sweep-loads`, and returns it.
 
@@ -270,9 +279,7 @@ def _write_database(folder: Path, header: Mapping[str, object]) -> None:
             database.execute("PRAGMA journal_mode = MEMORY")
             database.execute("PRAGMA synchronous = FULL")
             database.executescript(f"BEGIN; {SCHEMA}")
-            database.executemany(
-                "INSERT INTO run VALUES (?, ?)", [(key, as_json(value)) for key, value in header.items()]
-            )
+            database.executemany("INSERT INTO run (value, crc32, key) VALUES (?, ?, ?)", header_rows(header))
             database.commit()
         aside.replace(folder / DATABASE)
     except BaseException:

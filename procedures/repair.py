@@ -17,6 +17,7 @@ from procedures.check import is_object
 from procedures.record import REQUIRED, Recorder
 from procedures.run import WAVEFORM_COLUMNS, WAVEFORMS, WaveformRow, opened, reading, row_crc32, samples_of
 
+EVENT_COLUMNS = "bench_ns, kind, message, crc32"
 ENDED = ("complete", "stopped", "failed")
 
 
@@ -46,12 +47,14 @@ def repair(folder: Path, out: Path) -> Repaired:
         header = _header(database, gone)
         points = _rows(database, "point", "bench_ns, data, crc32")
         numbered = _rows(database, "waveform", WAVEFORM_COLUMNS)
-        events = _rows(database, "event", "bench_ns, kind, message")
+        noted = _rows(database, "event", EVENT_COLUMNS)
     rows = [WaveformRow(*row) for _, *row in numbered]
     good = [tuple(row) for *row, crc32 in points if is_object(row[2]) and row_crc32(*row) == crc32]
-    gone += [f"point {number}" for number in _missing(good, max((row.point_id for row in rows), default=0))]
+    events = [row for row in noted if row_crc32(*row[1:4]) == row[4]]
+    last = max((*(row.point_id for row in rows), *(point[0] for point in points)), default=0)
+    gone += [f"point {number}" for number in _missing(good, last)]
     gone += [f"waveform {number}" for number in _missing(numbered, 0)]
-    gone += [f"event {number}" for number in _missing(events, 0)]
+    gone += [f"event {number}" for number in _missing(events, max((row[0] for row in noted), default=0))]
     status, summary = header.pop("status", "running"), header.pop("summary", {})
     with contextlib.ExitStack() as stack:
         try:
@@ -64,7 +67,7 @@ def repair(folder: Path, out: Path) -> Repaired:
         kept = [row for row in rows if row not in broken and row.point_id in numbers]
         header["repaired"] = {"from": str(folder), "gone": gone}
         record = stack.enter_context(Recorder.create(out, header))
-        for _, bench_ns, kind, message in events:
+        for _, bench_ns, kind, message, _ in events:
             record.event(kind, message, bench_ns)
         for number, bench_ns, data in good:
             own = [row for row in kept if row.point_id == number]
@@ -78,10 +81,12 @@ def repair(folder: Path, out: Path) -> Repaired:
 
 def _header(database: sqlite3.Connection, gone: list[str]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for _, key, value in _rows(database, "run", "key, value"):
+    for _, key, value, crc32 in _rows(database, "run", "key, value, crc32"):
         try:
+            if row_crc32(key, value) != crc32:
+                raise ValueError
             found[key] = json.loads(value)
-        except ValueError:
+        except (ValueError, TypeError):
             gone.append(f"{key!r} of the header")
     if lacking := REQUIRED - found.keys():
         raise RecordError(f"nothing can be salvaged: the header lacks {', '.join(sorted(lacking))}")

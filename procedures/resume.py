@@ -22,7 +22,7 @@ from instrument.errors import RecordError, UsageError
 from procedures.check import check
 from procedures.encoding import Waveforms, as_json, encoded
 from procedures.pause import PAUSED, Pause
-from procedures.record import Recorder
+from procedures.record import Recorder, header_rows
 from procedures.run import DATABASE, WAVEFORMS, Run, stored_points, storing, waveform_crc32
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
@@ -88,8 +88,8 @@ class Resumed(Recorder):
             self._waveforms.truncate(self._stored_bytes())  # what a point that was never stored has left
             os.fsync(self._waveforms.fileno())
         with storing(self.folder / DATABASE), self._database:
-            values = [(as_json("running"), "status"), (as_json({}), "summary")]
-            self._database.executemany("UPDATE run SET value = ? WHERE key = ?", values)
+            values = header_rows({"status": "running", "summary": {}})
+            self._database.executemany("UPDATE run SET value = ?, crc32 = ? WHERE key = ?", values)
             self._insert_event(CONTINUED, f"after point {len(self._stored)}", self._bench_ns)
             for change in changes:
                 self._insert_event(CHANGED, change, self._bench_ns)

@@ -37,13 +37,14 @@ PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
 CREATE TABLE run (          -- the header, and at the end status and summary
     key TEXT PRIMARY KEY,
-    value TEXT NOT NULL     -- JSON
+    value TEXT NOT NULL,    -- JSON
+    crc32 INTEGER NOT NULL  -- of the others, as in all tables
 ) STRICT;
 CREATE TABLE point (
     id INTEGER PRIMARY KEY, -- 1, 2, 3, … without a gap
     bench_ns INTEGER NOT NULL,
     data TEXT NOT NULL,     -- JSON object, keys sorted, no wall time: equal runs have equal bytes
-    crc32 INTEGER NOT NULL  -- of the others
+    crc32 INTEGER NOT NULL
 ) STRICT;
 CREATE TABLE waveform (
     id INTEGER PRIMARY KEY,
@@ -60,7 +61,8 @@ CREATE TABLE event (
     id INTEGER PRIMARY KEY,
     bench_ns INTEGER NOT NULL,
     kind TEXT NOT NULL,
-    message TEXT NOT NULL
+    message TEXT NOT NULL,
+    crc32 INTEGER NOT NULL
 ) STRICT;
 """
 
@@ -130,13 +132,16 @@ class Run:
                     f"{folder} has record format {version}, this palpate reads {SCHEMA_VERSION}; "
                     "use the palpate that wrote it"
                 )
-            header = {key: json.loads(value) for key, value in database.execute("SELECT * FROM run")}
+            stored = database.execute("SELECT key, value, crc32 FROM run").fetchall()
+            header = {key: json.loads(value) for key, value, _ in stored}
             status, summary = header.pop("status"), header.pop("summary")
             started = datetime.fromisoformat(header["started"]).astimezone(UTC)
             if not (isinstance(header["procedure"], str) and isinstance(summary, dict) and status in get_args(Status)):
                 raise TypeError("its header is none of a run")
             if not isinstance(header["simulated"], bool):
                 raise TypeError("its header does not say whether it is simulated")
+            for key, value, crc32 in stored:
+                _verify(f"{key!r} of the header", crc32, key, value)
             return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
 
     def points(self) -> list[dict[str, Any]]:
@@ -150,10 +155,10 @@ class Run:
     def events(self) -> list[dict[str, Any]]:
         """All events in order: `bench_ns`, `kind`, `message`."""
         with reading(self.folder) as database:
-            return [
-                {"bench_ns": bench_ns, "kind": kind, "message": message}
-                for bench_ns, kind, message in database.execute("SELECT bench_ns, kind, message FROM event ORDER BY id")
-            ]
+            stored = database.execute("SELECT bench_ns, kind, message, crc32 FROM event ORDER BY id").fetchall()
+            for *row, crc32 in stored:
+                _verify(f"event {row[1]!r}", crc32, *row)
+            return [{"bench_ns": bench_ns, "kind": kind, "message": message} for bench_ns, kind, message, _ in stored]
 
     def waveform_names(self, point_id: int) -> list[str]:
         """The names of a point's waveforms, in the order they were given."""
@@ -221,11 +226,16 @@ def row_crc32(*values: object) -> int:
     return zlib.crc32(json.dumps(values).encode())
 
 
+def _verify(what: str, crc32: int, *values: object) -> None:
+    """Raises ValueError: a row is damaged."""
+    if row_crc32(*values) != crc32:
+        raise ValueError(f"{what} is not as it was written, CRC-32 differs")
+
+
 def stored_points(database: sqlite3.Connection) -> Iterator[tuple[int, int, str]]:
     """Id, bench time and data of each point in order. Raises ValueError: one is damaged."""
     for *row, crc32 in database.execute("SELECT id, bench_ns, data, crc32 FROM point ORDER BY id"):
-        if row_crc32(*row) != crc32:
-            raise ValueError(f"point {row[0]} is not as it was written, CRC-32 differs")
+        _verify(f"point {row[0]}", crc32, *row)
         yield row[0], row[1], row[2]
 
 

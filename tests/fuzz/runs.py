@@ -24,7 +24,7 @@ POINTS = [({"load_N": 1.5 + n, "valid": True}, 1_000_000_000 * (n + 1)) for n in
 
 
 @cache
-def _stored() -> tuple[bytes, bytes, list[dict[str, Any]], str]:
+def _stored() -> tuple[bytes, bytes, list[dict[str, Any]], list[dict[str, Any]], str]:
     folder = FOLDER / "good"
     with Recorder.create(folder, HEADER) as record:
         for data, bench_ns in POINTS:
@@ -33,11 +33,11 @@ def _stored() -> tuple[bytes, bytes, list[dict[str, Any]], str]:
         record.event("note", "a note", 4_000_000_000)
         record.finish("complete", {"points": 3})
     run = Run.open(folder)
-    return (folder / DATABASE).read_bytes(), (folder / WAVEFORMS).read_bytes(), run.points(), run.digest()
+    return (folder / DATABASE).read_bytes(), (folder / WAVEFORMS).read_bytes(), run.points(), run.events(), run.digest()
 
 
 def decode(data: bytes) -> None:
-    *_, points, digest = _stored()
+    *_, points, events, digest = _stored()
     size = int.from_bytes(data[:4], "big")
     in_file(DATABASE, data[4 : 4 + size])
     in_file(WAVEFORMS, data[4 + size :])
@@ -45,7 +45,8 @@ def decode(data: bytes) -> None:
     faults = check(folder).faults
     run = Run.open(folder)
     found = run.points()
-    run.events()
+    require(run.events() == events, "events", run.events())
+    require({**run.header, **run.summary} == {**HEADER, "points": 3}, "header", run.header)
     same = run.digest() == digest
     require(all(point in points for point in found), "points", found)
     require(same or bool(faults), "a run that differs and has no fault", faults)

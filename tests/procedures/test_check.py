@@ -15,7 +15,7 @@ from instrument.errors import RecordError, UsageError
 from procedures.check import check
 from procedures.record import Recorder
 from procedures.repair import repair
-from procedures.run import DATABASE, WAVEFORMS, Run
+from procedures.run import DATABASE, WAVEFORMS, Run, row_crc32
 from tests.procedures.conftest import HEADER, Palpate
 
 POINTS, SAMPLES = 5, 100
@@ -37,8 +37,11 @@ def run(tmp_path: Path) -> Path:
 def sql(*statements: str) -> Damage:
     def damage(folder: Path) -> None:
         with closing(sqlite3.connect(folder / DATABASE)) as database:
+            database.create_function("row_crc32", -1, row_crc32)
             for statement in statements:
                 database.execute(statement)
+                if statement.startswith("UPDATE run"):
+                    database.execute("UPDATE run SET crc32 = row_crc32(key, value)")
             database.commit()
 
     return damage
@@ -78,6 +81,13 @@ DAMAGES: list[tuple[Damage, str, list[str], int]] = [
     (sql("DELETE FROM point WHERE id = 3"), "before point 4 points are missing, from 3 on", ["point 3"], 4),
     (sql("DELETE FROM point WHERE id = 5"), "waveform 'rigid': its point 5 is missing", ["point 5"], 4),
     (sql("UPDATE point SET data = '[1]' WHERE id = 2"), "point 2: its data is no JSON object", ["point 2"], 4),
+    (sql("UPDATE event SET message = 'sample 2'"), "event 'rejected' is not as it was", ["event 1"], 5),
+    (
+        sql("UPDATE OR FAIL run SET value = '{\"a\":2}' WHERE key = 'summary'"),
+        "'summary' of the header is not",
+        ["'summary'"],
+        5,
+    ),
     (sql("UPDATE point SET data = replace(data, '1', '2') WHERE id = 2"), "point 2: is not as it was", ["point 2"], 4),
     (
         sql("UPDATE waveform SET rate = 1001.0 WHERE point_id = 2 AND name = 'rigid'"),

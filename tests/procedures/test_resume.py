@@ -64,6 +64,8 @@ def edit(folder: str, statement: str, *values: object) -> None:
     with closing(sqlite3.connect(Path(folder) / DATABASE)) as database, database:
         database.create_function("row_crc32", -1, row_crc32)
         database.execute(statement, values)
+        if statement.startswith("UPDATE run"):
+            database.execute("UPDATE run SET crc32 = row_crc32(key, value)")
 
 
 @pytest.fixture
