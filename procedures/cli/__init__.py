@@ -9,10 +9,12 @@ import sys
 import click
 
 from procedures.cli.accuracy import accuracy
+from procedures.cli.bus import bus
 from procedures.cli.calibrate import calibrate
 from procedures.cli.characterise import characterise
 from procedures.cli.contracts import contracts
 from procedures.cli.model import model
+from procedures.cli.new import new
 from procedures.cli.reproduce import reproduce
 from procedures.cli.runs import runs
 from procedures.cli.scene import scene
@@ -35,7 +37,7 @@ def palpate() -> None:
 
 
 for group in (
-    sweep, calibrate, test, softness, characterise, serve, runs, contracts, model, scene, reproduce, accuracy,
+    sweep, calibrate, test, softness, characterise, serve, runs, contracts, model, scene, reproduce, accuracy, new, bus,
 ):  # fmt: skip
     palpate.add_command(group)
 

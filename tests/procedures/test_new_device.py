@@ -1,0 +1,86 @@
+"""A new device's files pass the conformance suite as they stand, and nothing is written over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import drivers
+import instrument.contracts
+import simulators
+import tests.conformance  # noqa: F401  (what an inner session imports is forgotten with it)
+from instrument.errors import UsageError
+from procedures.new_device import BUSES, FILES, new_device
+from tests.procedures.conftest import Palpate
+
+pytest_plugins = ["pytester"]
+
+
+PACKAGES = {"drivers": drivers, "simulators": simulators, "instrument/contracts": instrument.contracts}
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A source tree without devices, whose modules can be imported and are forgotten again."""
+    for place in FILES.values():
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+    before = {package: set(vars(package)) for package in PACKAGES.values()}
+    for folder, package in PACKAGES.items():
+        monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path / folder)])
+    yield tmp_path
+    for package, names in before.items():
+        for name in set(vars(package)) - names:
+            delattr(package, name)
+
+
+def conform(pytester: pytest.Pytester, test: Path) -> pytest.RunResult:
+    """One file of tests, in this process."""
+    return pytester.runpytest_inprocess("--disable-plugin-autoload", "--import-mode=importlib", str(test))
+
+
+@pytest.mark.parametrize(("bus", "passed"), [("modbus-tcp", 21), ("modbus-rtu", 22)])
+def test_the_files_pass_as_they_stand(
+    bus: str, passed: int, tree: Path, pytester: pytest.Pytester, nothing_left_behind: None
+) -> None:
+    files = new_device("force_gauge", bus, tree)
+    assert conform(pytester, files[-1]).parseoutcomes() == {"passed": passed}
+
+
+def test_a_wrong_scale_does_not_pass(tree: Path, pytester: pytest.Pytester) -> None:
+    contract, *_, test = new_device("force_gauge", "modbus-tcp", tree)
+    contract.write_text(contract.read_text(encoding="utf-8").replace('"V", 1e-6)', '"V", 1e-5)'), encoding="utf-8")
+    conform(pytester, test).stdout.fnmatch_lines(["FAILED *::test_every_register_travels_as_its_golden_frame"])
+
+
+@pytest.mark.parametrize("bus", BUSES)
+def test_the_command_names_the_files(bus: str, palpate: Palpate) -> None:
+    for place in FILES.values():
+        Path(place).parent.mkdir(parents=True, exist_ok=True)
+    spoken = palpate("new", "device", "oven", "--bus", bus, "--json")
+    assert spoken.object == {"files": [place.format("oven") for place in FILES.values()]}
+    refused = palpate("new", "device", "oven")
+    assert refused.status == 2
+    assert refused.complaint == "instrument/contracts/oven.py exists already; choose another name"
+
+
+@pytest.mark.parametrize("name", ["", "Oven", "2nd_oven", "oven__2", "oven_", "../oven", "class", "a" * 21, "öfen"])
+def test_what_is_no_name_is_refused(name: str, tree: Path) -> None:
+    with pytest.raises(UsageError, match=f"^{name!r} is no name of a device: "):
+        new_device(name, "modbus-tcp", tree)
+
+
+def test_a_file_that_exists_is_left_alone_and_nothing_else_is_written(tree: Path) -> None:
+    golden = tree / "tests/golden/oven.toml"
+    golden.write_text("mine", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"oven\.toml exists already; choose another name"):
+        new_device("oven", "modbus-tcp", tree)
+    assert [path for path in tree.rglob("*") if path.is_file()] == [golden]
+    assert golden.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_folder_that_is_no_source_tree_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"is no source tree of palpate, .*--to"):
+        new_device("oven", "modbus-tcp", tmp_path)
+    assert list(tmp_path.iterdir()) == []
