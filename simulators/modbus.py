@@ -134,6 +134,8 @@ class ServerThread:
             self._descriptors += [master, slave]
         to_client, to_device = (noise.to_client, noise.to_device) if noise is not None else (_pump, _pump)
         device, client = masters
+        if noise is not None:
+            noise.watch(client)
         self._loop.add_reader(device, to_client, device, client)
         self._loop.add_reader(client, to_device, client, device)
         return paths[0], paths[1]

@@ -5,8 +5,10 @@ A frame is unit, function, data and two bytes of CRC; a pause ends it.
 
 from __future__ import annotations
 
-import asyncio
+import fcntl
 import os
+import struct
+import termios
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -14,7 +16,6 @@ from simulators.clock import VirtualClock
 from simulators.faults.fault import LINE, Fault, Trigger
 
 GLITCH = b"\x00\xff\xf8"  # what a line that starts to drive looks like
-LATE = 0.3  # s of the wall: after the time-out, in the silence that the client then waits for
 
 
 class RtuFault(Fault):
@@ -74,11 +75,25 @@ class NoisyLine:
         self._faults = faults
         self._units = units
         self._struck: RtuFault | None = None
+        self._late = b""
+
+    def watch(self, client: int) -> None:
+        """Have the client's terminal tell when it is opened anew, in the first byte of what is read from it."""
+        fcntl.ioctl(client, termios.TIOCPKT, struct.pack("i", 1))
 
     def to_device(self, source: int, sink: int) -> None:
-        """What the client has written, which writes a whole frame at once."""
-        frame = _read(source)
-        self._struck = self._strikes(self._units.get(frame[0], "")) if frame else None
+        """What the client has written, which writes a whole frame at once.
+
+        A client that has given up opens the line anew, and clears it: then comes what was late.
+        """
+        told = _read(source)
+        frame = told[1:]
+        if self._late and told and told[0] & termios.TIOCPKT_FLUSHREAD:
+            os.write(source, self._late)
+            self._late = b""
+        if not frame:
+            return
+        self._struck = self._strikes(self._units.get(frame[0], ""))
         if self._struck is None or self._struck.reaches:
             os.write(sink, frame)
 
@@ -89,7 +104,7 @@ class NoisyLine:
         if struck is None:
             os.write(sink, frame)
         elif struck.late:
-            asyncio.get_running_loop().call_later(LATE, os.write, sink, frame)
+            self._late = frame
         else:
             os.write(sink, struck.received(frame))
 

@@ -148,7 +148,7 @@ def test_a_write_that_is_not_confirmed_and_reads_back_is_told_and_not_repeated()
 
 
 def test_an_order_that_is_not_confirmed_is_neither_read_back_nor_repeated() -> None:
-    with attended({"kind": "late_answer", "on": "positioner", "transaction": 5}) as (sim, bench, told):
+    with attended({"kind": "bit_error", "on": "positioner", "transaction": 5}) as (sim, bench, told):
         with pytest.raises(LinkTimeout):  # identity, probe and limits came before, now position and order
             bench.positioner.move(1e-3)
         sim.clock.wait(2.0)
