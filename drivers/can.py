@@ -32,6 +32,8 @@ SDO_FRAME = 8  # bytes
 INITIATE_DOWNLOAD, INITIATE_UPLOAD = 0x20, 0x40  # CiA 301
 
 FrameCallback = Callable[[int, bytearray, float], None]
+FrameTap = Callable[[can.Message], None]
+MULTICAST = "udp_multicast"  # of python-can; it hands a bus its own frames as well
 
 
 class _SdoClient(SdoClient):
@@ -75,6 +77,15 @@ def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:
     pass
 
 
+def _tapped(send: Callable[..., None], taps: list[FrameTap]) -> Callable[..., None]:
+    def send_and_tell(msg: can.Message, timeout: float | None = None) -> None:
+        send(msg, timeout)
+        for heard in taps:
+            heard(msg)
+
+    return send_and_tell
+
+
 class CanLink:
     """One CAN bus, shared by the nodes on it; SDO transfers go one at a time.
 
@@ -88,6 +99,11 @@ class CanLink:
         self._lock = threading.Lock()
         self._network: canopen.Network | None = None
         self._answers_due: set[canopen.RemoteNode] = set()
+        self._taps: list[FrameTap] = []
+
+    def tap(self, heard: FrameTap) -> None:
+        """From `open` on call `heard` with each frame that comes or goes, in whichever thread it does."""
+        self._taps.append(heard)
 
     def open(self) -> None:
         """Join the bus. Raises LinkError."""
@@ -100,7 +116,9 @@ class CanLink:
             ) from error
         self._network = canopen.Network(bus)
         self._listener = _Listener(self._network)
-        self._network.listeners = [self._listener]
+        self._network.listeners = [self._listener, *self._taps]  # type: ignore[list-item]
+        if self._taps and d.interface != MULTICAST:
+            bus.send = _tapped(bus.send, self._taps)  # type: ignore[method-assign]
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # would be kept for ever
         self._network.connect()
 

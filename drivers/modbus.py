@@ -84,6 +84,20 @@ class ModbusLink:
         client.transaction.framer.decoder = _StrictDecoder(is_server=False)
         client.transaction.trace_packet = _bounded
 
+    @property
+    def serial(self) -> bool:
+        """Whether it is a serial line."""
+        return isinstance(self._client, ModbusSerialClient)
+
+    def tap(self, heard: Callable[[bool, bytes], None]) -> None:
+        """From now on call `heard` with what is sent (True), and with all that has come for it so far (False)."""
+
+        def trace(sending: bool, data: bytes) -> bytes:
+            heard(sending, data)
+            return _bounded(sending, data)
+
+        self._client.transaction.trace_packet = trace
+
     @classmethod
     def tcp(cls, address: TcpAddress) -> ModbusLink:
         client = ModbusTcpClient(address.host, port=address.port, timeout=address.timeout, retries=0)

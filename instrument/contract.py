@@ -179,6 +179,20 @@ class Contract:
         """Name of the choice with raw value `value`; the number itself where it has none."""
         return next((k for k, v in self[name].choices.items() if v == value), f"{value:g}")
 
+    def shown(self, name: str, data: bytes) -> str:
+        """A field's wire bytes as people read them, its name before them."""
+        f = self[name]
+        if f.type == "text":
+            return f"{name} = {data.decode('ascii', 'replace')!r}"
+        if len(data) != f.size:
+            return f"{name} = {data.hex(' ')}"
+        value = self.decode(name, data)
+        if f.choices:
+            return f"{name} = {self.choice(name, value)}"
+        if f.bits:
+            return f"{name} = {' '.join(sorted(self.set_bits(name, value))) or 'none'}"
+        return f"{name} = {value:.10g} {f.unit}".rstrip()
+
     def block(self, names: Iterable[str]) -> tuple[int, int]:
         """First register and number of registers that hold the named fields (Modbus)."""
         fields = [self[n] for n in names]

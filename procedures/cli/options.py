@@ -84,12 +84,13 @@ FILE_NAME = _FileName(path_type=Path)
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which bench a command shall use, and where its run goes; None: what is usual."""
+    """Which bench a command shall use, where its run and a log of its buses go; None: what is usual, no log."""
 
     bench: Path | None
     scene: str | None
     seed: int | None
     out: Path | None
+    log: Path | None = None
 
 
 def bench_options(command: F) -> F:
@@ -102,14 +103,16 @@ def bench_options(command: F) -> F:
         scene: str | None,
         seed: int | None,
         out: Path | None,
+        log: Path | None,
         as_json: bool,
         quiet: bool,
         **own: object,
     ) -> object:
-        return command(choice=Choice(bench, scene, seed, out), output=Output(as_json, quiet), **own)
+        return command(choice=Choice(bench, scene, seed, out, log), output=Output(as_json, quiet), **own)
 
     options: Callable[..., object] = gathered
     for option in (
+        click.option("--log", type=FILE_NAME, metavar="FILE", help="Record CAN there (.blf, .asc), Modbus as .pcapng."),
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),
         click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import click
 
 from drivers.bench import Bench
+from drivers.bus_log import BusLog, check_log
 from drivers.clock import Clock, WallClock
 from instrument.bench import BenchDescription, read_bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
@@ -144,6 +145,8 @@ def open_session(
     started = today if resumed is None else resumed.run.started
     given, chosen = _chosen(choice, model)
     check(_target(given, chosen))
+    if choice.log is not None:
+        check_log(choice.log)
     with ExitStack() as stack:
         if resumed is None:
             folder = stack.enter_context(result_folder(choice.out, procedure, started))
@@ -158,7 +161,10 @@ def open_session(
             today = started  # its calendar stands still
         assert description is not None
         opening = stack.enter_context(ExitStack())
-        opened = opening.enter_context(Bench(description, clock, operator))
+        opened = Bench(description, clock, operator)
+        if choice.log is not None:
+            stack.enter_context(BusLog(opened, choice.log, started))
+        opening.enter_context(opened)
         calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(opened, today.date())
         design = get_design(description.design)
         films = None if calibrating else films_of(opened, design, today.date())

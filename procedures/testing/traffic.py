@@ -11,7 +11,7 @@ from typing import Any
 from drivers.bench import Bench
 from drivers.can import CanLink, FrameCallback
 from drivers.modbus import ModbusLink, read_identity, write_registers
-from instrument.contract import Contract, Field, sdo
+from instrument.contract import sdo
 from instrument.contracts import sensor_node
 from instrument.errors import BenchError
 
@@ -130,7 +130,7 @@ class Traffic:
                 return f"0x{message.address:03X} {data.hex(' ')}"
             starts = itertools.accumulate(sizes, initial=0)
             return ", ".join(
-                _value(NODE, NODE[name], data[at : at + size])
+                NODE.shown(name, data[at : at + size])
                 for name, at, size in zip(pdo.fields, starts, sizes, strict=False)
             )
         contract = next((device.contract for device in self._bench.devices if device.name == message.who), None)
@@ -142,7 +142,7 @@ class Traffic:
             fields = [
                 (f, data[at : at + f.size]) for f in contract.fields if (at := 2 * (f.address - message.address)) >= 0
             ]
-        return ", ".join(_value(contract, f, own) for f, own in fields if own)
+        return ", ".join(contract.shown(f.name, own) for f, own in fields if own)
 
 
 def _is_stream(message: Message) -> bool:
@@ -155,17 +155,3 @@ def _registers(registers: list[int]) -> bytes:
 
 def _line(time_ns: int, who: str, text: str) -> str:
     return f"  {time_ns / 1e9:14.6f} s  {who.partition(' at ')[0]}: {text}"
-
-
-def _value(contract: Contract, field: Field, data: bytes) -> str:
-    """A field as people read it."""
-    if field.type == "text":
-        return f"{field.name} = {data.decode('ascii', 'replace')!r}"
-    if len(data) != field.size:
-        return f"{field.name} = {data.hex(' ')}"
-    value = contract.decode(field.name, data)
-    if field.choices:
-        return f"{field.name} = {contract.choice(field.name, value)}"
-    if field.bits:
-        return f"{field.name} = {' '.join(sorted(contract.set_bits(field.name, value))) or 'none'}"
-    return f"{field.name} = {value:.10g} {field.unit}".rstrip()

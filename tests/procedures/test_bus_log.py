@@ -1,0 +1,164 @@
+"""`--log` and `palpate bus show`: what went over the buses, in files that other tools read."""
+
+from __future__ import annotations
+
+import re
+import struct
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from drivers.bench import Bench
+from drivers.bus_log import BusLog
+from drivers.pcapng import Packet, PcapngWriter, read_pcapng
+from instrument.errors import RecordError
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import Palpate, Spoken
+
+
+def shown(palpate: Palpate, file: str) -> list[dict[str, Any]]:
+    messages: list[dict[str, Any]] = palpate("bus", "show", file, "--json").object["messages"]
+    return messages
+
+
+def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate: Palpate) -> None:
+    sweep = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.1 s")
+    found = palpate(*sweep, "--log", "trace.asc", "--json").object
+    modbus = shown(palpate, "trace.pcapng")
+    said = [(m["who"], m["text"]) for m in modbus]
+    assert {who for who, _ in said} == {"signal_generator", "shaker_amplifier", "strain_indicator", "positioner"}
+    assert ("shaker_amplifier", "<- write gain = 2 V/V, current_limit = 5 A") in said
+    assert ("positioner", "<- write command = home") in said
+    assert any(who == "strain_indicator" and re.search(r"reading = \d\S* mV", text) for who, text in said)
+    assert [text[:2] for _, text in said] == ["<-", "->"] * (len(said) // 2)  # each request has its answer
+    can_texts = [m["text"] for m in shown(palpate, "trace.asc")]
+    counters = [text for text in can_texts if text.startswith("sample_counter = ")]
+    assert counters[0] == "sample_counter = 1, saturation = none"
+    assert len(counters) == can_texts.count("SYNC") >= 100
+    for text in (
+        "NMT start, node 1",
+        "write sync_period = 0.004 s",
+        "write range_1 = 500 mV",
+        "-> vendor = 1346456656",
+    ):
+        assert text in can_texts
+    times = [m["time"] for m in modbus]
+    assert times == sorted(times)
+    lines = palpate("bus", "show", "trace.pcapng").out.splitlines()
+    assert len(lines) == len(modbus)
+    assert lines[0].split() == ["0.000000", "shaker_amplifier", "<-", "identify"]
+    assert times[-1] - times[0] == pytest.approx(found["bench_seconds"], abs=1.0)
+
+
+def logged_frames(sim: SimulatedBench, path: Path) -> list[can.Message]:
+    """What a bench that is opened, and no more, sends; as a log holds it."""
+    bench = Bench(sim.description, sim.clock, sim.operator)
+    with BusLog(bench, path, datetime(2026, 1, 2, tzinfo=UTC)), bench:
+        pass
+    with can.LogReader(path) as reader:
+        return list(reader)
+
+
+def test_both_formats_hold_the_same_frames(sim: SimulatedBench, tmp_path: Path) -> None:
+    binary, text = (logged_frames(sim, tmp_path / name) for name in ("a.blf", "b.asc"))
+    assert len(binary) > 20
+    assert [(f.arbitration_id, bytes(f.data)) for f in binary] == [(f.arbitration_id, bytes(f.data)) for f in text]
+    requests = [f for f in binary if f.arbitration_id == 0x601]
+    assert len(requests) >= 10
+    assert all(len(f.data) == 8 for f in requests)
+
+
+# --- the capture file, byte by byte --------------------------------------------------------------------
+
+
+def blocks(data: bytes) -> list[tuple[int, bytes]]:
+    """Type and body of each block; its length stands before and after it."""
+    found = []
+    while data:
+        kind, size = struct.unpack_from("<II", data)
+        assert size % 4 == 0
+        assert struct.unpack_from("<I", data, size - 4) == (size,)
+        found.append((kind, data[8 : size - 4]))
+        data = data[size:]
+    return found
+
+
+def test_a_capture_file_is_pcapng_with_whole_ip_packets(tmp_path: Path) -> None:
+    path, time_ns = tmp_path / "c.pcapng", 1_700_000_000_123_456_789
+    asked, answer = bytes.fromhex("000100000006 01 03 00000002"), bytes.fromhex("000100000007 01 03 04 12345678")
+    packets = [
+        Packet(time_ns, "signal_generator", False, True, asked),
+        Packet(time_ns + 5, "signal_generator", False, False, answer),
+        Packet(time_ns + 9, "positioner", True, True, b"\x02\x03\x00\x00\x00\x01\x84\x39"),
+    ]
+    with path.open("wb") as file:
+        writer = PcapngWriter(file)
+        for packet in packets:
+            writer.write(packet)
+    section, ip, serial, *rest = blocks(path.read_bytes())
+    assert section == (0x0A0D0D0A, bytes.fromhex("4d3c2b1a 0100 0000 ffffffffffffffff"))
+    assert (ip[0], ip[1][:2], serial[0], serial[1][:2]) == (1, b"\xe4\x00", 1, b"\xfa\x00")
+    first, second, third = (body for kind, body in rest if kind == 6)
+    assert struct.unpack_from("<III", first) == (0, time_ns >> 32, time_ns & 0xFFFFFFFF)
+    header, tcp = first[20:40], first[40:60]
+    total = sum(struct.unpack(">10H", header))
+    assert (total & 0xFFFF) + (total >> 16) == 0xFFFF  # the check sum is in it
+    assert int.from_bytes(header[2:4]) == 40 + len(asked) == struct.unpack_from("<I", first, 12)[0]
+    assert struct.unpack(">HHII", tcp[:12]) == (50_000, 502, 1, 1)
+    assert struct.unpack(">HHII", second[40:52]) == (502, 50_000, 1, 1 + len(asked))
+    assert first[60 : 60 + len(asked)] == asked
+    assert struct.unpack_from("<I", third)[0] == 1
+    assert third[20 + 12 :].startswith(packets[2].data)
+    assert list(read_pcapng(path)) == packets
+
+
+# --- bad input -----------------------------------------------------------------------------------------
+
+
+def failed(said: Spoken, status: int, *names: str) -> None:
+    assert said.status == status
+    for name in names:
+        assert name in said.complaint, said.complaint
+
+
+def test_a_log_of_another_format_or_in_the_place_of_another_starts_nothing(palpate: Palpate) -> None:
+    failed(palpate("sweep", "loads", "--log", "trace.pcap"), 2, "--log trace.pcap", ".blf")
+    Path("t.pcapng").touch()
+    failed(palpate("sweep", "loads", "--log", "t.blf"), 2, "t.pcapng exists")
+    assert not Path("runs").exists()
+
+
+def test_a_log_that_cannot_be_written_starts_nothing(palpate: Palpate) -> None:
+    failed(palpate("sweep", "loads", "--log", "no/trace.blf"), 1, "no/trace.blf", "--log")
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "status"),
+    [
+        ("gone.blf", None, 1), ("gone.asc", None, 1), ("gone.pcapng", None, 1), ("x.txt", b"", 2),
+        ("x.blf", b"rubbish", 2),        ("x.pcapng", b"", 2), ("x.pcapng", bytes(40), 2),
+        ("x.pcapng", b"\n\r\r\n\x1c\0\0\0M<+\x1a" + bytes(40), 2),
+    ],
+)  # fmt: skip
+def test_what_is_no_log_is_named(palpate: Palpate, name: str, data: bytes | None, status: int) -> None:
+    if data is not None:
+        Path(name).write_bytes(data)
+    failed(palpate("bus", "show", name), status, name)
+
+
+def test_a_log_that_ends_before_its_run_is_said_at_the_end(
+    sim: SimulatedBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[Packet] = []
+
+    def full(_writer: PcapngWriter, packet: Packet) -> None:
+        written.append(packet)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PcapngWriter, "write", full)
+    with pytest.raises(RecordError, match=r"the bus log is not whole: .*No space left"):
+        logged_frames(sim, tmp_path / "a.blf")
+    assert len(written) == 1
