@@ -43,13 +43,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """On a real bench what needs a scene is skipped. Raises UsageError: a marker names no scene or no fault."""
+    """On a real bench what needs a scene is skipped. Raises UsageError: a marker names no scene or no fault.
+
+    A worker of pytest-xdist must not end here: there the test fails.
+    """
     marked = [item for item in items if item.get_closest_marker("scene")]
     if REAL in config.stash:
         scenic = [item for item in items if "scene" in getattr(item, "fixturenames", ())]
         for item in {*marked, *scenic}:
             item.add_marker(pytest.mark.skip(reason="needs a simulated bench, and --bench gives a real one"))
-    elif marked:
+    elif marked and not hasattr(config, "workerinput"):
         from procedures.testing.benches import marked_scene
 
         for item in marked:
@@ -61,7 +64,11 @@ def scene(request: pytest.FixtureRequest) -> Scene:
     """The scene of this test's bench: that of its marker, or thesis_single. A real bench has none."""
     from procedures.testing.benches import marked_scene
 
-    return marked_scene(request.node)
+    try:
+        return marked_scene(request.node)
+    except pytest.UsageError as error:
+        problem = str(error)
+    pytest.fail(problem, pytrace=False)
 
 
 @pytest.fixture

@@ -151,6 +151,22 @@ def test_a_marker_that_names_nothing_is_a_usage_error(marker: str, complaint: st
     assert len(result.errlines) <= 2
 
 
+def test_a_worker_fails_the_test_whose_marker_names_nothing(pytester: pytest.Pytester) -> None:
+    pytester.makeconftest("def pytest_configure(config): config.workerinput = {}")
+    result = run(
+        pytester,
+        """
+@pytest.mark.scene("noisy_lap")
+def test_wrong(bench): pass
+
+def test_right(): pass
+""",
+    )
+    result.assert_outcomes(errors=1, passed=1)
+    result.stdout.fnmatch_lines(["*::test_wrong: marker scene: unknown scene 'noisy_lap'*"])
+    assert "Traceback" not in "\n".join(result.outlines)
+
+
 def test_a_bench_file_that_is_missing_is_a_usage_error(pytester: pytest.Pytester) -> None:
     result = run(pytester, "def test_any(bench): pass", "--bench=absent.toml")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
