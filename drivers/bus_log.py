@@ -70,7 +70,11 @@ class BusLog:
         for packet in self._came.values():
             self._write(self._modbus.write, packet)
         self._came.clear()
-        self._write(lambda stack: stack.close(), self._stack)
+        with self._lock:
+            try:
+                self._stack.close()
+            except (OSError, ValueError) as error:
+                self._failure = self._failure or error
         if self._failure is not None and kind is None:
             raise RecordError(f"{self.files[0]}: the bus log is not whole: {self._failure}; free the disk")
 

@@ -162,3 +162,4 @@ def test_a_log_that_ends_before_its_run_is_said_at_the_end(
     with pytest.raises(RecordError, match=r"the bus log is not whole: .*No space left"):
         logged_frames(sim, tmp_path / "a.blf")
     assert len(written) == 1
+    assert not [f for f in Path("/dev/fd").iterdir() if f.is_symlink() and str(tmp_path) in str(f.readlink())]
