@@ -76,11 +76,13 @@ def new_device(name: str, bus: str, tree: Path) -> list[Path]:
             raise UsageError(f"{tree} is no source tree of palpate, it has no {path.parent}; give one with --to")
         if path.exists():
             raise UsageError(f"{path} exists already; choose another name")
-    terms = _terms(name, BUSES[bus])
+    terms, folder = _terms(name, BUSES[bus]), resources.files("procedures") / "templates"
+    texts = {template: (folder / template).read_text(encoding="utf-8") for template in FILES}
+    if any(re.search(rf"\b{terms['Class']}\b", text) for text in (*texts.values(), str(BUSES[bus]))):
+        raise UsageError(f"{name!r}: a class {terms['Class']} is used in its files already; choose another name")
     for template, path in paths.items():
-        text = Template((resources.files("procedures") / "templates" / template).read_text(encoding="utf-8"))
         try:
-            path.write_text(text.substitute(terms), encoding="utf-8")
+            path.write_text(Template(texts[template]).substitute(terms), encoding="utf-8")
         except OSError as error:
             raise RecordError(f"{path}: cannot be written: {error.strerror}; make it writable") from None
     return list(paths.values())

@@ -71,6 +71,13 @@ def test_what_is_no_name_is_refused(name: str, tree: Path) -> None:
         new_device(name, "modbus-tcp", tree)
 
 
+@pytest.mark.parametrize(("name", "bus"), [("wire", "modbus-tcp"), ("serial_line", "modbus-rtu")])
+def test_a_name_that_its_files_need_for_something_else_is_refused(name: str, bus: str, tree: Path) -> None:
+    with pytest.raises(UsageError, match=f"^{name!r}: a class .* is used in its files already"):
+        new_device(name, bus, tree)
+    assert not any(path.is_file() for path in tree.rglob("*"))
+
+
 def test_a_file_that_exists_is_left_alone_and_nothing_else_is_written(tree: Path) -> None:
     golden = tree / "tests/golden/oven.toml"
     golden.write_text("mine", encoding="utf-8")
