@@ -29,7 +29,7 @@ NMT_FRAME, SDO_FRAME = 2, 8  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED = 5, 4
 NMT_START, NMT_RESETS = 1, (129, 130)
-LENGTH, NO_SUBINDEX = 0x0607_0010, 0x0609_0011
+NO_SUBINDEX = 0x0609_0011
 VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
@@ -279,8 +279,6 @@ def _writer(node: SensorNode) -> Any:
         field = _field(index, subindex)
         if field is None:
             return
-        if len(data) != field.size:
-            raise SdoAbortedError(LENGTH)
         value = CONTRACT.decode(field.name, bytes(data))
         if not CONTRACT.allows(field.name, value):
             if field.maximum is not None and value > field.maximum:

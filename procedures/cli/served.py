@@ -100,7 +100,7 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
             "indicator": "bridge open" if math.isnan(reading) else f"{reading:g} mV",
             "positioner": show(positioner.read("position"), "m"),
             "sensor nodes": ", ".join(f"{number} {state.lower()}" for number, state in states.items()),
-            "CAN bus": f"{100 * load:.0f} % of {show(sim.description.can.bitrate, '')}bit/s at worst",
+            "CAN bus": f"{100 * load:.0f} % of {show(sim.description.can.bitrate, 'bit/s')} at worst",
             "Modbus": f"{rate:.0f} transactions/s",
         }
     table = Table(title=f"SIMULATED {sim.description.name}", show_header=False, box=None, padding=(0, 1))

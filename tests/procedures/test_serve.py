@@ -211,6 +211,7 @@ def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
         "on, 500 mV at 20 Hz",
         "latched watchdog",
         "1 pre-operational",
+        "of 1 Mbit/s at worst",
         "3 transactions/s",
         "mV",
     ):
