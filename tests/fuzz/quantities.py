@@ -32,12 +32,15 @@ TEXT = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(\S*)\s*", re.ASCII)
 
 
 def value_of(text: str) -> tuple[Decimal, str] | None:
-    """Value and SI unit by a table of our own; None where the unit is not in it."""
+    """Value and SI unit by a table of our own; None where the unit is not in it, or the number beyond it."""
     found = TEXT.fullmatch(text)
     if found is None or (found[2] and found[2] not in UNITS):
         return None
     unit, factor = UNITS[found[2]] if found[2] else ("", 1)
-    return Decimal(found[1]) * factor, unit
+    try:
+        return Decimal(found[1]) * factor, unit
+    except ArithmeticError:  # an exponent of more digits than a decimal has
+        return None
 
 
 def decode(data: bytes) -> None:
