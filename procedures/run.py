@@ -74,7 +74,7 @@ Status = Literal["running", "complete", "stopped", "failed"]
 _ELSEWHERE = "choose a writable folder with --out or $PALPATE_STORE"
 _REMEDY = {
     **dict.fromkeys(("ENOSPC", "EDQUOT", "SQLITE_FULL"), "free space on the disk, or choose another with --out"),
-    "ENOENT": "do not move or remove a run while it is being written",
+    "ENOENT": f"do not move or remove a run while it is being written, or {_ELSEWHERE}",
     "EFBIG": "raise the limit on file sizes (ulimit -f)",
     "SQLITE_IOERR": "check the disk, its free space and the limit on file sizes (ulimit -f)",
 }

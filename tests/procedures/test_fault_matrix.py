@@ -1,4 +1,4 @@
-"""Of the matrix of faults, a cell of every other kind; `python -m tests.benchmarks faults` plays and prints them all."""
+"""Of the matrix of faults, a cell of every other kind; `python -m tests.benchmarks faults` plays all of them."""
 
 from __future__ import annotations
 
