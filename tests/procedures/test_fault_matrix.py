@@ -10,6 +10,8 @@ from simulators.faults.rtu import RtuFault
 from simulators.faults.tcp import TcpFault
 from tests.fault_matrix import ONCE, PROCEDURES, STAYS, Cell, cells, play
 
+pytestmark = pytest.mark.slow
+
 SWEEP, CALIBRATE = PROCEDURES
 
 

@@ -15,6 +15,8 @@ from procedures.run import DATABASE, Run
 from tests.kills import Commands
 from tests.procedures.conftest import OFF, Palpate
 
+pytestmark = pytest.mark.slow
+
 SWEEP = ("sweep", "loads", "--quiet", "--loads", "1.5 N:4 N:0.01 N", "--out")
 SMALL = ("sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out")
 

@@ -25,6 +25,8 @@ from pathlib import Path
 import numpy as np
 from procedures.record import Recorder
 
+pytestmark = pytest.mark.slow
+
 def write(store, points, values):
     for run in range(1000):
         header = {"procedure": "kill", "simulated": True, "started": f"2025-03-14T15:09:26.{run:06d}Z"}

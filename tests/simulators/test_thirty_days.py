@@ -12,6 +12,8 @@ from simulators.scene import read_scene
 from simulators.sensor_node import SensorNode
 from tests.simulators.rigs import MS, SECOND, pressed
 
+pytestmark = pytest.mark.slow
+
 MONTH = 30 * 86_400
 
 
