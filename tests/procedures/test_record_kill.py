@@ -16,6 +16,8 @@ import pytest
 from procedures.run import DATABASE, Run
 from procedures.run_list import list_runs
 
+pytestmark = pytest.mark.slow
+
 # Forks a writer for each line on stdin, with everything imported, and says its process id and how it ended. It writes
 # runs one after the other, so that a kill also meets the start and the end of a run. Long data fills the log in a few
 # points, so that it also meets a checkpoint.
@@ -24,8 +26,6 @@ import json, os, sys
 from pathlib import Path
 import numpy as np
 from procedures.record import Recorder
-
-pytestmark = pytest.mark.slow
 
 def write(store, points, values):
     for run in range(1000):
