@@ -20,7 +20,7 @@ from instrument.quantity import show
 from instrument.sample import get_sample
 from procedures.films import FilmPoint, Films, check_nodes, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_calibrated, check_resolved
+from procedures.load_sweep import check_loads
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
 
@@ -126,8 +126,7 @@ def run(
         EstimateError: too few points are valid.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_resolved(settings.loads, calibration)
-    check_calibrated(settings.loads, calibration, extrapolate=False)
+    check_loads(settings.loads, calibration, extrapolate=False)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
     withdraw(bench)
     check_zero(bench, calibration)

@@ -19,7 +19,7 @@ from instrument.film_calibration import FEWEST, FilmCalibration, FilmReading, ca
 from procedures.films import Films, check_nodes, measure
 from procedures.load_cell import LONGEST_VALIDITY
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_calibrated, check_resolved
+from procedures.load_sweep import check_loads
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
 
@@ -92,8 +92,7 @@ def run(
         UnreachableError, SafetyError, LinkError, EstimateError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_calibrated(settings.loads, calibration, settings.extrapolate)
-    check_resolved(settings.loads, calibration)
+    check_loads(settings.loads, calibration, settings.extrapolate)
     films = Films(bench, design, settings.frequencies[0], preload_for(settings.loads) + max(settings.loads) / 2)
     total = len(design.teeth) * len(settings.frequencies) * len(settings.loads)
     points: list[dict[str, Any]] = []

@@ -125,8 +125,7 @@ def run(
         RangeError: the noise of a point asks for too long a dwell; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_resolved(settings.loads, calibration)
-    check_calibrated(settings.loads, calibration, settings.extrapolate)
+    check_loads(settings.loads, calibration, settings.extrapolate)
     steps = plan(settings, design).steps
     points = record.finished(LoadPoint)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
@@ -150,18 +149,19 @@ def run(
     return evaluate(points, design)
 
 
-def check_resolved(loads: Sequence[float], calibration: LoadCellCalibration) -> None:
-    """Refuse loads [N] that the indicator does not resolve. Raises UnreachableError."""
+def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
+    """Refuse loads [N, peak to peak] that the load cell does not tell.
+
+    Raises:
+        UnreachableError: below what the indicator resolves.
+        RangeError: outside the calibrated range, and not allowed to `extrapolate`.
+    """
     smallest = SMALLEST_LOAD * calibration.resolution()
     if min(loads) < smallest:
         raise UnreachableError(
             f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
             f"ask for {show(smallest, 'N', 3)} or more"
         )
-
-
-def check_calibrated(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
-    """Refuse loads [N] outside the calibrated range, unless that is allowed. Raises RangeError."""
     if not extrapolate:
         for load in loads:
             calibration.check_range(load)

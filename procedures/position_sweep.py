@@ -19,7 +19,7 @@ from instrument.sample import get_sample
 from instrument.thesis import read_table
 from procedures.films import FilmPoint, Films, check_nodes, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_calibrated, check_resolved
+from procedures.load_sweep import check_loads
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import Plan, Step, point_seconds
 from procedures.record import Recorder
@@ -144,8 +144,7 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_resolved((settings.load,), calibration)
-    check_calibrated((settings.load,), calibration, settings.extrapolate)
+    check_loads((settings.load,), calibration, settings.extrapolate)
     static = preload_for((settings.load,))
     films = Films(bench, design, settings.frequency, static + settings.load / 2)
     withdraw(bench)

@@ -20,7 +20,7 @@ from instrument.sample import Sample
 from instrument.uncertainty import Budget, Component, Kind
 from procedures.films import CLIPPED, Films, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_calibrated, check_resolved
+from procedures.load_sweep import check_loads
 from procedures.model_modulus import COVERAGE, estimate
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
@@ -151,8 +151,7 @@ def run(
         SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit)
-    check_resolved(settings.loads, calibration)
-    check_calibrated(settings.loads, calibration, extrapolate=False)
+    check_loads(settings.loads, calibration, extrapolate=False)
     points: list[SoftnessPoint] = []
     total = len(settings.objects) * len(settings.loads)
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)

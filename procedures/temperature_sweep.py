@@ -21,7 +21,7 @@ from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from procedures.films import FilmPoint, Films, check_nodes, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_calibrated, check_resolved
+from procedures.load_sweep import check_loads
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import Plan, Step, point_seconds
 from procedures.record import Recorder
@@ -188,8 +188,7 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_resolved((settings.load,), calibration)
-    check_calibrated((settings.load,), calibration, settings.extrapolate)
+    check_loads((settings.load,), calibration, settings.extrapolate)
     steps = plan(settings, design).steps
     static = preload_for((settings.load,))
     films = Films(bench, design, settings.frequency, static + settings.load / 2)
