@@ -74,7 +74,10 @@ def explain(
         raise ConfigError(f"scene {scene!r}: {answer.warnings[0]}")
     output = Output(as_json, quiet)
     if output.as_json:
-        output.json({"scene": chosen.name, "model": chosen.model, "tolerance": limit, **asdict(answer)})
+        faults = chosen.file.fault or []
+        output.json(
+            {"scene": chosen.name, "model": chosen.model, "tolerance": limit, **asdict(answer), "faults": faults}
+        )
     elif output.for_people:
         _print(chosen, answer, limit)
 
@@ -104,6 +107,8 @@ def _print(scene: Scene, answer: Plan, tolerance: float) -> None:
         ]
         title = f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell"
         console.print(_table(title, ("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
+    for fault in scene.file.fault or []:
+        console.print("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()), soft_wrap=True)
     for warning in answer.warnings:
         console.print(f"warning: {warning}", soft_wrap=True)
 

@@ -28,7 +28,7 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
     found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--json").object
     assert set(found) == {
         "scene", "model", "tolerance", "path", "why", "transitions", "included", "omitted", "seconds", "warnings",
-        "steady",
+        "steady", "faults",
     }  # fmt: skip
     assert (found["scene"], found["model"], found["tolerance"]) == ("thesis_single", "experiment", 1e-4)
     assert (found["path"], found["transitions"]) == ("closed form", 0.0)
@@ -44,6 +44,15 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
     assert bounds["can_timing"] == (0.0, 0.0)
     assert bounds["end_stops"] == (None, None)  # 4 N takes the armature further than 8 mm
     assert found["steady"] is None
+
+
+def test_faults_are_told(palpate: Palpate, tmp_path: Path) -> None:
+    path = tmp_path / "faulty.toml"
+    head = 'name = "f"\npurpose = "One fault."\ndesign = "single"\n[effects.adc]\n'
+    path.write_text(head + '[[fault]]\non = "sensor_node_1"\nkind = "node_reboot"\nat = "3 s"\n', encoding="utf-8")
+    assert "fault: on sensor_node_1, kind node_reboot, at 3 s" in palpate("scene", "explain", str(path)).out
+    (fault,) = palpate("scene", "explain", str(path), "--json").object["faults"]
+    assert fault["kind"] == "node_reboot"
 
 
 def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpate) -> None:
