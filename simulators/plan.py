@@ -124,8 +124,8 @@ def plan(scene: Scene, question: Question) -> Plan:
         RangeError: the scene's model does not answer for the sample.
     """
     rig = driven(scene, question)
-    found = [_moved(*each) for each in rig.transitions(round(LOOKED_AT * 1e9))]
-    path, why = _path(found, question.steady)
+    found = moves(rig, round(LOOKED_AT * 1e9))
+    path, why = path_of(found, question.steady)
     steady = None
     if question.steady:
         steady = steady_state(rig, followed(rig) if path == TRANSITIONS else phasors(rig))
@@ -220,12 +220,16 @@ def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -
     return costs
 
 
-def _moved(before: Touch, after: Touch) -> set[str]:
-    """What a transition changes."""
-    return {item.name for item in fields(Touch) if getattr(before, item.name) != getattr(after, item.name)}
+def moves(rig: Rig, until_ns: int) -> list[set[str]]:
+    """What each transition changes, since the present settings up to a time."""
+    return [
+        {item.name for item in fields(Touch) if getattr(before, item.name) != getattr(after, item.name)}
+        for before, after in rig.transitions(until_ns)
+    ]
 
 
-def _path(found: list[set[str]], steady: bool) -> tuple[str, str]:
+def path_of(found: list[set[str]], steady: bool) -> tuple[str, str]:
+    """How a scene with these transitions is answered, and what forces it."""
     if not found:
         return CLOSED_FORM, "every limit carries a certificate that it stays inactive"
     moved = set[str]().union(*found)

@@ -147,7 +147,11 @@ def read_scene(name_or_file: str) -> Scene:
     path = scenes.get(name_or_file, Path(name_or_file))
     if name_or_file not in scenes and path.suffix != ".toml" and not path.exists():
         raise UnknownName("scene", name_or_file, scenes)
-    file = read(path, SceneFile)
+    return scene_of(read(path, SceneFile), path)
+
+
+def scene_of(file: SceneFile, path: Path) -> Scene:
+    """The scene that a file describes; `path` is what messages call it. Raises ConfigError as `read_scene`."""
     listed = _listed(file, path)
     try:
         design = get_design(file.design)
