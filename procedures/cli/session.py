@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import platform
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib import metadata
-from pathlib import Path
 from typing import Any, Literal
 
 import click
@@ -31,6 +27,7 @@ from instrument.quantity import show
 from instrument.sample import Sample
 from procedures.cli.calibrations import films_of, load_cell_of
 from procedures.cli.options import Choice, result_folder
+from procedures.cli.software import commit, versions
 from procedures.record import Recorder
 from procedures.resume import Resumed
 from procedures.run import storing
@@ -38,7 +35,6 @@ from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
 
 DEFAULT_SCENE = "thesis_single"
-PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,8 +178,8 @@ def open_session(
             "contracts": contracts_digest(),
             "calibration": calibration.model_dump(),
             "film_calibration": films.model_dump() if films else None,
-            "versions": {"python": platform.python_version(), **{p: metadata.version(p) for p in PACKAGES}},
-            "commit": _commit(),
+            "versions": versions(),
+            "commit": commit(),
         }
         if resumed is None:
             record = stack.enter_context(Recorder.create(folder, header))
@@ -233,18 +229,3 @@ def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
     if seed is not None:
         scene = scene.with_seed(seed)
     return scene.with_model(model) if model is not None else scene
-
-
-def _commit() -> str | None:
-    """Commit of the source tree palpate runs from, marked where it was changed; None where there is no such tree."""
-    tree = Path(__file__).parents[2]
-    if not (tree / ".git").exists():
-        return None
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(tree), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
-            capture_output=True, text=True, check=True, timeout=5,
-        )  # fmt: skip
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
