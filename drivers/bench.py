@@ -34,10 +34,17 @@ class WatchedClock:
         self._clock = clock
         self._longest = longest
         self._feed = feed
+        self._heard: Callable[[int], object] = lambda _now_ns: None
         self.watching = False
 
+    def tap(self, heard: Callable[[int], object]) -> None:
+        """From now on call `heard` with each time that is told [ns]."""
+        self._heard = heard
+
     def now_ns(self) -> int:
-        return self._clock.now_ns()
+        now = self._clock.now_ns()
+        self._heard(now)
+        return now
 
     def wait(self, duration: float) -> None:
         """Wait `duration` s. Raises SafetyError where the amplifier trips meanwhile."""
@@ -71,7 +78,7 @@ class Bench:
         self.positioner = Positioner(line, description.positioner.unit, self.clock)
         self._can = can = CanLink(description.can)
         self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
-        self.incidents = Incidents(clock)
+        self.incidents = Incidents(self.clock)
         self.attended = False
         self._other_links: list[ModbusLink | CanLink] = [line, can]
         self._stack = ExitStack()

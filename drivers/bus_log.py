@@ -1,11 +1,11 @@
-"""All traffic of a run in files that other tools read: CAN as BLF or ASC, Modbus as pcapng beside it."""
+"""All traffic of a run in files that other tools read: everything as pcapng, CAN beside it as BLF or ASC."""
 
 from __future__ import annotations
 
 import struct
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
@@ -16,60 +16,105 @@ import can
 
 from drivers.bench import Bench
 from drivers.can import CanLink
+from drivers.clock import Clock
 from drivers.modbus import ModbusLink
 from drivers.modbus_device import ModbusDevice
-from drivers.pcapng import Packet, PcapngWriter
+from drivers.pcapng import Link, Packet, PcapngWriter
+from instrument.contracts import sensor_node
 from instrument.errors import RecordError, UsageError
 
 CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
-MODBUS_FORMAT = ".pcapng"
+WHOLE_FORMAT = ".pcapng"
 UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # where the unit id stands
+CLOCK, RUN = "clock", "run"  # notes: a time that the bench's clock has told [ns], the header of the run
+NODES = sensor_node.CONTRACT.name
+FRAME = struct.Struct(">IB3x")  # Linux' can_frame up to its data
+EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
 
 
 def check_log(path: Path) -> None:
     """Raises UsageError: CAN traffic has no such format, or a file of that name is there."""
     if path.suffix.lower() not in CAN_FORMATS:
         raise UsageError(f"--log {path}: the name must end in {' or '.join(CAN_FORMATS)}, a format of CAN traffic")
-    for file in (path, path.with_suffix(MODBUS_FORMAT)):
+    for file in (path, path.with_suffix(WHOLE_FORMAT)):
         if file.exists():
             raise UsageError(f"--log {path}: {file} exists already; give another name")
 
 
-class BusLog:
-    """A context manager, entered before the bench is; messages are stamped with the bench's clock after `started`."""
+def modbus_links(bench: Bench) -> Iterator[tuple[ModbusLink, Link, Callable[[bytes], str]]]:
+    """Each Modbus link of a bench, its kind, and which device a request on it is for."""
+    devices = [device for device in bench.devices if isinstance(device, ModbusDevice)]
+    for link in {id(device.link): device.link for device in devices}.values():
+        place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
+        names = {device.unit: device.contract.name for device in devices if device.link is link}
 
-    def __init__(self, bench: Bench, path: Path, started: datetime) -> None:
-        self.files = (path, path.with_suffix(MODBUS_FORMAT))
+        def whom(data: bytes, names: dict[int, str] = names, place: int = place) -> str:
+            return names.get(data[place], f"unit {data[place]}")
+
+        yield link, Link.LINE if link.serial else Link.TCP, whom
+
+
+def can_links(bench: Bench) -> list[CanLink]:
+    """The CAN links of a bench."""
+    return list({id(device.link): device.link for device in bench.devices if isinstance(device.link, CanLink)}.values())
+
+
+def packed(frame: can.Message) -> bytes:
+    """A frame as Linux has it."""
+    flags = (EXTENDED, frame.is_extended_id), (REMOTE, frame.is_remote_frame), (ERROR, frame.is_error_frame)
+    return FRAME.pack(frame.arbitration_id | sum(bit for bit, is_set in flags if is_set), frame.dlc) + frame.data
+
+
+def unpacked(data: bytes) -> can.Message:
+    """The frame that gives this when it is packed."""
+    identifier, size = FRAME.unpack_from(data)
+    return can.Message(
+        arbitration_id=identifier & ~(EXTENDED | REMOTE | ERROR),
+        is_extended_id=bool(identifier & EXTENDED),
+        is_remote_frame=bool(identifier & REMOTE),
+        is_error_frame=bool(identifier & ERROR),
+        dlc=size,
+        data=data[FRAME.size :],
+    )
+
+
+class BusLog:
+    """A context manager, entered before the bench is; messages are stamped with its `clock` after `started`.
+
+    What the program does stands in the order in which it was done: what it sends, and each time that it was told. A
+    reply comes after its request, a CAN frame where it was heard.
+    """
+
+    def __init__(self, bench: Bench, clock: Clock, path: Path, started: datetime) -> None:
+        self.files = (path, path.with_suffix(WHOLE_FORMAT))
         self._bench = bench
+        self._clock = clock
         self._begun_ns = round(started.timestamp()) * 1_000_000_000
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # held from the stamp on: both files in one order, and in that of time
         self._stack = ExitStack()
         self._failure: Exception | None = None
         self._came: dict[ModbusLink, Packet] = {}
 
     def __enter__(self) -> Self:
-        frames, modbus = self.files
+        frames, whole = self.files
         try:
             with ExitStack() as stack:
-                self._modbus = PcapngWriter(stack.enter_context(modbus.open("wb")))
+                self._whole = PcapngWriter(stack.enter_context(whole.open("wb")))
                 self._frames: Any = can.Logger(frames)
                 stack.callback(self._frames.stop)
                 self._stack = stack.pop_all()
         except OSError as error:
             raise RecordError(f"{frames}: the bus log cannot be written: {error}; choose another --log") from error
-        units = {(id(d.link), d.unit): d.contract.name for d in self._bench.devices if isinstance(d, ModbusDevice)}
-        for link in {id(device.link): device.link for device in self._bench.devices}.values():
-            if isinstance(link, CanLink):
-                link.tap(self._heard_frame)
-            else:
-                self._listen(link, {unit: name for (number, unit), name in units.items() if number == id(link)})
+        for modbus, kind, whom in modbus_links(self._bench):
+            self._listen(modbus, kind, whom)
+        for link in can_links(self._bench):
+            link.tap(self._heard_frame)
+        self._bench.clock.tap(self._told_time)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Raises RecordError: something could not be written, so that the log ends before the run."""
-        for packet in self._came.values():
-            self._write(self._modbus.write, packet)
-        self._came.clear()
+        self._write_replies()
         with self._lock:
             try:
                 self._stack.close()
@@ -78,43 +123,53 @@ class BusLog:
         if self._failure is not None and kind is None:
             raise RecordError(f"{self.files[0]}: the bus log is not whole: {self._failure}; free the disk")
 
-    def _listen(self, link: ModbusLink, names: dict[int, str]) -> None:
-        place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
+    def describe(self, header: str) -> None:
+        """Write down which run this is: the header of its record, as JSON."""
+        self._note(RUN, header)
+
+    def _listen(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
+        asked = ""
 
         def heard(sending: bool, data: bytes) -> None:
-            unit = data[place] if len(data) > place else 0
-            packet = Packet(self._now_ns(), names.get(unit, f"unit {unit}"), link.serial, sending, data)
-            if not sending:
-                self._came.pop(link, None)  # less of the same reply
-            for reply in self._came.values():
-                self._write(self._modbus.write, reply)
-            self._came.clear()
+            nonlocal asked
             if sending:
-                self._write(self._modbus.write, packet)
-            else:
-                self._came[link] = packet  # more of it may come
+                asked = whom(data)
+                with self._lock:
+                    self._write_replies()
+                    self._write(self._whole.write, Packet(self._now_ns(), asked, kind, sending, data))
+            else:  # all of the reply that has come, and more of it may
+                self._came[link] = Packet(self._now_ns(), asked, kind, sending, data)
 
         link.tap(heard)
 
-    def _heard_frame(self, frame: can.Message) -> None:
-        stamped = can.Message(
-            timestamp=self._now_ns() / 1e9,
-            arbitration_id=frame.arbitration_id,
-            is_extended_id=frame.is_extended_id,
-            is_remote_frame=frame.is_remote_frame,
-            is_error_frame=frame.is_error_frame,
-            is_rx=frame.is_rx,
-            channel=0,
-            dlc=frame.dlc,
-            data=frame.data,
-        )
-        self._write(self._frames, stamped)
+    def _write_replies(self) -> None:
+        for reply in self._came.values():
+            self._write(self._whole.write, reply)
+        self._came.clear()
+
+    def _heard_frame(self, sending: bool, frame: can.Message) -> None:
+        stamped = unpacked(packed(frame))
+        with self._lock:
+            if sending:
+                self._write_replies()
+            now = self._now_ns()
+            self._write(self._whole.write, Packet(now, NODES, Link.CAN, sending, packed(frame)))
+            stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, 0
+            self._write(self._frames, stamped)
+
+    def _told_time(self, now_ns: int) -> None:
+        self._note(CLOCK, str(now_ns))
+
+    def _note(self, what: str, text: str) -> None:
+        with self._lock:
+            self._write_replies()
+            self._write(self._whole.write, Packet(self._now_ns(), what, Link.NOTE, True, text.encode()))
 
     def _now_ns(self) -> int:
-        return self._begun_ns + self._bench.clock.now_ns()
+        return self._begun_ns + self._clock.now_ns()
 
     def _write(self, write: Any, what: object) -> None:
-        """Of two threads one at a time; what fails ends the log, not the run."""
+        """What fails ends the log, not the run."""
         with self._lock:
             if self._failure is None:
                 try:
@@ -130,6 +185,12 @@ class Frame:
     time: float
     identifier: int
     data: bytes
+
+
+def frame_of(packet: Packet) -> Frame:
+    """The CAN frame of a packet."""
+    frame = unpacked(packet.data)
+    return Frame(packet.time_ns / 1e9, frame.arbitration_id, bytes(frame.data))
 
 
 def read_frames(path: Path) -> Iterator[Frame]:

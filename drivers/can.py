@@ -6,6 +6,7 @@ import itertools
 import logging
 import queue
 import threading
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -32,7 +33,7 @@ SDO_FRAME = 8  # bytes
 INITIATE_DOWNLOAD, INITIATE_UPLOAD = 0x20, 0x40  # CiA 301
 
 FrameCallback = Callable[[int, bytearray, float], None]
-FrameTap = Callable[[can.Message], None]
+FrameTap = Callable[[bool, can.Message], None]
 MULTICAST = "udp_multicast"  # of python-can; it hands a bus its own frames as well
 
 
@@ -77,13 +78,28 @@ def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:
     pass
 
 
-def _tapped(send: Callable[..., None], taps: list[FrameTap]) -> Callable[..., None]:
-    def send_and_tell(msg: can.Message, timeout: float | None = None) -> None:
-        send(msg, timeout)
-        for heard in taps:
-            heard(msg)
+class _Tapped:
+    """Tells of each frame once: of one that is sent before it is, and not of its echo."""
 
-    return send_and_tell
+    def __init__(self, bus: can.BusABC, heard: FrameTap, *, echoes: bool) -> None:
+        self._heard = heard
+        self._send = bus.send
+        self._echoes: deque[tuple[int, bytes]] | None = deque() if echoes else None
+        bus.send = self.send  # type: ignore[method-assign]
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._heard(True, msg)
+        if self._echoes is not None:
+            self._echoes.append((msg.arbitration_id, bytes(msg.data)))
+        self._send(msg, timeout)
+
+    def __call__(self, msg: can.Message) -> None:
+        frame = (msg.arbitration_id, bytes(msg.data))
+        if self._echoes and frame in self._echoes:
+            while self._echoes.popleft() != frame:
+                pass  # an echo that was lost
+        else:
+            self._heard(False, msg)
 
 
 class CanLink:
@@ -102,7 +118,7 @@ class CanLink:
         self._taps: list[FrameTap] = []
 
     def tap(self, heard: FrameTap) -> None:
-        """From `open` on call `heard` with each frame that comes or goes, in whichever thread it does."""
+        """From `open` on call `heard` with each frame that goes (True) or comes, in whichever thread it does."""
         self._taps.append(heard)
 
     def open(self) -> None:
@@ -116,9 +132,8 @@ class CanLink:
             ) from error
         self._network = canopen.Network(bus)
         self._listener = _Listener(self._network)
-        self._network.listeners = [self._listener, *self._taps]  # type: ignore[list-item]
-        if self._taps and d.interface != MULTICAST:
-            bus.send = _tapped(bus.send, self._taps)  # type: ignore[method-assign]
+        taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
+        self._network.listeners = [self._listener, *taps]  # type: ignore[list-item]
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # would be kept for ever
         self._network.connect()
 

@@ -1,29 +1,50 @@
-"""Capture files that Wireshark reads: pcapng (IETF draft-ietf-opsawg-pcapng), with Modbus TCP and a serial line."""
+"""Capture files that Wireshark reads: pcapng (IETF draft-ietf-opsawg-pcapng), with everything a bench says.
+
+Modbus TCP, a serial line and CAN each have an interface of their own; so have palpate's notes, which are JSON.
+"""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 from typing import BinaryIO
 
 SECTION, INTERFACE, PACKET = 0x0A0D0D0A, 1, 6  # block types
 BYTE_ORDER = 0x1A2B3C4D
-COMMENT, RESOLUTION, NANOSECONDS = 1, 9, 9  # options
-IPV4, RTAC_SERIAL = 228, 250  # link types
+COMMENT, FLAGS, RESOLUTION, NANOSECONDS = 1, 2, 9, 9  # options
+INBOUND, OUTBOUND = 1, 2  # flags
 MODBUS_PORT, CLIENT_PORT = 502, 50_000
-IP_HEADER, TCP_HEADER, SERIAL_HEADER = 20, 20, 12  # bytes
+IP_HEADER, TCP_HEADER = 20, 20  # bytes
 SENT, CAME = 1, 2  # events of a serial line
+NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # says which dissector reads on
+
+
+class Link(IntEnum):
+    """The interface of a packet."""
+
+    TCP = 0
+    LINE = 1
+    CAN = 2
+    NOTE = 3
+
+
+LINK_TYPES = {Link.TCP: 228, Link.LINE: 250, Link.CAN: 227, Link.NOTE: 252}  # IPv4, RTAC serial, SocketCAN, upper PDU
+HEADERS = {Link.TCP: IP_HEADER + TCP_HEADER, Link.LINE: 12, Link.CAN: 0, Link.NOTE: len(NOTE_HEADER)}  # bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One message: `data` as on the wire, without the headers of the network below; `who` said or got it."""
+    """One message: `data` as on the wire, without the headers of the network below; `who` said or got it.
+
+    A CAN frame is as Linux has it (`can_frame`), a note JSON text.
+    """
 
     time_ns: int
     who: str
-    serial: bool
+    link: Link
     sent: bool
     data: bytes
 
@@ -35,13 +56,25 @@ class PcapngWriter:
         self._file = file
         self._positions: dict[str, list[int]] = {}  # in both streams of a connection
         self._block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1))
-        for link in (IPV4, RTAC_SERIAL):
-            self._block(INTERFACE, struct.pack("<HHI", link, 0, 0) + _options({RESOLUTION: bytes([NANOSECONDS])}))
+        for kind in LINK_TYPES.values():
+            self._block(INTERFACE, struct.pack("<HHI", kind, 0, 0) + _options({RESOLUTION: bytes([NANOSECONDS])}))
 
     def write(self, packet: Packet) -> None:
-        data = (_serial(packet) if packet.serial else self._tcp(packet)) + packet.data
-        head = struct.pack("<IIIII", packet.serial, packet.time_ns >> 32, packet.time_ns & 0xFFFFFFFF, *2 * [len(data)])
-        self._block(PACKET, head + _padded(data) + _options({COMMENT: packet.who.encode()}))
+        data = self._header(packet) + packet.data
+        head = struct.pack("<IIIII", packet.link, packet.time_ns >> 32, packet.time_ns & 0xFFFFFFFF, *2 * [len(data)])
+        flags = struct.pack("<I", OUTBOUND if packet.sent else INBOUND)
+        self._block(PACKET, head + _padded(data) + _options({COMMENT: packet.who.encode(), FLAGS: flags}))
+
+    def _header(self, packet: Packet) -> bytes:
+        match packet.link:
+            case Link.TCP:
+                return self._tcp(packet)
+            case Link.LINE:
+                return _serial(packet)
+            case Link.CAN:
+                return b""
+            case Link.NOTE:
+                return NOTE_HEADER
 
     def _block(self, kind: int, body: bytes) -> None:
         size = 12 + len(body)
@@ -100,14 +133,16 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
 
 
 def _packet(body: bytes) -> Packet:
-    serial, high, low, size, _ = struct.unpack_from("<IIIII", body)
+    number, high, low, size, _ = struct.unpack_from("<IIIII", body)
+    link = Link(number)
     data = body[20 : 20 + size]
-    options = body[20 + len(_padded(data)) :]
-    code, length = struct.unpack_from("<HH", options)
-    who = options[4 : 4 + length].decode() if code == COMMENT else ""
-    if serial:
-        sent, payload = data[8] == SENT, data[SERIAL_HEADER:]
-    else:
-        sent = int.from_bytes(data[IP_HEADER + 2 : IP_HEADER + 4], "big") == MODBUS_PORT
-        payload = data[IP_HEADER + TCP_HEADER :]
-    return Packet(high << 32 | low, who, bool(serial), sent, payload)
+    options = dict(_read_options(body[20 + len(_padded(data)) :]))
+    sent = options.get(FLAGS, b"")[:1] == bytes([OUTBOUND])
+    return Packet(high << 32 | low, options.get(COMMENT, b"").decode(), link, sent, data[HEADERS[link] :])
+
+
+def _read_options(data: bytes) -> Iterator[tuple[int, bytes]]:
+    while data:
+        code, length = struct.unpack_from("<HH", data)
+        yield code, data[4 : 4 + length]
+        data = data[4 + len(_padded(data[4 : 4 + length])) :] if code else b""

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.bus_log import CAN_FORMATS, MODBUS_FORMAT, Frame, read_frames
+from drivers.bus_log import CAN_FORMATS, WHOLE_FORMAT, Frame, frame_of, read_frames
 from drivers.modbus import EXCEPTIONS
-from drivers.pcapng import Packet, read_pcapng
+from drivers.pcapng import Link, Packet, read_pcapng
 from instrument.contract import Contract, sdo
 from instrument.contracts import CONTRACTS, sensor_node
 from instrument.errors import ConfigError, RecordError, UsageError
@@ -41,11 +41,11 @@ def read_log(path: Path) -> Iterator[Line]:
         UsageError: not the name of a log. RecordError: it cannot be read. ConfigError: it is damaged, says where.
     """
     suffix = path.suffix.lower()
-    if suffix not in (*CAN_FORMATS, MODBUS_FORMAT):
-        raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, MODBUS_FORMAT))}")
+    if suffix not in (*CAN_FORMATS, WHOLE_FORMAT):
+        raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}")
     try:
-        if suffix == MODBUS_FORMAT:
-            yield from _modbus(read_pcapng(path))
+        if suffix == WHOLE_FORMAT:
+            yield from _messages(read_pcapng(path))
         else:
             yield from map(_frame, read_frames(path))
     except OSError as error:
@@ -54,19 +54,34 @@ def read_log(path: Path) -> Iterator[Line]:
         raise ConfigError(f"{path}: damaged: {error}; what stands before it is good") from error
 
 
+def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
+    asked: dict[str, tuple[int, int]] = {}  # function and address of the last request to each
+    for packet in packets:
+        if packet.link is Link.CAN:
+            yield _frame(frame_of(packet))
+        elif packet.link is not Link.NOTE:
+            yield _modbus(packet, asked)
+
+
+def described(packet: Packet) -> str:
+    """One packet as people read it."""
+    if packet.link is Link.NOTE:
+        return f"a look at the {packet.who}"
+    line = _frame(frame_of(packet)) if packet.link is Link.CAN else _modbus(packet, {})
+    return f"{line.who} {line.text}"
+
+
 # --- Modbus --------------------------------------------------------------------------------------------
 
 
-def _modbus(packets: Iterator[Packet]) -> Iterator[Line]:
-    asked: dict[str, tuple[int, int]] = {}  # function and address of the last request to each
-    for packet in packets:
-        pdu = packet.data[1:-2] if packet.serial else packet.data[7:]
-        arrow = "<-" if packet.sent else "->"
-        contract = CONTRACTS.get(packet.who)
-        text = _pdu(contract, pdu, packet.sent, asked.get(packet.who, (0, 0))) if pdu else "empty"
-        if packet.sent and len(pdu) >= 3:
-            asked[packet.who] = (pdu[0], int.from_bytes(pdu[1:3], "big"))
-        yield Line(packet.time_ns / 1e9, packet.who, f"{arrow} {text}", packet.data.hex(" "))
+def _modbus(packet: Packet, asked: dict[str, tuple[int, int]]) -> Line:
+    pdu = packet.data[1:-2] if packet.link is Link.LINE else packet.data[7:]
+    arrow = "<-" if packet.sent else "->"
+    contract = CONTRACTS.get(packet.who)
+    text = _pdu(contract, pdu, packet.sent, asked.get(packet.who, (0, 0))) if pdu else "empty"
+    if packet.sent and len(pdu) >= 3:
+        asked[packet.who] = (pdu[0], int.from_bytes(pdu[1:3], "big"))
+    return Line(packet.time_ns / 1e9, packet.who, f"{arrow} {text}", packet.data.hex(" "))
 
 
 def _pdu(contract: Contract | None, pdu: bytes, sent: bool, asked: tuple[int, int]) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, OUT, Output, output_options
 
 
 @click.group()
@@ -22,7 +22,7 @@ def bus() -> None:
 @click.argument("log", type=FILE_NAME, metavar="FILE")
 @output_options
 def show(log: Path, as_json: bool, quiet: bool) -> None:
-    """Decode a log of CAN (.blf, .asc) or Modbus traffic (.pcapng), with names, values and units.
+    """Decode a log, whole (.pcapng) or of CAN alone (.blf, .asc), with names, values and units.
 
     Times are of the bench's clock, in s since the first message.
     """
@@ -34,3 +34,21 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
         output.json({"file": str(log), "messages": [asdict(message) for message in messages]})
     for message in messages:
         output.line(f"{message.time - messages[0].time:12.6f}  {message.who:16}  {message.text}")
+
+
+@bus.command(
+    epilog="Examples:\n\n  palpate sweep loads --log trace.blf\n\n  palpate bus replay trace.pcapng"
+    "\n\n  palpate bus replay trace.blf --out again --json"
+)
+@click.argument("log", type=FILE_NAME, metavar="FILE")
+@OUT
+@output_options
+def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Do the run of a log again: the drivers hear what they heard then, and the points are the same to the byte.
+
+    FILE is the .pcapng of a log, or the CAN file beside it. No device, nobody and no time is needed. Calibrations that
+    come out are not kept for later runs. It ends at the first request that the log does not hold at that place.
+    """
+    from procedures.cli.replay import replay as replay_log
+
+    replay_log(log, out, Output(as_json, quiet))

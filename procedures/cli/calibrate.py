@@ -86,7 +86,7 @@ def of_load_cell() -> Procedure[Any, Any]:
     def tell(session: Session, result: procedure.LoadCellResult, outcome: dict[str, Any], output: Output) -> None:
         folder = session.record.folder
         path = load_cell_path(session.bench.indicator.serial)
-        keep(result.calibration, folder, path)
+        keep(result.calibration, session, path)
         certificate = write_certificate(folder, result.calibration)
         plot = plot_load_cell(result, session.bench.simulated, folder)
         outcome = {
@@ -169,7 +169,7 @@ def of_films() -> Procedure[Any, Any]:
     def tell(session: Session, result: procedure.FilmResult, outcome: dict[str, Any], output: Output) -> None:
         folder, found = session.record.folder, result.calibration
         path = films_path(found.device, found.design)
-        keep(found, folder, path)
+        keep(found, session, path)
         plot = plot_films(result, session.design, folder)
         outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
         if output.as_json:

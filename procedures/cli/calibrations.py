@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from drivers.bench import Bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
@@ -16,6 +16,9 @@ from instrument.errors import ConfigError
 from instrument.film_calibration import FilmCalibration
 from procedures.cli.options import store
 from procedures.run import storing
+
+if TYPE_CHECKING:
+    from procedures.cli.session import Session
 
 C = TypeVar("C", LoadCellCalibration, FilmCalibration)
 
@@ -34,9 +37,14 @@ def _path(name: str) -> Path:
     return store() / "calibrations" / f"{''.join(c if c.isalnum() or c in '-_' else '-' for c in name)}.toml"
 
 
-def keep(calibration: Config, folder: Path, path: Path) -> None:
-    """Write a calibration into the folder of its run, and where later runs look for it. Raises RecordError."""
-    write_calibration(folder / "calibration.toml", calibration)
+def keep(calibration: Config, session: Session, path: Path) -> None:
+    """Write a calibration into the folder of its run and, unless that was a replay, where later runs look for it.
+
+    Raises RecordError.
+    """
+    write_calibration(session.record.folder / "calibration.toml", calibration)
+    if session.replayed:
+        return
     with storing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     write_calibration(path, calibration)

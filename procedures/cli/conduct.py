@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from procedures.cli.options import Choice, Output, Progress
 from procedures.cli.session import Calibrating, Session, Target, open_session
 from procedures.pause import NOBODY, Pause
 from procedures.resume import PausedAgain, Resumed
+
+if TYPE_CHECKING:
+    from procedures.cli.replay import Replay
 
 
 class Result(Protocol):
@@ -53,6 +56,7 @@ def conduct(
     model: str | None = None,
     pause: Pause = NOBODY,
     resumed: Resumed | None = None,
+    replay: Replay | None = None,
 ) -> tuple[R, dict[str, Any]]:
     """Do a procedure in a session, from the opened bench to the finished record, and tell what it found.
 
@@ -72,6 +76,7 @@ def conduct(
             model=model,
             calibrating=procedure.calibrating,
             resumed=resumed,
+            replay=replay,
         ) as session,
     ):
         if resumed is not None:

@@ -80,6 +80,7 @@ class _FileName(click.Path):
 
 
 FILE_NAME = _FileName(path_type=Path)
+OUT = click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/).")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +113,13 @@ def bench_options(command: F) -> F:
 
     options: Callable[..., object] = gathered
     for option in (
-        click.option("--log", type=FILE_NAME, metavar="FILE", help="Record CAN there (.blf, .asc), Modbus as .pcapng."),
+        click.option(
+            "--log", type=FILE_NAME, metavar="FILE", help="Record CAN there (.blf, .asc), all as .pcapng beside."
+        ),
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),
         click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
-        click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/)."),
+        OUT,
     ):
         options = option(options)
     return cast("F", output_options(options))

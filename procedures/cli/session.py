@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -28,11 +28,15 @@ from instrument.sample import Sample
 from procedures.cli.calibrations import films_of, load_cell_of
 from procedures.cli.options import Choice, result_folder
 from procedures.cli.software import commit, versions
+from procedures.encoding import as_json
 from procedures.record import Recorder
 from procedures.resume import Resumed
 from procedures.run import storing
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
+
+if TYPE_CHECKING:
+    from procedures.cli.replay import Replay
 
 DEFAULT_SCENE = "thesis_single"
 
@@ -62,6 +66,7 @@ class Session:
     record: Recorder
     started: datetime
     wall_start: float
+    replayed: bool = False
 
     def outcome(self) -> dict[str, Any]:
         """What every result says of itself."""
@@ -82,27 +87,30 @@ class Session:
 class ConsoleOperator:
     """Asks the person at the console. Meets `instrument.operator.Operator`."""
 
+    def __init__(self, ask: Callable[[str], None] | None = None) -> None:
+        self._ask = ask or _ask
+
     def mount(self, sample: Sample) -> None:
-        _ask(f"Mount sample {_described(sample)}")
+        self._ask(f"Mount sample {_described(sample)}")
 
     def lay_on_support(self, sample: Sample | None) -> None:
         laid = "bare" if sample is None else f"with sample {_described(sample)} on it"
-        _ask(f"Put the rigid support in the sensor's place, {laid}")
+        self._ask(f"Put the rigid support in the sensor's place, {laid}")
 
     def place_probe(self, x: float, y: float) -> None:
-        _ask(f"Set the point probe {show(x, 'm')} along and {show(y, 'm')} across from the sensor's corner")
+        self._ask(f"Set the point probe {show(x, 'm')} along and {show(y, 'm')} across from the sensor's corner")
 
     def press_tooth(self, tooth: int) -> None:
-        _ask(f"Stand the pin on tooth {tooth + 1} alone, under the probe")
+        self._ask(f"Stand the pin on tooth {tooth + 1} alone, under the probe")
 
     def place_weight(self, mass: float) -> None:
-        _ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
+        self._ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
 
     def turn_load_cell(self, degrees: float) -> None:
-        _ask(f"Turn the load cell about its axis to {degrees:g} degrees")
+        self._ask(f"Turn the load cell about its axis to {degrees:g} degrees")
 
     def set_temperature(self, kelvin: float) -> None:
-        _ask(f"Make the surroundings of the sensor {kelvin:g} K warmer than at the start")
+        self._ask(f"Make the surroundings of the sensor {kelvin:g} K warmer than at the start")
 
 
 def _described(sample: Sample) -> str:
@@ -126,10 +134,12 @@ def open_session(
     model: str | None = None,
     calibrating: Calibrating | None = None,
     resumed: Resumed | None = None,
+    replay: Replay | None = None,
 ) -> Iterator[Session]:
     """Open the bench and its run, a new one or one that goes on; on the way out outputs are off, then it is closed.
 
-    A run that is `calibrating` the load cell needs no calibration of it; one of the films uses none of theirs.
+    A run that is `calibrating` the load cell needs no calibration of it; one of the films uses none of theirs. A replay
+    has the bench, the calibrations and the date of its log.
 
     Raises:
         UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses; another
@@ -138,32 +148,37 @@ def open_session(
         BenchError: a device cannot be opened or identified. RecordError: the folder cannot be written.
     """
     today, wall_start = datetime.now(UTC), time.monotonic()
-    started = today if resumed is None else resumed.run.started
-    given, chosen = _chosen(choice, model)
+    before = resumed or replay
+    started = today if before is None else before.run.started
+    given, chosen = _chosen(choice, model) if replay is None else (replay.wire.description, replay.scene)
     check(_target(given, chosen))
     if choice.log is not None:
         check_log(choice.log)
     with ExitStack() as stack:
-        if resumed is None:
-            folder = stack.enter_context(result_folder(choice.out, procedure, started))
-        else:
-            folder = resumed.folder
+        folder = resumed.folder if resumed else stack.enter_context(result_folder(choice.out, procedure, today))
         clock: Clock = WallClock(0 if resumed is None else resumed.bench_ns)
         operator: Operator = ConsoleOperator()
         description = given
-        if chosen is not None:
+        if replay is not None:
+            wire = stack.enter_context(replay.wire)
+            description, clock, operator = wire.description, wire, ConsoleOperator(lambda _what: None)
+        elif chosen is not None:
             simulated = stack.enter_context(SimulatedBench(chosen))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
             today = started  # its calendar stands still
         assert description is not None
         opening = stack.enter_context(ExitStack())
         opened = Bench(description, clock, operator)
-        if choice.log is not None:
-            stack.enter_context(BusLog(opened, choice.log, started))
+        log = None if choice.log is None else stack.enter_context(BusLog(opened, clock, choice.log, started))
+        if replay is not None:
+            replay.wire.attach(opened)
         opening.enter_context(opened)
-        calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(opened, today.date())
         design = get_design(description.design)
-        films = None if calibrating else films_of(opened, design, today.date())
+        if replay is not None:
+            calibration, films = replay.calibration, replay.films
+        else:
+            calibration = THESIS_LOAD_CELL if calibrating == "load cell" else load_cell_of(opened, today.date())
+            films = None if calibrating else films_of(opened, design, today.date())
         header = {
             "procedure": procedure,
             "simulated": opened.simulated,
@@ -180,7 +195,10 @@ def open_session(
             "film_calibration": films.model_dump() if films else None,
             "versions": versions(),
             "commit": commit(),
+            **(replay.header if replay is not None else {}),
         }
+        if log is not None:
+            log.describe(as_json(header))
         if resumed is None:
             record = stack.enter_context(Recorder.create(folder, header))
         else:
@@ -189,13 +207,13 @@ def open_session(
         stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
         opened.attend(record.event)
         with storing(folder):
-            (folder / "bench.toml").write_text(description.to_toml(), encoding="utf-8")
+            (folder / "bench.toml").write_text(str(header["bench"]), encoding="utf-8")
             if chosen is not None:
                 (folder / "scene.toml").write_text(chosen.to_toml(), encoding="utf-8")
         if films is not None:
             design = films.apply(design)
         try:
-            yield Session(opened, design, chosen, calibration, films, record, started, wall_start)
+            yield Session(opened, design, chosen, calibration, films, record, started, wall_start, replay is not None)
         except BaseException as error:
             if record.points:
                 error.add_note(f"points already taken are kept in {record.folder}")

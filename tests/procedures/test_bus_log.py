@@ -13,7 +13,7 @@ import pytest
 
 from drivers.bench import Bench
 from drivers.bus_log import BusLog
-from drivers.pcapng import Packet, PcapngWriter, read_pcapng
+from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from instrument.errors import RecordError
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import Palpate, Spoken
@@ -27,7 +27,8 @@ def shown(palpate: Palpate, file: str) -> list[dict[str, Any]]:
 def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate: Palpate) -> None:
     sweep = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.1 s")
     found = palpate(*sweep, "--log", "trace.asc", "--json").object
-    modbus = shown(palpate, "trace.pcapng")
+    whole = shown(palpate, "trace.pcapng")
+    modbus = [m for m in whole if not re.match("node|all nodes", m["who"])]
     said = [(m["who"], m["text"]) for m in modbus]
     assert {who for who, _ in said} == {"signal_generator", "shaker_amplifier", "strain_indicator", "positioner"}
     assert ("shaker_amplifier", "<- write gain = 2 V/V, current_limit = 5 A") in said
@@ -35,6 +36,7 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
     assert any(who == "strain_indicator" and re.search(r"reading = \d\S* mV", text) for who, text in said)
     assert [text[:2] for _, text in said] == ["<-", "->"] * (len(said) // 2)  # each request has its answer
     can_texts = [m["text"] for m in shown(palpate, "trace.asc")]
+    assert can_texts == [m["text"] for m in whole if m not in modbus]
     counters = [text for text in can_texts if text.startswith("sample_counter = ")]
     assert counters[0] == "sample_counter = 1, saturation = none"
     assert len(counters) == can_texts.count("SYNC") >= 100
@@ -45,10 +47,10 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
         "-> vendor = 1346456656",
     ):
         assert text in can_texts
-    times = [m["time"] for m in modbus]
+    times = [m["time"] for m in whole]
     assert times == sorted(times)
     lines = palpate("bus", "show", "trace.pcapng").out.splitlines()
-    assert len(lines) == len(modbus)
+    assert len(lines) == len(whole)
     assert lines[0].split() == ["0.000000", "shaker_amplifier", "<-", "identify"]
     assert times[-1] - times[0] == pytest.approx(found["bench_seconds"], abs=1.0)
 
@@ -56,7 +58,7 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
 def logged_frames(sim: SimulatedBench, path: Path) -> list[can.Message]:
     """What a bench that is opened, and no more, sends; as a log holds it."""
     bench = Bench(sim.description, sim.clock, sim.operator)
-    with BusLog(bench, path, datetime(2026, 1, 2, tzinfo=UTC)), bench:
+    with BusLog(bench, sim.clock, path, datetime(2026, 1, 2, tzinfo=UTC)), bench:
         pass
     with can.LogReader(path) as reader:
         return list(reader)
@@ -90,18 +92,22 @@ def test_a_capture_file_is_pcapng_with_whole_ip_packets(tmp_path: Path) -> None:
     path, time_ns = tmp_path / "c.pcapng", 1_700_000_000_123_456_789
     asked, answer = bytes.fromhex("000100000006 01 03 00000002"), bytes.fromhex("000100000007 01 03 04 12345678")
     packets = [
-        Packet(time_ns, "signal_generator", False, True, asked),
-        Packet(time_ns + 5, "signal_generator", False, False, answer),
-        Packet(time_ns + 9, "positioner", True, True, b"\x02\x03\x00\x00\x00\x01\x84\x39"),
+        Packet(time_ns, "signal_generator", Link.TCP, True, asked),
+        Packet(time_ns + 5, "signal_generator", Link.TCP, False, answer),
+        Packet(time_ns + 9, "positioner", Link.LINE, True, b"\x02\x03\x00\x00\x00\x01\x84\x39"),
+        Packet(time_ns + 9, "sensor_node", Link.CAN, False, b"\0\0\x05\x81\2\0\0\0\1\2"),
+        Packet(time_ns + 9, "clock", Link.NOTE, True, b"17"),
     ]
     with path.open("wb") as file:
         writer = PcapngWriter(file)
         for packet in packets:
             writer.write(packet)
-    section, ip, serial, *rest = blocks(path.read_bytes())
+    section, ip, serial, frames, notes, *rest = blocks(path.read_bytes())
     assert section == (0x0A0D0D0A, bytes.fromhex("4d3c2b1a 0100 0000 ffffffffffffffff"))
-    assert (ip[0], ip[1][:2], serial[0], serial[1][:2]) == (1, b"\xe4\x00", 1, b"\xfa\x00")
-    first, second, third = (body for kind, body in rest if kind == 6)
+    assert [(kind, body[:2]) for kind, body in (ip, serial, frames, notes)] == [
+        (1, bytes([link, 0])) for link in (228, 250, 227, 252)
+    ]
+    first, second, third, fourth, fifth = (body for kind, body in rest if kind == 6)
     assert struct.unpack_from("<III", first) == (0, time_ns >> 32, time_ns & 0xFFFFFFFF)
     header, tcp = first[20:40], first[40:60]
     total = sum(struct.unpack(">10H", header))
@@ -112,6 +118,8 @@ def test_a_capture_file_is_pcapng_with_whole_ip_packets(tmp_path: Path) -> None:
     assert first[60 : 60 + len(asked)] == asked
     assert struct.unpack_from("<I", third)[0] == 1
     assert third[20 + 12 :].startswith(packets[2].data)
+    assert fourth[20:30] == packets[3].data
+    assert fifth[20:38] == bytes.fromhex("000c 0004") + b"json" + bytes(4) + b"17" + bytes(2) + bytes.fromhex("0100")
     assert list(read_pcapng(path)) == packets
 
 

@@ -1,0 +1,236 @@
+"""A recorded bench on the wire again: what its log holds is answered as it was, and nothing else.
+
+The program that made the log does the same again: each request and each look at the clock has to be the next one of the
+log. What was heard up to the one after it is then given over real sockets, a pseudo-terminal and a CAN bus.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+import struct
+import threading
+import tty
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Self
+
+import can
+
+from drivers.bench import Bench
+from drivers.bus_log import CLOCK, NODES, RUN, WHOLE_FORMAT, can_links, modbus_links, packed, unpacked
+from drivers.modbus import ModbusLink
+from drivers.pcapng import Link, Packet, read_pcapng
+from instrument.bench import BenchDescription
+from instrument.config import parse
+from instrument.errors import ConfigError, RecordError
+
+LOOPBACK = "127.0.0.1"
+CHUNK = 4096  # bytes
+TCP_DEVICES = ("signal_generator", "shaker_amplifier")
+LINE = "line"
+
+
+class BusReplay:
+    """A context manager: inside it the devices of a log are to be found where `description` says.
+
+    It is the clock of the bench that is opened there, which is given to `attach` before.
+
+    Attributes:
+        run: header of the run that was recorded, as its record has it.
+        description: of the recorded bench; inside, with its addresses of now.
+
+    Raises where it is made:
+        RecordError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
+    """
+
+    def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
+        """`describe` says for people what a packet is."""
+        self.path = path.with_suffix(WHOLE_FORMAT)
+        self._describe = describe
+        packets = self._read()
+        header = next((packet.data for packet in packets if packet.who == RUN), None)
+        if header is None:
+            raise ConfigError(f"{self.path}: no run was begun in it; replay what --log has recorded of a whole run")
+        self.run: dict[str, Any] = json.loads(header)
+        self._packets = [packet for packet in packets if packet.who != RUN]
+        self._at = 0
+        self.description = parse(self.run["bench"].encode(), BenchDescription, str(self.path))
+        self._stack = ExitStack()
+
+    def _read(self) -> list[Packet]:
+        try:
+            return list(read_pcapng(self.path))
+        except OSError as error:
+            raise RecordError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
+        except (ValueError, struct.error) as error:
+            raise ConfigError(f"{self.path}: damaged: {error}; only a whole log can be replayed") from error
+
+    def __enter__(self) -> Self:
+        recorded = self.description
+        with ExitStack() as stack:
+            channel = f"replay-{os.getpid()}-{id(self)}"
+            self._bus = can.Bus(interface="virtual", channel=channel)
+            stack.callback(self._bus.shutdown)
+            self._wire = stack.enter_context(_Wire())
+            places: dict[str, dict[str, Any]] = {
+                **{name: {"host": LOOPBACK, "port": self._wire.listen(name)} for name in TCP_DEVICES},
+                LINE: {"port": self._wire.line(LINE)},
+                "can": {"interface": "virtual", "channel": channel},
+            }
+            self.description = recorded.model_copy(
+                update={name: getattr(recorded, name).model_copy(update=place) for name, place in places.items()}
+            )
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def attach(self, bench: Bench) -> None:
+        """Hear what is asked on the links of a bench that is not open yet."""
+        for modbus, kind, whom in modbus_links(bench):
+            self._answer(modbus, kind, whom)
+        for link in can_links(bench):
+            link.tap(self._heard_frame)
+
+    def now_ns(self) -> int:
+        """The time that the program was told here."""
+        at = self._next(Packet(0, CLOCK, Link.NOTE, True, b""))
+        return int(self._packets[at].data)
+
+    def wait(self, duration: float) -> None:
+        """It has passed already."""
+
+    def _answer(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
+        def heard(sending: bool, data: bytes) -> None:
+            if sending:
+                who = whom(data)
+                at = self._next(Packet(0, who, kind, True, data))
+                self._wire.expect(LINE if link.serial else who, len(data), self._reply(at))
+
+        link.tap(heard)
+
+    def _heard_frame(self, sending: bool, frame: can.Message) -> None:
+        if sending:
+            self._next(Packet(0, NODES, Link.CAN, True, packed(frame)))
+
+    def _next(self, did: Packet) -> int:
+        """Where the log has what the program does now. Raises ConfigError: it did something else here."""
+        self._hear()
+        at = self._at
+        if at == len(self._packets) or not _same(self._packets[at], did):
+            goes_on = "ends" if at == len(self._packets) else f"goes on with {self._describe(self._packets[at])!r}"
+            raise ConfigError(
+                f"{self.path}: asked is {self._describe(did)!r}, and there the log {goes_on}; only a run that was "
+                "neither paused nor stopped nor lost a connection is the same again, with the palpate that recorded it"
+            )
+        self._at += 1
+        self._hear()
+        return at
+
+    def _hear(self) -> None:
+        """The frames that came before the program did something again."""
+        while self._at < len(self._packets) and not self._packets[self._at].sent:
+            if self._packets[self._at].link is Link.CAN:
+                self._bus.send(unpacked(self._packets[self._at].data))
+            self._at += 1
+
+    def _reply(self, at: int) -> bytes:
+        """What was answered to a request; nothing where it was asked in vain."""
+        who = self._packets[at].who
+        for later in range(at + 1, len(self._packets)):
+            if self._packets[later].who == who:
+                return b"" if self._packets[later].sent else self._packets[later].data
+        return b""
+
+
+def _same(recorded: Packet, did: Packet) -> bool:
+    """A look at the clock is one whatever it shows."""
+    data = did.data if did.link is Link.NOTE else recorded.data
+    return (recorded.link, recorded.who, data) == (did.link, did.who, did.data)
+
+
+class _Wire:
+    """The far ends of the Modbus links: each gives its reply once the whole request has come."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._due: dict[str, deque[tuple[int, bytes]]] = {}
+        self._got: dict[str, int] = {}
+        self._stack = ExitStack()
+        self._thread = threading.Thread(target=self._run, name="bus replay", daemon=True)
+
+    def __enter__(self) -> Self:
+        ours, self._stop = socket.socketpair()
+        for end in (ours, self._stop):
+            self._stack.enter_context(end)
+        self._selector.register(ours, selectors.EVENT_READ, None)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.send(b".")
+        self._thread.join()
+        for key in list(self._selector.get_map().values()):
+            if isinstance(key.fileobj, socket.socket):
+                key.fileobj.close()
+        self._selector.close()
+        self._stack.close()
+
+    def listen(self, name: str) -> int:
+        """A TCP port of this device."""
+        server = socket.create_server((LOOPBACK, 0))
+        self._add(server, name)
+        port: int = server.getsockname()[1]
+        return port
+
+    def line(self, name: str) -> str:
+        """The path of a serial line's other end."""
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        for descriptor in (master, slave):
+            self._stack.callback(os.close, descriptor)
+        self._add(master, name)
+        return os.ttyname(slave)
+
+    def _add(self, end: socket.socket | int, name: str) -> None:
+        self._due[name], self._got[name] = deque(), 0
+        self._selector.register(end, selectors.EVENT_READ, name)
+
+    def expect(self, name: str, size: int, reply: bytes) -> None:
+        """A request of `size` bytes will come, and gets this."""
+        self._due[name].append((size, reply))
+
+    def _run(self) -> None:
+        while True:
+            for key, _ in self._selector.select():
+                if key.data is None:
+                    return
+                if isinstance(key.fileobj, socket.socket) and key.fileobj.getsockopt(
+                    socket.SOL_SOCKET, socket.SO_ACCEPTCONN
+                ):
+                    connection, _ = key.fileobj.accept()
+                    self._got[key.data] = 0
+                    self._selector.register(connection, selectors.EVENT_READ, key.data)
+                elif not self._serve(key.fd, key.data) and isinstance(key.fileobj, socket.socket):
+                    self._selector.unregister(key.fileobj)
+                    key.fileobj.close()
+
+    def _serve(self, end: int, name: str) -> bool:
+        """Take what has come and give what is due for it; whether the end is open still."""
+        try:
+            data = os.read(end, CHUNK)
+            self._got[name] += len(data)
+            due = self._due[name]
+            while due and self._got[name] >= due[0][0]:
+                size, reply = due.popleft()
+                self._got[name] -= size
+                os.write(end, reply)
+        except OSError:  # the other side has gone
+            return False
+        return bool(data)
