@@ -56,10 +56,14 @@ class BusReplay:
         header = next((packet.data for packet in packets if packet.who == RUN), None)
         if header is None:
             raise ConfigError(f"{self.path}: no run was begun in it; replay what --log has recorded of a whole run")
-        self.run: dict[str, Any] = json.loads(header)
+        try:
+            self.run: dict[str, Any] = json.loads(header)
+            bench: str = self.run["bench"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(f"{self.path}: its run is of another palpate ({error}); replay with that one") from None
         self._packets = [packet for packet in packets if packet.who != RUN]
         self._at = 0
-        self.description = parse(self.run["bench"].encode(), BenchDescription, str(self.path))
+        self.description = parse(bench.encode(), BenchDescription, str(self.path))
         self._stack = ExitStack()
 
     def _read(self) -> list[Packet]:

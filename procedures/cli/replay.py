@@ -9,7 +9,7 @@ from typing import Any
 from drivers.bus_replay import BusReplay
 from instrument.calibration import LoadCellCalibration
 from instrument.config import check, parse
-from instrument.errors import ConfigError, UsageError
+from instrument.errors import ConfigError, PalpateError, UsageError
 from instrument.film_calibration import FilmCalibration
 from procedures.bus_log import described
 from procedures.cli.conduct import conduct
@@ -71,5 +71,6 @@ def replay(log: Path, out: Path | None, output: Output) -> None:
     settings = settings_of(recorded.run, procedure.settings)
     try:
         conduct(procedure, settings, Choice(None, None, None, out), output, replay=recorded)
-    except ConfigError as error:  # without the notes on outputs: there are none
-        raise ConfigError(str(error)) from None
+    except PalpateError as error:
+        error.__notes__ = []  # on outputs that cannot be switched off: there are none
+        raise

@@ -1,0 +1,125 @@
+"""A log on the wire again: the drivers hear what they heard."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.bus_log import BusLog
+from drivers.bus_replay import BusReplay
+from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from instrument.errors import ConfigError, DeviceError, LinkTimeout
+from procedures.bus_log import described
+from simulators.bench import Place, SimulatedBench
+from simulators.can_bus import MULTICAST
+from simulators.scene import Scene
+from tests.conftest import hasty
+
+
+class Ticking:
+    """A clock that is never twice the same, as that of the wall."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self._clock = sim.clock
+        self._looks = 0
+
+    def now_ns(self) -> int:
+        self._looks += 1
+        return self._clock.now_ns() + 7 * self._looks
+
+    def wait(self, duration: float) -> None:
+        self._clock.wait(duration)
+
+
+def used(bench: Bench) -> list[Any]:
+    """What is heard of all devices, over all links; one of them refuses."""
+    with bench:
+        node = bench.nodes[0]
+        bench.generator.sine(12.5, 0.5)
+        bench.positioner.move(1e-3)
+        recording = node.acquire(0.02)
+        voltage = recording.voltage.tobytes()
+        with pytest.raises(DeviceError) as refused:
+            node.link.upload("it", node._node, 0x5000, 0)
+        heard = [voltage, bench.generator.read(), bench.indicator.read(), bench.positioner.position()]
+        return [*heard, str(refused.value), node.notices(), node.serial, bench.clock.now_ns()]
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return tmp_path / "trace.blf"
+
+
+def logged(sim: SimulatedBench, log: Path, use: Callable[[Bench], Any] = used) -> Any:
+    clock = Ticking(sim)
+    bench = Bench(hasty(sim.description), clock, sim.operator)
+    with BusLog(bench, clock, log, datetime(2026, 1, 2, tzinfo=UTC)) as recording:
+        recording.describe(json.dumps({"bench": bench.description.to_toml()}))
+        return use(bench)
+
+
+def replayed(sim: SimulatedBench, log: Path, use: Callable[[Bench], Any] = used) -> Any:
+    with BusReplay(log, described) as replay:
+        bench = Bench(replay.description, replay, sim.operator)
+        replay.attach(bench)
+        return use(bench)
+
+
+def test_the_drivers_hear_what_they_heard_over_tcp_the_line_and_can(sim: SimulatedBench, log: Path) -> None:
+    heard = logged(sim, log)
+    sim.generator.write({"frequency": 99.0})  # of the bench itself nothing is asked
+    assert replayed(sim, log) == heard
+
+
+def test_over_multicast_too_each_frame_that_was_sent_stands_once_where_it_was_sent(
+    nothing_left_behind: None, scene: Scene, log: Path
+) -> None:
+    with SimulatedBench(scene, Place(interface=MULTICAST)) as sim:
+        heard = logged(sim, log)
+        assert replayed(sim, log) == heard
+
+
+def test_a_request_that_was_not_answered_is_not_answered(sim: SimulatedBench, log: Path) -> None:
+    def use(bench: Bench) -> float:
+        with bench:
+            bench.positioner.unit = 9  # nobody's on that line
+            with pytest.raises(LinkTimeout):
+                bench.positioner.position()
+            bench.positioner.unit = 2
+            bench.positioner.move(1e-3)
+            return bench.positioner.position()
+
+    assert logged(sim, log, use) == replayed(sim, log, use) == 1e-3
+
+
+def changed(log: Path, change: Callable[[list[Packet]], list[Packet]]) -> None:
+    path = log.with_suffix(".pcapng")
+    packets = change(list(read_pcapng(path)))
+    with path.open("wb") as file:
+        writer = PcapngWriter(file)
+        for packet in packets:
+            writer.write(packet)
+
+
+def test_what_the_log_does_not_hold_at_that_place_is_an_error_that_names_it(sim: SimulatedBench, log: Path) -> None:
+    logged(sim, log)
+
+    def other(bench: Bench) -> None:
+        with bench:
+            bench.generator.sine(12.6, 0.5)
+
+    asked = "asked is 'signal_generator <- write frequency = 12.6 Hz, .*the log goes on with .*frequency = 12.5 Hz"
+    with pytest.raises(ConfigError, match=asked):
+        replayed(sim, log, other)
+    changed(log, lambda packets: [p for p in packets if p.link is not Link.CAN])
+    with pytest.raises(ConfigError, match="asked is 'node 1 read vendor', and there the log goes on with 'a look"):
+        replayed(sim, log)
+    changed(log, lambda packets: packets[:9])
+    with pytest.raises(ConfigError, match="there the log ends"):
+        replayed(sim, log)

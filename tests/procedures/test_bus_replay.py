@@ -1,0 +1,105 @@
+"""`palpate bus replay`: a recorded run done again on the traffic of its log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.bus_log import RUN
+from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from procedures.cli import session
+from procedures.run import Run
+from tests.procedures.conftest import Palpate, Spoken
+
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.1 s")
+LOG = Path("trace.pcapng")
+
+
+def nothing_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("a replay needs no bench")
+
+    monkeypatch.setattr(session, "SimulatedBench", refuse)
+
+
+def same_again(palpate: Palpate, monkeypatch: pytest.MonkeyPatch, *command: str) -> tuple[Run, Run]:
+    """A run that is logged, and its replay."""
+    said = palpate(*command, "--log", "trace.blf", "--out", "first", "--quiet")
+    assert said.status == 0, said.err
+    nothing_simulated(monkeypatch)
+    said = palpate("bus", "replay", "trace.blf", "--out", "second", "--quiet")
+    assert (said.status, said.out) == (0, ""), said.err
+    return Run.open(Path("first")), Run.open(Path("second"))
+
+
+def test_a_replayed_sweep_has_the_same_points_and_incidents_to_the_byte(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over TCP, the line and CAN, whose transfers take their time here; once the generator does not answer."""
+    scene = Path(session.__file__).parents[2] / "simulators" / "scenes" / "noisy_lab.toml"
+    fault = '\n[[fault]]\nkind = "no_reply"\non = "signal_generator"\ntransaction = 12\n'
+    Path("faulty.toml").write_text(scene.read_text() + fault)
+    first, second = same_again(palpate, monkeypatch, *SWEEP, "--scene", "faulty.toml", "--seed", "3")
+    assert first.digest() == second.digest()
+    assert (
+        [(e["bench_ns"], e["kind"]) for e in first.events()]
+        == [(e["bench_ns"], e["kind"]) for e in second.events()]
+        != []
+    )
+    assert (first.summary, first.simulated) == (second.summary, second.simulated)
+    assert second.header["replayed"] == "trace.pcapng"
+    for key in ("procedure", "started", "settings", "scene", "seed", "bench", "calibration"):
+        assert first.header[key] == second.header[key]
+
+
+def test_a_replayed_calibration_replaces_none(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    weights = ("calibrate", "load-cell", "--loads", "1 N, 2 N, 3 N", "--runs", "2")
+    first, second = same_again(palpate, monkeypatch, *weights)
+    assert first.digest() == second.digest()
+    assert Path("second/calibration.toml").exists()
+    (kept,) = Path("runs/calibrations").iterdir()
+    assert kept.read_bytes() == Path("first/calibration.toml").read_bytes()
+
+
+# --- what cannot be replayed ---------------------------------------------------------------------------
+
+
+def failed(said: Spoken, status: int, *names: str) -> None:
+    assert said.status == status
+    for name in names:
+        assert name in said.complaint, said.complaint
+
+
+def test_a_request_that_the_log_does_not_hold_there_is_named_in_one_error(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The log is that of a run with another frequency."""
+    palpate(*SWEEP, "--log", "trace.blf", "--quiet")
+    packets = list(read_pcapng(LOG))
+    with LOG.open("wb") as file:
+        writer = PcapngWriter(file)
+        for packet in packets:
+            settings = packet.data.replace(b'"frequency":10.0', b'"frequency":20.0')
+            writer.write(replace(packet, data=settings) if packet.who == RUN else packet)
+    nothing_simulated(monkeypatch)
+    asked, held = (f"'node 1 write sync_period = 0.00{period} s'" for period in (2, 4))
+    failed(palpate("bus", "replay", "trace.blf"), 2, f"trace.pcapng: asked is {asked}", f"the log goes on with {held}")
+
+
+@pytest.mark.parametrize(("content", "status"), [(None, 1), (b"", 2), (bytes(40), 2)])
+def test_what_is_no_log_is_named(palpate: Palpate, content: bytes | None, status: int) -> None:
+    if content is not None:
+        LOG.write_bytes(content)
+    failed(palpate("bus", "replay", "trace.pcapng"), status, "trace.pcapng")
+
+
+@pytest.mark.parametrize(
+    ("header", "names"),
+    [("{}", "bench"), ('{"bench": "", "procedure": 1}', "signal_generator"), ("[]", "run"), ("{", "run")],
+)
+def test_a_log_of_another_palpate_is_named(palpate: Palpate, header: str, names: str) -> None:
+    with LOG.open("wb") as file:
+        PcapngWriter(file).write(Packet(0, RUN, Link.NOTE, True, header.encode()))
+    failed(palpate("bus", "replay", "trace.pcapng"), 2, "trace.pcapng", names)
