@@ -45,6 +45,7 @@ class Question:
         parameters: "thesis", "physical", or "identified", which is fitted to the finite-element models.
         settings: SETTINGS that override the parameter set, moduli in Pa and lengths in m.
         tolerance: greatest error estimate; None for the model's own.
+        at: the force acts in one point of the object, (x, y) from its corner [m]; None: a uniform pressure.
 
     Raises:
         UnknownName: no such design, model, parameter set of that model, or setting.
@@ -56,6 +57,7 @@ class Question:
     parameters: str = "physical"
     settings: Mapping[str, float | str] = field(default_factory=dict)
     tolerance: float | None = None
+    at: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         get_design(self.design)
@@ -82,7 +84,8 @@ class Question:
         """One newton through the object of that modulus [Pa]."""
         load = get_parameter_set(self.parameters, self.model).load(modulus)
         sensed = replace(load.sensed, **self._set("sensed_"))
-        return replace(load, sensed=sensed, interface=str(self.settings.get("interface", load.interface)))
+        interface = str(self.settings.get("interface", load.interface))
+        return replace(load, sensed=sensed, interface=interface, at=self.at)
 
     def _set(self, kind: str) -> dict[str, Any]:
         return {name.removeprefix(kind): value for name, value in self.settings.items() if name.startswith(kind)}

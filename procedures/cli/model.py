@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,17 +95,20 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     "\n\n  palpate model ratio --design single_round --model axisymmetric --sensed-modulus '100 kPa' --tolerance 1e-6"
     "\n\n  palpate model ratio --design common_base --model solid --parameters identified"
     " --sensed-modulus '720 kPa' --json"
+    "\n\n  palpate model ratio --design common_base --sensed-modulus '100 kPa' --at '6 mm, 6 mm'"
 )
 @click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@click.option("--at", metavar="X,Y", help="The force acts in one point, from the object's corner (default: all over).")
 @question_options
 @output_options
-def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -> None:
+def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool, quiet: bool) -> None:
     """Force ratio, tooth force over total force, for objects of given moduli.
 
     Model auto takes the cheapest whose error in the price list (palpate accuracy models) meets the tolerance, and says
     which. The error estimate of a model that you name is that of its discretisation; models in closed form have none.
     The model error is what it leaves out, by the price list; none for the experiment and for what was not priced.
-    The solid model takes seconds to a minute a point; the extra "fast" shortens it.
+    The solid model takes seconds to a minute a point; the extra "fast" shortens it. It alone knows a force in one
+    point.
     The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from instrument.models.ratio import ask
@@ -112,6 +116,8 @@ def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -
 
     output = Output(as_json, quiet)
     moduli = [parse(text, "Pa") for text in sensed_modulus.split(",")]
+    if at is not None:
+        question = replace(question, at=_place(at))
     answers = []
     with output.progress("solving") as progress:
         for answer in ask(question, moduli):
@@ -123,6 +129,7 @@ def ratio(sensed_modulus: str, question: Question, as_json: bool, quiet: bool) -
             {
                 "design": question.design,
                 "parameters": question.parameters,
+                "at_m": question.at,
                 "points": [_point(sensor, a) for a in answers],
             }
         )
@@ -196,6 +203,22 @@ def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: boo
     if output.as_json:
         output.json({"file": str(file), **picture.data()})
     output.line(str(file))
+
+
+def _place(text: str) -> tuple[float, float]:
+    """(x, y) [m].
+
+    Raises:
+        UsageError: not two lengths.
+        QuantityError: a length has no unit, or another one's.
+    """
+    from instrument.errors import UsageError
+    from instrument.quantity import parse
+
+    lengths = text.split(",")
+    if len(lengths) != 2:
+        raise UsageError(f"--at {text!r} is not two lengths; write for example '6 mm, 6 mm'")
+    return parse(lengths[0], "m"), parse(lengths[1], "m")
 
 
 def _point(design: Design, answer: Answer) -> dict[str, Any]:

@@ -137,10 +137,19 @@ def test_square_plates_are_discs_to_the_axisymmetric_model(monkeypatch: pytest.M
     assert [asked for asked, _ in seen] == [RoundParameters(), RoundParameters()]
 
 
+def test_a_force_in_one_point_is_the_solid_models(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[RoundParameters | SolidParameters, float]] = []
+    solve_nothing(monkeypatch, seen)
+    said = palpate(*RATIO, "--design", "common_base", "--sensed-modulus", "100 kPa", "--at", "7.5 mm, 6 mm").object
+    ((asked, _),) = seen
+    assert isinstance(asked, SolidParameters) and asked.load_at == pytest.approx((7.5e-3, 6e-3))
+    assert said["at_m"] == list(asked.load_at) and said["points"][0]["model"] == "solid"
+
+
 def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     said = palpate(*COLUMN, "--quiet")
     assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
-    assert list(said.object) == ["design", "parameters", "points"]
+    assert list(said.object) == ["design", "parameters", "at_m", "points"]
     (point,) = said.object["points"]
     assert list(point) == [
         "sensed_modulus_Pa", "force_ratio", "error_estimate", "model_error", "model", "why", "seconds", "films",
@@ -193,6 +202,12 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
             "plate_modulus 3000000000.0: model 'experiment' has its own",
         ),
         (("--model", "beam_printed", "--sensed-thickness", "3 mm"), "model 'beam_printed' has its own"),
+        (("--at", "5 mm, 5 mm"), "load at (0.005, 0.005) m: model 'column' knows a uniform pressure only"),
+        (
+            ("--model", "solid", "--at", "5 mm, 10.1 mm"),
+            "load at (0.005, 0.0101) m is off the object of 0.01 x 0.01 m; move it inside",
+        ),
+        (("--model", "solid", "--at", "5 mm"), "--at '5 mm' is not two lengths; write for example '6 mm, 6 mm'"),
     ],
 )
 def test_bad_input_is_one_error_and_nothing_else(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
