@@ -34,7 +34,13 @@ def same_again(palpate: Palpate, monkeypatch: pytest.MonkeyPatch, *command: str)
     return Run.open(Path("first")), Run.open(Path("second"))
 
 
-def test_a_replayed_sweep_has_the_same_points_and_incidents_to_the_byte(
+def test_a_replayed_sweep_has_the_same_points_to_the_byte(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = same_again(palpate, monkeypatch, *SWEEP)
+    assert first.digest() == second.digest()
+
+
+@pytest.mark.slow
+def test_a_replay_of_a_noisy_bench_that_failed_once_has_the_same_points_and_incidents(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Over TCP, the line and CAN, whose transfers take their time here; once the generator does not answer."""
@@ -54,6 +60,7 @@ def test_a_replayed_sweep_has_the_same_points_and_incidents_to_the_byte(
         assert first.header[key] == second.header[key]
 
 
+@pytest.mark.slow
 def test_a_replayed_calibration_replaces_none(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     weights = ("calibrate", "load-cell", "--loads", "1 N, 2 N, 3 N", "--runs", "2")
     first, second = same_again(palpate, monkeypatch, *weights)
@@ -72,6 +79,7 @@ def failed(said: Spoken, status: int, *names: str) -> None:
         assert name in said.complaint, said.complaint
 
 
+@pytest.mark.slow
 def test_a_request_that_the_log_does_not_hold_there_is_named_in_one_error(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
