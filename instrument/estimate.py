@@ -1,9 +1,9 @@
 """Amplitude and phase of a sine of known frequency, in all channels at once, with standard uncertainty.
 
-Least squares with the frequency known (IEEE 1057, three parameters) and a linear trend beside the
-offset, because a PVDF film is pyroelectric and drifts with temperature [S]. Time and signals are centred and
-the columns scaled before one QR factorization: normal equations of the plain columns square the
-condition number and lose the amplitude beneath a large offset.
+Least squares with the frequency known (IEEE 1057, three parameters), a linear trend beside the offset, because a PVDF
+film is pyroelectric and drifts with temperature [S], and the mains' hum, because over few cycles the trend takes it up
+and hands it on to the drive. Time and signals are centred and the columns scaled before one QR factorization: normal
+equations of the plain columns square the condition number and lose the amplitude beneath a large offset.
 """
 
 from __future__ import annotations
@@ -16,19 +16,14 @@ import numpy.typing as npt
 
 from instrument.errors import EstimateError
 from instrument.noise import noise_at
+from instrument.sine_columns import COEFFICIENTS, sine_columns
 
 Floats = npt.NDArray[np.float64]
 
-COEFFICIENTS = 4  # cosine, sine, offset, trend
 SHORTEST_RECORD = 0.25
 """Cycles. Below it sine and cosine cannot be told from offset and trend: the amplitude scatters by 0.8 of itself.
 
 Measured by trial.
-"""
-CONDITION_LIMIT = 100.0
-"""Largest condition number that is accepted; one cycle has 2.8, 0.3 cycle 68, a quarter cycle 113.
-
-At the limit the amplitude can be about 50 times as uncertain as from a whole number of cycles (√(2σ²/n)).
 """
 
 
@@ -44,12 +39,13 @@ class SineFit:
         trend: (channels,) V/s.
         amplitude_u: (channels,) V, standard uncertainty from `noise`, with its degrees of freedom.
             Noise only: no gain, no coherent pick-up. Linear, so for amplitudes well above it.
-        residual: (channels,) V, rms with `samples` − 4 degrees of freedom, hum and all.
+        residual: (channels,) V, rms with `samples` less columns degrees of freedom; of hum what was not told apart.
         noise: (channels,) V, of one sample, of the density that it has around the drive; `instrument.noise`.
         correlation: (channels, channels), of the noise.
         degrees_of_freedom: of `noise`.
         amplitude_correlation: (channels, channels), of the errors of `amplitude`.
         condition: condition number of the scaled columns; 1 is the best there is.
+        hum: what a volt of mains hum may add to an amplitude, at its worst phase [V]; 0 where it is told apart.
         samples: in each channel.
         rate: samples a second.
     """
@@ -66,12 +62,13 @@ class SineFit:
     degrees_of_freedom: int
     amplitude_correlation: Floats
     condition: float
+    hum: float
     samples: int
     rate: float
 
 
 def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> SineFit:
-    """Fit a sine of known frequency, an offset and a trend to every channel by least squares.
+    """Fit a sine of known frequency, offset, trend and hum to every channel by least squares.
 
     Args:
         time: (n,) s, increasing; even spacing is not needed.
@@ -81,7 +78,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     Raises:
         EstimateError: the shapes do not match, fewer than 5 samples, a sample or time that is not finite,
             time that does not increase, a frequency that is not positive or above half the sample rate
-            (of the median step), a record below a quarter cycle, a condition number above `CONDITION_LIMIT`.
+            (of the median step), a record below a quarter cycle, a condition number above 100.
     """
     t = np.asarray(time, dtype=np.float64)
     y = np.asarray(signals, dtype=np.float64)
@@ -92,13 +89,14 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     level = y.mean(axis=1, keepdims=True)
     scaled = basis.solve(y - level)
     residuals = (y - level) - (basis.columns @ scaled).T
-    a, b, offset, trend = scaled * basis.scale[:, np.newaxis]
+    a, b, offset, trend = scaled[:COEFFICIENTS] * basis.scale[:COEFFICIENTS, np.newaxis]
     at_middle = np.arctan2(-b, a)
-    residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - COEFFICIENTS))
+    spent = basis.columns.shape[1]
+    residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - spent))
     direction = basis.direction(at_middle)
     spread = np.linalg.norm(direction, axis=0)
     step = float(np.median(np.diff(t)))
-    around = noise_at(frequency, residuals, step, COEFFICIENTS)
+    around = noise_at(frequency, residuals, step, spent)
     turns = math.remainder(frequency * basis.middle, 1.0)
     return SineFit(
         frequency=float(frequency),
@@ -113,6 +111,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         degrees_of_freedom=around.degrees_of_freedom,
         amplitude_correlation=around.correlation * ((direction / spread).T @ (direction / spread)),
         condition=basis.condition,
+        hum=basis.hum(),
         samples=t.size,
         rate=1 / step,
     )
@@ -129,56 +128,6 @@ def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
     basis = sine_columns(time, frequency)
     a, b = basis.solve(signals - signals.mean(axis=1, keepdims=True))[:2] * basis.scale[:2, np.newaxis]
     return np.asarray(np.hypot(a, b), dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SineColumns:
-    """Cosine, sine, offset and trend about the middle of a record, (n, 4), scaled, and their QR factors."""
-
-    columns: Floats
-    scale: Floats
-    q: Floats
-    r: Floats
-    middle: float
-    condition: float
-
-    def solve(self, signals: Floats) -> Floats:
-        """Coefficients (4, channels) of the scaled columns, by least squares."""
-        return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.T), dtype=np.float64)
-
-    def direction(self, phase: Floats) -> Floats:
-        """What white noise does to amplitudes (channels,) of these phases at the middle: (4, channels).
-
-        A length is the standard deviation over that of a sample; products of two give their covariance.
-        """
-        gradient = np.stack([np.cos(phase), -np.sin(phase)]) * self.scale[:2, np.newaxis]
-        found: Floats = np.linalg.inv(self.r).T[:, :2] @ gradient
-        return found
-
-
-def sine_columns(time: Floats, frequency: float) -> SineColumns:
-    """The columns of a fit at times (n,) [s] that were checked.
-
-    Raises:
-        EstimateError: the times do not determine the sine.
-    """
-    middle = 0.5 * (time[0] + time[-1])
-    centred = time - middle
-    half = centred[-1]
-    angle = 2 * np.pi * frequency * centred
-    # The factors give each column an rms near 1 for many cycles. They are fixed: a column scaled by its
-    # own norm would hide a cosine sampled at its zeros.
-    scale = np.array([math.sqrt(2), math.sqrt(2), 1.0, math.sqrt(3) / half])
-    columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(centred), centred], axis=1) * scale
-    q, r = np.linalg.qr(columns)
-    condition = float(np.linalg.cond(r))
-    if not condition <= CONDITION_LIMIT:
-        raise EstimateError(
-            f"{time.size} samples over {time[-1] - time[0]:.4g} s do not determine a sine of {frequency:g} Hz:"
-            f" condition number {condition:.3g}, limit {CONDITION_LIMIT:g}; record a whole cycle or more, away from"
-            " half the sample rate"
-        )
-    return SineColumns(columns, scale, q, r, float(middle), condition)
 
 
 def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[float, float]:

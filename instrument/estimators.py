@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.errors import EstimateError, UnknownName
-from instrument.estimate import amplitudes, sine_columns
+from instrument.estimate import amplitudes
+from instrument.sine_columns import sine_columns
 
 Floats = npt.NDArray[np.float64]
 Estimator = Callable[[Floats, Floats, float], Floats]
@@ -81,8 +82,8 @@ def ratio_bound(
 ) -> float:
     """Cramér–Rao bound of the relative standard uncertainty of a ratio of two amplitudes.
 
-    White noise; amplitudes, phases, offsets and trends all unknown. Of whole cycles, many, it is
-    √((2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂))) in phase; over one cycle the trend costs up to 1.6 times that.
+    White noise; amplitudes, phases, offsets, trends and hum all unknown. Of whole cycles, many, it is
+    √((2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂))) in phase; over one cycle trend and hum cost up to 1.6 times that.
 
     Args:
         time: (n,) s.

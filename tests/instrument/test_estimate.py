@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from instrument.errors import EstimateError
-from instrument.estimate import CONDITION_LIMIT, Floats, SineFit, amplitude_ratio, fit_sine
+from instrument.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+from instrument.sine_columns import CONDITION_LIMIT
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies
