@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from simulators.faults.rtu import NoisyLine
 
 LOOPBACK = "127.0.0.1"
+BEHIND = (LOOPBACK, 0)  # where a device is that its clients reach by a relay
 BAUDRATE = 115200
 OUTER = 4  # bytes of a frame around its data: unit, function, check sum
 HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them
@@ -84,21 +85,24 @@ class ServerThread:
         """
 
         async def start() -> int:
-            server = TcpServer(_sim_device(unit, device), _identity(device), address)
+            server = TcpServer(_sim_device(unit, device), _identity(device), address if relay is None else BEHIND)
             if not await server.listen():
-                host, taken = address
-                raise BenchError(
-                    f"{host}:{taken} cannot be listened on; it is in use, or not an address of this machine"
-                )
+                raise OSError
             self._servers.append(server)
             transport: Any = server.transport
             port: int = transport.sockets[0].getsockname()[1]
-            if relay is not None:
-                self._servers.append(relay)
-                return await relay.start(port)
-            return port
+            if relay is None:
+                return port
+            self._servers.append(relay)
+            return await relay.start((LOOPBACK, port), address)
 
-        return self._run(start())
+        try:
+            return self._run(start())
+        except OSError:
+            host, taken = address
+            raise BenchError(
+                f"{host}:{taken} cannot be listened on; it is in use, or not an address of this machine"
+            ) from None
 
     def serve_rtu(
         self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None, noise: NoisyLine | None = None

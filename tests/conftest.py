@@ -15,10 +15,12 @@ import pytest
 from drivers.bench import Bench
 from instrument.bench import BenchDescription
 from simulators.bench import SimulatedBench
+from simulators.faults import inject
 from simulators.scene import Scene, read_scene
 
 collect_ignore = ["examples"]  # projects of their own: see tests/procedures/test_plugin.py
 canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
+inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
 
 
 def hasty(description: BenchDescription) -> BenchDescription:

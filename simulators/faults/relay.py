@@ -22,33 +22,38 @@ class Relay:
         self._clock = clock
         self._faults = faults
         self._device = ("", 0)
-        self._address = ("127.0.0.1", 0)
+        self._address = ("", 0)
         self._server: asyncio.Server | None = None
         self._listens_again_ns = NEVER
         clock.add(self)
 
-    async def start(self, port: int) -> int:
-        """Relay to a port of this machine; returns the port that clients connect to."""
+    async def start(self, device: tuple[str, int], address: tuple[str, int]) -> int:
+        """Relay what comes to `address` to that of the device; returns the port that clients connect to.
+
+        Raises OSError: the address cannot be listened on.
+        """
         self._loop = asyncio.get_running_loop()
-        self._device = (self._address[0], port)
-        await self._listen()
+        self._device = device
+        end = _listening(address)
+        self._address = (address[0], end.getsockname()[1])
+        await self._attend(end)
         return self._address[1]
 
     async def shutdown(self) -> None:
         if self._server is not None:
             self._server.close()
 
-    async def _listen(self) -> None:
-        self._server = await asyncio.start_server(self._serve, *self._address)
-        self._address = self._server.sockets[0].getsockname()
+    async def _attend(self, end: socket.socket) -> None:
+        self._server = await asyncio.start_server(self._serve, sock=end)
 
     def next_event_ns(self) -> int:
         return self._listens_again_ns
 
     def advance(self, start_ns: int, end_ns: int) -> None:
+        """Listens at once, and waits for nobody: the servers' thread may be waiting for the clock."""
         if end_ns >= self._listens_again_ns:
             self._listens_again_ns = NEVER
-            asyncio.run_coroutine_threadsafe(self._listen(), self._loop).result()
+            asyncio.run_coroutine_threadsafe(self._attend(_listening(self._address)), self._loop)
 
     async def _serve(self, client: asyncio.StreamReader, to_client: asyncio.StreamWriter) -> None:
         try:
@@ -92,6 +97,11 @@ class Relay:
         end: socket.socket = to_client.get_extra_info("socket")
         end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER)
         to_client.close()
+
+
+def _listening(address: tuple[str, int]) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+    return socket.create_server(address, family=family)
 
 
 async def _frame(reader: asyncio.StreamReader) -> bytes:

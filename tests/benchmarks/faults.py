@@ -8,20 +8,27 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.benchmarks.row import Row
-from tests.fault_matrix import ONCE, PROCEDURES, STAYS, Cell, Outcome, cells, play
+from tests.fault_matrix import ONCE, STAYS, Cell, Outcome, play_all
+from tests.fault_procedures import PROCEDURES
 
 
 def measure() -> Iterator[Row]:
     """Play all cells and print them; the row says how many are green."""
-    outcomes = {cell: play(cell) for cell in cells()}
-    table = Table(title="right, marked or stopped; (n): incidents in the record", box=None, padding=(0, 2, 0, 0))
-    for column in ("fault", "on", *(f"{name}, {lasts}" for name in PROCEDURES for lasts in (ONCE, STAYS))):
-        table.add_column(column)
+    outcomes = play_all()
+    table = Table(
+        title="r: right, m: marked, s: stopped, with the incidents in the record; fault once, then for good",
+        box=None,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("fault")
+    table.add_column("on")
+    for procedure in PROCEDURES:
+        table.add_column(procedure.replace(" ", "\n"), no_wrap=True)
     for kind, on, more in dict.fromkeys((cell.kind, cell.on, cell.more) for cell in outcomes):
         setting = f" {more[0][1]} = {more[1][1]:g}" if more else ""
-        row = [outcomes[Cell(name, kind, on, lasts, more)] for name in PROCEDURES for lasts in (ONCE, STAYS)]
-        table.add_row(kind + setting, on, *map(_shown, row))
-    console = Console(width=150, highlight=False)
+        row = [[outcomes[Cell(name, kind, on, lasts, more)] for lasts in (ONCE, STAYS)] for name in PROCEDURES]
+        table.add_row(kind + setting, on, *(" ".join(map(_shown, pair)) for pair in row))
+    console = Console(width=160, highlight=False)
     console.print(table)
     wrong = {cell: outcome for cell, outcome in outcomes.items() if outcome.verdict == "WRONG"}
     for cell, outcome in wrong.items():
@@ -35,4 +42,5 @@ def measure() -> Iterator[Row]:
 
 
 def _shown(outcome: Outcome) -> str:
-    return f"{outcome.verdict} ({outcome.incidents})" if outcome.incidents else outcome.verdict
+    letter = outcome.verdict if outcome.verdict == "WRONG" else outcome.verdict[0]
+    return f"{letter}{outcome.incidents or ''}"

@@ -25,8 +25,9 @@ from instrument.errors import (
 from procedures.policy import ATTEMPTS, RESTORE, STOP, carry_out, policy_for
 from procedures.run import Run
 from simulators.bench import SimulatedBench
+from simulators.faults import inject
 from simulators.faults.fault import parse_faults
-from tests.fault_matrix import scene
+from tests.fault_procedures import scene
 from tests.procedures.conftest import Palpate
 
 SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
@@ -194,8 +195,9 @@ probability = 0.1
 
 
 def test_a_run_with_faults_says_so_in_its_record_and_gives_the_same_bytes_again(
-    palpate: Palpate, tmp_path: Path
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(inject, "TIMEOUT", "10 s")  # every request is answered, however late on a busy machine
     (tmp_path / "faulty.toml").write_text(FAULTY, encoding="utf-8")
     runs = []
     for name in ("first", "again"):

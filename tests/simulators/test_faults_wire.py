@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +16,7 @@ import pytest
 from drivers.bench import Bench
 from drivers.sensor_node import Recording
 from instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
-from simulators.bench import SimulatedBench
+from simulators.bench import Place, SimulatedBench
 from simulators.faults import FAULTS
 from simulators.faults.fault import parse_faults
 from simulators.scene import Scene
@@ -68,6 +71,51 @@ def test_a_fault_of_a_connection_is_an_error_or_does_no_harm_and_the_next_read_i
         sim.clock.wait(0.1)  # a connection is refused until time goes on
         assert bench.generator.get("frequency") == 7.0
         assert bench.generator.read() == (7.0, 0.25, 0.0)
+
+
+def two_free_ports(host: str) -> int:
+    """The first of them, below those that the system gives."""
+    for port in range(20_000 + 2 * os.getpid() % 10_000, 32_000, 2):
+        with suppress(OSError), socket.create_server((host, port)), socket.create_server((host, port + 1)):
+            return port
+    raise AssertionError("no two ports are free")
+
+
+def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: Scene) -> None:
+    tables = [
+        {"kind": "connection_refused", "on": "signal_generator", "at": "1 s"},
+        {"kind": "connection_refused", "on": "shaker_amplifier", "at": "1 h"},
+    ]
+    port = two_free_ports("127.0.0.2")
+    struck = replace(scene, faults=parse_faults(tables, scene.nodes, "here"))
+    with (
+        SimulatedBench(struck, Place("127.0.0.2", port)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        links = (sim.description.signal_generator, sim.description.shaker_amplifier)
+        assert [(link.host, link.port) for link in links] == [("127.0.0.2", port), ("127.0.0.2", port + 1)]
+        sim.clock.wait(1.0)
+        with pytest.raises(LinkError):
+            bench.generator.read()
+        sim.clock.wait(0.1)
+        assert bench.generator.read() == (10.0, 0.0, 0.0)
+        with pytest.raises(BenchError, match=f"127.0.0.2:{port} cannot be listened on"):
+            SimulatedBench(struck, Place("127.0.0.2", port)).__enter__()
+
+
+def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clock(scene: Scene) -> None:
+    with faulty(scene, {"kind": "connection_refused", "on": "signal_generator", "at": "1 s"}) as (sim, bench):
+        sim.clock.wait(1.0)
+        with pytest.raises(LinkError):
+            bench.generator.read()
+        amplifier = sim.description.shaker_amplifier
+        with socket.create_connection((amplifier.host, amplifier.port)) as client:
+            with sim.clock.lock:
+                client.sendall(bytes.fromhex("0001 0000 0006 01 03 0000 0001"))
+                threading.Event().wait(0.05)  # until the servers' thread has it, and waits for the lock
+                sim.clock.wait(0.1)
+            assert client.recv(5) == bytes.fromhex("0001 0000 00")
+        assert bench.generator.read() == (10.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("kind", RTU)

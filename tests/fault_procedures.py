@@ -1,0 +1,161 @@
+"""Every procedure as small as it can be, and what it finds: what the matrix of faults plays."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+from drivers.bench import Bench
+from instrument.calibration import STANDARD_GRAVITY, THESIS_LOAD_CELL
+from instrument.designs import get_design
+from instrument.sample import get_sample
+from procedures import (
+    characterise,
+    film_calibration,
+    frequency_sweep,
+    load_cell,
+    load_sweep,
+    modulus,
+    position_sweep,
+    softness,
+    temperature_sweep,
+)
+from procedures.load_plan import SweepSettings
+from procedures.record import Recorder
+from simulators.scene import Scene, read_scene
+
+CREATED = datetime(2025, 3, 14, tzinfo=UTC)
+SAMPLE, LOADS, DWELL, FREQUENCY = "2", (2.0, 2.5, 3.0), 0.2, 10.0
+SINGLE = get_design("single")
+APART = 3 * 2**0.5  # standard uncertainties that two results may differ by which share nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A result, by how much two right ones may differ, and whether it stands without a mark."""
+
+    value: float
+    allowed: float
+    valid: bool = True
+
+
+Found = dict[str, Value]
+
+
+def silent(_done: int, _total: int, _what: str) -> None:
+    pass
+
+
+def _ratios(
+    points: Sequence[load_sweep.LoadPoint | softness.SoftnessPoint | temperature_sweep.TemperaturePoint],
+) -> Found:
+    return {f"ratio {i}": Value(p.force_ratio, p.force_ratio_u, p.valid) for i, p in enumerate(points)}
+
+
+def _gain(gain: float, load: float, load_u: float, valid: bool) -> Value:
+    """Of a film: the films' scatter, which its uncertainty holds, is not in the scene."""
+    return Value(gain, APART * gain * load_u / load, valid)
+
+
+def _sweep_loads(bench: Bench, record: Recorder) -> Found:
+    settings = SweepSettings((SAMPLE,), LOADS[::2], DWELL, FREQUENCY)
+    return _ratios(load_sweep.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent).points)
+
+
+def _sweep_position(bench: Bench, record: Recorder) -> Found:
+    settings = position_sweep.PositionSettings((8e-3, 14e-3), SAMPLE, 2.0, DWELL, FREQUENCY)
+    result = position_sweep.run(bench, get_design("common_base"), THESIS_LOAD_CELL, settings, record, silent)
+    found = {}
+    for i, p in enumerate(result.points):
+        found[f"left {i}"] = Value(p.share_left, p.share_left_u, p.valid)
+        found[f"right {i}"] = Value(p.share_right, p.share_right_u, p.valid)
+        found[f"place {i}"] = Value(p.found_mm, p.found_u, p.valid)
+    return found
+
+
+def _sweep_frequency(bench: Bench, record: Recorder) -> Found:
+    settings = frequency_sweep.FrequencySettings((5.0, 10.0, 20.0), SAMPLE, 2.0, DWELL)
+    result = frequency_sweep.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent)
+    return {
+        f"{film.film} {i}": _gain(film.gain_V_per_N, p.load_measured_N, p.load_measured_u, p.valid)
+        for i, p in enumerate(result.points)
+        for film in p.films
+    }
+
+
+def _sweep_temperature(bench: Bench, record: Recorder) -> Found:
+    settings = temperature_sweep.TemperatureSettings((0.0, 5.0, 15.0), SAMPLE, 2.0, DWELL, FREQUENCY, 0.0)
+    return _ratios(temperature_sweep.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent).points)
+
+
+def _calibrate_load_cell(bench: Bench, record: Recorder) -> Found:
+    loads = tuple(1e-3 * gram * STANDARD_GRAVITY for gram in (140, 340, 540, 740))
+    found = load_cell.run(bench, load_cell.LoadCellSettings(loads), record, silent, CREATED).calibration
+    return {
+        "sensitivity": Value(found.sensitivity_mV_per_N, found.sensitivity_u),
+        "zero": Value(found.zero_mV, found.zero_u),
+    }
+
+
+def _calibrate_films(bench: Bench, record: Recorder) -> Found:
+    settings = film_calibration.FilmSettings(LOADS, (FREQUENCY,), DWELL, 365)
+    found = film_calibration.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent, CREATED).calibration
+    return {f.name: Value(f.sensitivity_mV_per_N, APART * f.sensitivity_u) for f in found.films}
+
+
+def _test_modulus(bench: Bench, record: Recorder) -> Found:
+    result = modulus.run(bench, THESIS_LOAD_CELL, modulus.ModulusSettings("1", 0.3, 4), record, silent)
+    return {
+        name: Value(found.value, APART * found.u)
+        for (name, _), found in zip(modulus.NAMES, result.results(), strict=True)
+    }
+
+
+def _softness(bench: Bench, record: Recorder) -> Found:
+    settings = softness.SoftnessSettings((get_sample(SAMPLE),), LOADS[::2], DWELL, FREQUENCY, "experiment")
+    result = softness.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent)
+    found = _ratios(result.points)
+    for each in result.objects:
+        if each.modulus_Pa is not None and each.low_Pa is not None and each.high_Pa is not None:
+            found["modulus"] = Value(each.modulus_Pa, (each.high_Pa - each.low_Pa) / 4)
+    return found
+
+
+def _characterise(bench: Bench, record: Recorder) -> Found:
+    settings = characterise.CharacteriseSettings(SAMPLE, LOADS, DWELL, FREQUENCY, 2.0)
+    result = characterise.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent)
+    found = {f"{row.film} {row.quantity}": Value(row.value, APART * row.u) for row in result.rows}
+    for i, p in enumerate(result.points):
+        for film, volts in zip(result.films, p.voltages_V, strict=True):
+            found[f"{film} {i}"] = _gain(volts / p.load_measured_N, p.load_measured_N, p.load_measured_u, p.valid)
+    return found
+
+
+PROCEDURES: dict[str, Callable[[Bench, Recorder], Found]] = {
+    "sweep loads": _sweep_loads,
+    "sweep position": _sweep_position,
+    "sweep frequency": _sweep_frequency,
+    "sweep temperature": _sweep_temperature,
+    "calibrate load-cell": _calibrate_load_cell,
+    "calibrate films": _calibrate_films,
+    "test modulus": _test_modulus,
+    "softness": _softness,
+    "characterise": _characterise,
+}
+
+
+@functools.cache
+def scene(procedure: str = "") -> Scene:
+    """The thesis' bench without the scatter of the films' gains, behind which a wrong number could hide."""
+    whole = read_scene("thesis_common_base" if procedure == "sweep position" else "thesis_single")
+    return replace(whole, effects={name: e for name, e in whole.effects.items() if name != "gain_scatter"})
+
+
+def wrong(found: Found, right: Found) -> str:
+    """The first value that is wrong without a mark; empty: none is."""
+    for name, each in found.items():
+        if each.valid and not abs(each.value - right[name].value) <= each.allowed:
+            return f"{name}: {each.value:.5g} ± {each.allowed:.2g}, should be {right[name].value:.5g}, without a mark"
+    return ""
