@@ -221,7 +221,8 @@ def _point(design: Design, step: TemperatureStep, measured: FilmPoint) -> Temper
     fit, forces = measured.fit, film_forces(design, measured.fit)
     good = np.isfinite(measured.record.voltage).all(axis=0)
     time, volts = measured.record.time[good], measured.record.voltage[:, good]
-    lock_in, voltmeter = (estimator(time, volts, fit.frequency) / fit.amplitude for estimator in (boxcar, rms))
+    amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # of a film that clips all the time
+    lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
     return TemperaturePoint(
         temperature_K=step.temperature_K,
         step_K=step.step_K,

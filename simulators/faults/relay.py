@@ -62,7 +62,8 @@ class Relay:
             to_client.close()
             return
         try:
-            with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+            # cancelled where the bench is closed before its client: of that asyncio would tell on stderr
+            with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
                 late = b""
                 while True:
                     request = await _frame(client)
