@@ -67,7 +67,7 @@ def displacements(mesh: Grid, part: Part, degree: int, displacement: Array) -> F
     """Of a body, from its element displacements (columns, rows, axis, radial shape, axial shape)."""
     points = np.linspace(0, 1, POINTS)
     shapes = el.shape_functions(degree, points)
-    sampled = np.einsum("xyckl,ki,lj->cxiyj", displacement, shapes, shapes)
+    sampled = np.einsum("xyckl,ki,lj->cxiyj", displacement, shapes, shapes, optimize=True)
     radius = mesh.radii[part.columns][:, None] + np.diff(mesh.radii)[part.columns][:, None] * points
     height = mesh.heights[part.rows][:, None] + np.diff(mesh.heights)[part.rows][:, None] * points
     grid_r, grid_z = np.meshgrid(radius.ravel(), height.ravel(), indexing="ij")

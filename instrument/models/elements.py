@@ -1,7 +1,7 @@
 """Element matrices of axisymmetric elasticity on a grid of rectangles, for all rectangles at once.
 
 On a rectangle every integral is a sum of products of an integral over the radius and one over the height,
-so scikit-fem assembles forms on two lines only, and the element matrices are Kronecker products of theirs.
+so forms are integrated on two lines only, and the element matrices are Kronecker products of theirs.
 Nodes have the hierarchical shape functions of scikit-fem (`ElementLinePp`) in both directions, degree p.
 Element matrices have 1 in the place of the first one, so that their first unknown is a value and their
 second a difference: a foil of 10 µm that rides on rubber moves 1e8 times its strain, and its stiffness
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,52 +46,39 @@ class Line:
 
 def line(points: Array, degree: int, radial: bool) -> Line:
     """Integrals on a line with grid lines `points` [m], weighted with the radius if `radial`."""
-    from skfem import Basis, BilinearForm, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
+    from skfem import Basis, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
 
-    def weight(w: Any) -> Any:
-        return w.x[0] if radial else 1.0
-
-    def dilatation(u: Any, w: Any) -> Any:
-        return u.grad[0] + u / w.x[0] if radial else u.grad[0]
-
-    mesh = MeshLine(points)
     # The hoop term divides by the radius: no polynomial, and steep where an element is many radii wide.
-    basis = Basis(mesh, ElementLinePp(degree), intorder=2 * degree + 24)
+    basis = Basis(MeshLine(points), ElementLinePp(degree), intorder=2 * degree + 24)
     pressure = {1: ElementLineP1, 2: ElementLineP2}.get(degree - 2, lambda: ElementLinePp(degree - 2))()
-    tests = basis.with_element(pressure)
-
-    def local(form: Any, *bases: Any) -> Array:
-        # COOData.tolocal mixes up rows and columns of forms that are not symmetric.
-        trial, test = bases[0], bases[-1]
-        data = BilinearForm(form).elemental(*bases).data
-        matrices: Array = data.reshape(trial.Nbfun, test.Nbfun, -1).transpose(2, 1, 0)
-        return matrices
-
-    mass = local(lambda u, v, w: weight(w) * u * v, tests)
-    orthonormal = np.linalg.inv(np.linalg.cholesky(mass))
+    # Of each shape function at each Gauss point: (intervals, shape functions, points).
+    shapes = np.stack([function[0] for function in basis.basis], axis=1)
+    slopes = np.stack([function[0].grad[0] for function in basis.basis], axis=1)
+    tests = np.stack([function[0] for function in basis.with_element(pressure).basis], axis=1)
     # 1 is the sum of the first two: its slopes cancel exactly.
-    modes = np.eye(degree + 1)
-    modes[0, 1] = 1
+    slopes[:, 0] += slopes[:, 1]
+    shapes[:, 0] = 1
+    radius = basis.global_coordinates()[0][:, None] if radial else np.ones((1, 1, 1))
+    weight = radius * basis.dx[:, None]
+    hoop = shapes / radius if radial else np.zeros_like(shapes)
+    dilatation = slopes + hoop
 
-    def square(form: Any) -> Array:
-        matrices: Array = modes @ local(form, basis) @ modes.T
+    def integrals(one: Array, other: Array) -> Array:
+        matrices: Array = (weight * one) @ other.transpose(0, 2, 1)
         return matrices
 
-    def projected(form: Any) -> Array:
-        matrices: Array = orthonormal @ local(form, basis, tests) @ modes.T
-        return matrices
-
+    orthonormal = np.linalg.inv(np.linalg.cholesky(integrals(tests, tests))) @ tests
     return Line(
         dofs=np.asarray(basis.element_dofs.T, dtype=np.intp),
         positions=points,
-        value_value=square(lambda u, v, w: weight(w) * u * v),
-        slope_slope=square(lambda u, v, w: weight(w) * u.grad[0] * v.grad[0]),
-        slope_value=square(lambda u, v, w: weight(w) * u * v.grad[0]),
-        hoop=square(lambda u, v, w: u * v / w.x[0] if radial else 0 * u * v),
-        dilatation_dilatation=square(lambda u, v, w: weight(w) * dilatation(u, w) * dilatation(v, w)),
-        dilatation_value=square(lambda u, v, w: weight(w) * u * dilatation(v, w)),
-        dilatation=projected(lambda u, v, w: weight(w) * dilatation(u, w) * v),
-        value=projected(lambda u, v, w: weight(w) * u * v),
+        value_value=integrals(shapes, shapes),
+        slope_slope=integrals(slopes, slopes),
+        slope_value=integrals(slopes, shapes),
+        hoop=integrals(hoop, hoop),
+        dilatation_dilatation=integrals(dilatation, dilatation),
+        dilatation_value=integrals(dilatation, shapes),
+        dilatation=integrals(orthonormal, dilatation),
+        value=integrals(orthonormal, shapes),
     )
 
 
