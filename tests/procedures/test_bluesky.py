@@ -1,0 +1,98 @@
+"""Devices of the bench in a scan of bluesky's own engine, which takes its time to import."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from drivers.bench import Bench
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.designs import get_design
+from instrument.errors import RangeError
+from instrument.sample import get_sample
+from procedures.bluesky import Done, FilmSignals, Load, Setting
+from procedures.films import Films
+from procedures.servo import LoadServo, press
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene
+
+if TYPE_CHECKING:
+    from bluesky import RunEngine
+
+LOADS = (2.0, 4.0)
+FREQUENCY, DWELL = 10.0, 0.5
+
+
+@pytest.fixture
+def engine(nothing_left_behind: None) -> Iterator[RunEngine]:
+    from bluesky import RunEngine
+
+    found = RunEngine(context_managers=[])  # no handler of Ctrl-C
+    yield found
+    found._loop.call_soon_threadsafe(found._loop.stop)
+    found._th.join()
+    found._loop.close()
+
+
+def pressed(bench: Bench) -> tuple[Films, LoadServo]:
+    """With sample 1 under the probe."""
+    films = Films(bench, get_design("single"), FREQUENCY, 4.0)
+    preloaded = press(bench, THESIS_LOAD_CELL, get_sample("1"), 3.0)
+    return films, LoadServo(bench, THESIS_LOAD_CELL, FREQUENCY, preloaded)
+
+
+def test_the_devices_have_the_shape_of_blueskys_protocols(bench: Bench) -> None:
+    from bluesky.protocols import HasParent, Movable, Readable, Status, Triggerable
+
+    films = FilmSignals(Films(bench, get_design("single"), FREQUENCY, 4.0), DWELL)
+    frequency = Setting(bench, bench.generator, "frequency")
+    assert isinstance(films, Readable)
+    assert isinstance(films, Triggerable)
+    assert isinstance(films, HasParent)
+    assert isinstance(frequency, Movable)
+    assert isinstance(Done(), Status)
+    assert not isinstance(frequency, Triggerable)
+    assert frequency.describe() == {
+        "signal_generator_frequency": {
+            "source": f"palpate:{bench.description.name}",
+            "dtype": "number",
+            "shape": [],
+            "units": "Hz",
+        }
+    }
+
+
+def test_a_scan_of_the_engine_gives_the_numbers_of_the_procedures_own_calls(engine: RunEngine, scene: Scene) -> None:
+    from bluesky.plans import scan
+
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        films, servo = pressed(bench)
+        own = []
+        for load in LOADS:
+            servo.set(load)
+            own.append(2 * films.fit(films.acquire(DWELL)).amplitude)
+    events: list[dict[str, Any]] = []
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        films, servo = pressed(bench)
+        axis = Load(bench, servo)
+        plan = scan([FilmSignals(films, DWELL)], axis, *LOADS, len(LOADS))
+        engine(plan, lambda name, document: events.append({name: document}))
+    documents = [name for event in events for name in event]
+    assert documents == ["start", "descriptor", "event", "event", "stop"]
+    found = [event["event"]["data"] for event in events if "event" in event]
+    assert [[data["films_rigid"], data["films_total"]] for data in found] == [list(signals) for signals in own]
+    assert [data["load"] for data in found] == pytest.approx(LOADS, rel=0.03)
+    keys = events[1]["descriptor"]["data_keys"]
+    assert {name: key["units"] for name, key in keys.items()} == {"films_rigid": "V", "films_total": "V", "load": "N"}
+
+
+def test_an_error_of_the_bench_ends_the_plan(engine: RunEngine, bench: Bench) -> None:
+    from bluesky.plan_stubs import mv
+
+    frequency = Setting(bench, bench.generator, "frequency")
+    engine(mv(frequency, 12.5))
+    assert frequency.read()["signal_generator_frequency"]["value"] == 12.5
+    with pytest.raises(RangeError, match="frequency"):
+        engine(mv(frequency, -1.0))
