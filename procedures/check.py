@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from instrument.errors import RecordError
-from procedures.run import DATABASE, SCHEMA, WAVEFORMS, Run, reading, row_crc32
+from procedures.encoding import row_crc32
+from procedures.run import DATABASE, POINT_COLUMNS, SCHEMA, WAVEFORM_COLUMNS, Run, reading, waveform_of
 
 
 @dataclass(slots=True)
@@ -19,19 +21,17 @@ class Found:
 
     Attributes:
         faults: what is damaged or missing; empty: every point and waveform is as it was written.
-        orphan_bytes: at the end of the waveform file, of a point that was never stored: a fault of complete runs alone.
     """
 
     folder: Path
     status: str = "damaged"
     points: int = 0
     waveforms: int = 0
-    orphan_bytes: int = 0
     faults: list[str] = field(default_factory=list)
 
 
 def check(folder: Path) -> Found:
-    """Verify database, tables, header, ids, bench times, data, and CRC and place of every waveform. Raises nothing."""
+    """Verify database, tables, header, ids, bench times, data, and every waveform. Raises nothing."""
     found = Found(folder.absolute())
     try:
         run = Run.open(folder)
@@ -42,8 +42,8 @@ def check(folder: Path) -> Found:
             if tables_of(database) != _expected():
                 found.faults.append(f"{DATABASE}: its tables are not those of a run")
             found.faults += _point_faults(database, found)
+            found.faults += _waveform_faults(database, found)
         run.events()
-        found.faults += _waveform_faults(run, found)
         if run.status == "complete" and not run.summary:
             found.faults.append("it is complete, but its summary is gone")
         found.status = run.status
@@ -65,9 +65,11 @@ def _expected() -> set[str]:
 
 def _point_faults(database: sqlite3.Connection, found: Found) -> Iterator[str]:
     expected, last_ns = 1, 0
-    for point_id, bench_ns, text, crc32 in database.execute("SELECT id, bench_ns, data, crc32 FROM point ORDER BY id"):
+    for point_id, bench_ns, text, waveforms, crc32 in database.execute(
+        f"SELECT id, {POINT_COLUMNS} FROM point ORDER BY id"
+    ):
         found.points += 1
-        if row_crc32(point_id, bench_ns, text) != crc32:
+        if row_crc32(point_id, bench_ns, text, waveforms) != crc32:
             yield f"point {point_id}: is not as it was written, CRC-32 differs"
         if point_id != expected:
             yield f"before point {point_id} points are missing, from {expected} on"
@@ -76,9 +78,6 @@ def _point_faults(database: sqlite3.Connection, found: Found) -> Iterator[str]:
         if not is_object(text):
             yield f"point {point_id}: its data is no JSON object"
         expected, last_ns = point_id + 1, bench_ns
-    lost = "SELECT name, point_id FROM waveform WHERE point_id NOT IN (SELECT id FROM point) ORDER BY id"
-    for name, point_id in database.execute(lost):
-        yield f"waveform {name!r}: its point {point_id} is missing"
 
 
 def is_object(text: str) -> bool:
@@ -89,20 +88,17 @@ def is_object(text: str) -> bool:
         return False
 
 
-def _waveform_faults(run: Run, found: Found) -> Iterator[str]:
-    end = 0
-    for row, error in run.verify_waveforms():
+def _waveform_faults(database: sqlite3.Connection, found: Found) -> Iterator[str]:
+    had = Counter[int]()
+    for row in database.execute(f"SELECT {WAVEFORM_COLUMNS} FROM waveform ORDER BY id"):
         found.waveforms += 1
-        if error:
-            yield error
-        if not (isinstance(row.offset, int) and isinstance(row.length, int)):
-            continue
-        if row.offset != end:
-            yield f"waveform {row.name!r} of point {row.point_id}: begins at byte {row.offset}, {end} is expected"
-        end = max(end, row.offset + 4 * row.length)
-    try:
-        found.orphan_bytes = max(0, (run.folder / WAVEFORMS).stat().st_size - end)
-    except OSError as error:
-        yield f"{WAVEFORMS}: {error.strerror}"
-    if run.status == "complete" and found.orphan_bytes:
-        yield f"{WAVEFORMS}: {found.orphan_bytes} bytes at the end have no row, and the run is complete"
+        had[row[0]] += 1
+        try:
+            waveform_of(*row)
+        except (TypeError, ValueError) as error:
+            yield str(error)
+    for point_id, count in database.execute("SELECT id, waveforms FROM point ORDER BY id"):
+        if (there := had.pop(point_id, 0)) != count:
+            yield f"point {point_id}: has {there} of its {count} waveforms"
+    for point_id, count in had.items():
+        yield f"point {point_id} is missing, {count} waveforms of it are there"

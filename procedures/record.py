@@ -1,15 +1,9 @@
 """Writing a run to disk: a point is durable before it is reported.
 
-A run is one folder with two files:
-
-- `run.sqlite`: header, points, waveform rows and events (`SCHEMA`). Write-ahead log, synchronous
-  FULL, one writer. After a normal end it is a single file without a log.
-- `waveforms.f32`: the samples of all waveforms, little-endian float32, only ever appended to. A row
-  of the table `waveform` says where a waveform lies and carries its CRC-32; bytes that no row
-  names belong to a point that was never stored, and readers ignore them.
-
-Copy a live run with both files and `run.sqlite-wal`: without its log the database loses points.
-`procedures/run.py` reads all this.
+A point is one transaction with its waveforms: one write to the log (`run.sqlite-wal`), one fsync. The log is merged
+into `run.sqlite` and begun anew every `MERGED_EVERY` points or `LONGEST_LOG` pages, so that points overwrite it in
+place, and a merge stays shorter than the amplifier's watchdog. The end of a run leaves a single file.
+`procedures/run.py` has the format, and reads it.
 """
 
 from __future__ import annotations
@@ -21,20 +15,26 @@ import itertools
 import os
 import re
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
-import numpy as np
-
 from instrument.errors import RecordError, UsageError
-from procedures.encoding import Waveforms, as_json, encoded
-from procedures.run import DATABASE, SCHEMA, WAVEFORMS, row_crc32, storing, waveform_crc32
+from procedures.encoding import Waveforms, as_json, encoded, row_crc32, waveform_crc32
+from procedures.run import DATABASE, EVENT_COLUMNS, POINT_COLUMNS, SCHEMA, WAVEFORM_COLUMNS, storing
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 _OWN_KEYS = frozenset({"status", "summary"})
+
+MERGED_EVERY = 50  # points
+LONGEST_LOG = 8000  # pages of 4096 bytes
+FIRST_LOG = 1_000_000  # bytes that are there before the first point: a file that grows is synced half as fast
+
+_POINT = f"INSERT INTO point (id, {POINT_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
+_WAVEFORM = f"INSERT INTO waveform ({WAVEFORM_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
+_EVENT = f"INSERT INTO event ({EVENT_COLUMNS}) VALUES (?, ?, ?, ?)"
 
 T = TypeVar("T")
 
@@ -49,28 +49,33 @@ class Recorder:
     What was stored before stays readable.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Opens the files that `create` made, and keeps every other writer out.
+    def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
+        """Keeps every other writer out, and opens the run in `folder`; with a `header` it is begun there.
 
         Raises:
-            UsageError: another process is writing this run.
+            UsageError: another process is writing this run, or there is one where one was to be begun.
         """
         self.folder = folder
         self._points = 0
         self._bench_ns = 0
-        self._inodes: dict[str, int] = {}
+        self._files = (folder / DATABASE, log := folder / f"{DATABASE}-wal")
+        self._inodes: dict[Path, int] = {}
+        self._closed = False
         with contextlib.ExitStack() as undo:
-            with storing(folder / WAVEFORMS):
-                self._waveforms = undo.enter_context((folder / WAVEFORMS).open("ab", buffering=0))
-                try:
-                    fcntl.flock(self._waveforms, fcntl.LOCK_EX | fcntl.LOCK_NB)  # a kill lets it go
-                except BlockingIOError:
-                    raise UsageError(f"{folder} is being written by another process; let that end first") from None
+            with storing(folder):
+                undo.enter_context(_locked(folder))
+                if header is not None:
+                    _write_database(folder, header)
             with storing(folder / DATABASE):
                 self._database = undo.enter_context(contextlib.closing(sqlite3.connect(folder / DATABASE)))
                 self._database.execute("PRAGMA journal_mode = WAL")
                 self._database.execute("PRAGMA synchronous = FULL")
-            undo.pop_all()
+                self._database.execute(f"PRAGMA wal_autocheckpoint = {LONGEST_LOG}")
+            with storing(log):
+                if not log.exists():
+                    log.write_bytes(bytes(FIRST_LOG))  # SQLite takes it for an empty one
+                    _sync(log)
+            self._open = undo.pop_all()
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, object]) -> Self:
@@ -97,15 +102,9 @@ class Recorder:
         with storing(folder):
             made = [path for path in (folder, *folder.parents) if not path.exists()]
             folder.mkdir(parents=True, exist_ok=True)
-            try:
-                # Whoever makes this file owns the folder, so that two processes cannot share it.
-                (folder / WAVEFORMS).open("xb").close()
-            except FileExistsError:
-                raise _already_held(folder) from None
-            _write_database(folder, {**header, "status": "running", "summary": {}})
-            for path in (folder, *(path.parent for path in made)):
-                _sync_folder(path)
-        return cls(folder)
+            for path in made:
+                _sync(path.parent)
+        return cls(folder, {**header, "status": "running", "summary": {}})
 
     def point(
         self,
@@ -128,22 +127,16 @@ class Recorder:
         """
         text, stored = encoded(data, waveforms)
         point_id = self._points + 1
-        with storing(self.folder / WAVEFORMS):
-            offsets = self._append([samples for _, _, samples in stored])
         rows = [
-            (point_id, name, samples.dtype.str, float(rate), offset, samples.size, crc32)
-            for (name, rate, samples), offset in zip(stored, offsets, strict=True)
-            for crc32 in [waveform_crc32(point_id, name, rate, samples)]
+            (point_id, name, rate, samples.data, waveform_crc32(point_id, name, rate, samples))
+            for name, rate, samples in stored
         ]
-        crc32 = row_crc32(point_id, bench_ns, text)
-        with storing(self.folder / DATABASE), self._database:
-            self._database.execute("INSERT INTO point VALUES (?, ?, ?, ?)", (point_id, bench_ns, text, crc32))
-            self._database.executemany(
-                "INSERT INTO waveform (point_id, name, dtype, rate, offset, length, crc32)"
-                " VALUES (?, ?, ?, ?, ?, ?, ?)",
-                rows,
-            )
-        self._check_files()
+        row = (point_id, bench_ns, text, len(rows))
+        with self._transaction() as database:
+            database.execute(_POINT, (*row, row_crc32(*row)))
+            database.executemany(_WAVEFORM, rows)
+        if point_id % MERGED_EVERY == 0:
+            self._merge("PASSIVE")
         self._points = point_id
         self._bench_ns = bench_ns
         return point_id
@@ -159,9 +152,8 @@ class Recorder:
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
-        with storing(self.folder / DATABASE), self._database:
+        with self._transaction():
             self._insert_event(kind, message, bench_ns)
-        self._check_files()
         self._bench_ns = bench_ns
 
     def finish(
@@ -175,54 +167,49 @@ class Recorder:
         A `message`, why it ended so, is stored as an event of the kind `status`.
         """
         try:
-            with storing(self.folder / DATABASE), self._database:
-                self._database.executemany(
-                    "UPDATE run SET value = ?, crc32 = ? WHERE key = ?",
-                    header_rows({"status": status, "summary": summary}),
-                )
+            with self._transaction():
+                self._update_header({"status": status, "summary": summary})
                 if message:
                     self._insert_event(status, message, self._bench_ns)
-            # All is durable by now. Where a reader holds the database its log stays, and that is as good.
-            with contextlib.suppress(sqlite3.OperationalError):
-                self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            self._merge("TRUNCATE")
+            with contextlib.suppress(sqlite3.OperationalError):  # a reader holds it; that is as good
                 self._database.execute("PRAGMA journal_mode = DELETE")
         finally:
             self.close()
 
     def close(self) -> None:
         """Close the files of a run that is left as it is; `finish` has done so."""
-        self._database.close()
-        self._waveforms.close()
+        self._closed = True
+        self._open.close()
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """What is written inside is durable behind it, all or nothing."""
+        with storing(self.folder / DATABASE), self._database:
+            yield self._database
+        self._check_files()
+
+    def _merge(self, how: str) -> None:
+        # All is durable by now: where a reader holds the database, or the disk is full, the log stays.
+        with contextlib.suppress(sqlite3.OperationalError):
+            self._database.execute(f"PRAGMA wal_checkpoint({how})")
+
+    def _update_header(self, header: Mapping[str, object]) -> None:
+        self._database.executemany("UPDATE run SET value = ?, crc32 = ? WHERE key = ?", _header_rows(header))
 
     def _insert_event(self, kind: str, message: str, bench_ns: int) -> None:
         # File names in a message can hold bytes that are no UTF-8; SQLite would refuse the text.
         text = message.encode(errors="backslashreplace").decode()
         row = (bench_ns, kind, text)
-        self._database.execute(
-            "INSERT INTO event (bench_ns, kind, message, crc32) VALUES (?, ?, ?, ?)", (*row, row_crc32(*row))
-        )
+        self._database.execute(_EVENT, (*row, row_crc32(*row)))
 
     def _check_files(self) -> None:
         """What was just written is in files that are still there: the system lets removed ones be written on."""
-        for name in (DATABASE, f"{DATABASE}-wal", WAVEFORMS):
-            with storing(self.folder / name):
-                inode = (self.folder / name).stat().st_ino
-                if inode != self._inodes.setdefault(name, inode):
+        for path in self._files:
+            with storing(path):
+                inode = path.stat().st_ino
+                if inode != self._inodes.setdefault(path, inode):
                     raise FileNotFoundError(errno.ENOENT, "it was replaced while the run was being written")
-
-    def _append(self, arrays: Sequence[np.ndarray]) -> list[int]:
-        """Appends the samples, makes them durable and returns where each array starts, in bytes."""
-        offsets: list[int] = []
-        end = os.fstat(self._waveforms.fileno()).st_size
-        for samples in arrays:
-            offsets.append(end)
-            end += samples.nbytes
-            rest = samples.view(np.uint8).data
-            while rest:
-                rest = rest[self._waveforms.write(rest) :]
-        if arrays:
-            os.fsync(self._waveforms.fileno())
-        return offsets
 
     def __enter__(self) -> Self:
         return self
@@ -230,7 +217,7 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._waveforms.closed:
+        if self._closed:
             return
         if error is None:
             self.finish("stopped", {}, "the procedure ended without a result")
@@ -240,7 +227,7 @@ class Recorder:
             self.finish("stopped" if wanted else "failed", {}, f"{type(error).__name__}: {error}")
 
 
-def header_rows(header: Mapping[str, object]) -> list[tuple[str, int, str]]:
+def _header_rows(header: Mapping[str, object]) -> list[tuple[str, int, str]]:
     """Value, CRC-32 and key of each entry."""
     rows = [(key, as_json(value)) for key, value in header.items()]
     return [(value, row_crc32(key, value), key) for key, value in rows]
@@ -264,33 +251,43 @@ def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
     return store / (stem + suffix)
 
 
-def _already_held(folder: Path) -> UsageError:
-    return UsageError(f"{folder} already holds a run; choose another --out")
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keeps every other writer out of a folder; a kill lets it go."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f"{folder} is being written by another process; let that end first") from None
+        yield
+    finally:
+        os.close(handle)
 
 
 def _write_database(folder: Path, header: Mapping[str, object]) -> None:
     """Makes the database aside and renames it, so that a killed start leaves a whole one or none."""
+    if (folder / DATABASE).exists():
+        raise UsageError(f"{folder} already holds a run; choose another --out")
     aside = folder / f"{DATABASE}.new"
     try:
-        if (folder / DATABASE).exists():
-            raise _already_held(folder)
         aside.unlink(missing_ok=True)
         with contextlib.closing(sqlite3.connect(aside)) as database:
             database.execute("PRAGMA journal_mode = MEMORY")
             database.execute("PRAGMA synchronous = FULL")
             database.executescript(f"BEGIN; {SCHEMA}")
-            database.executemany("INSERT INTO run (value, crc32, key) VALUES (?, ?, ?)", header_rows(header))
+            database.executemany("INSERT INTO run (value, crc32, key) VALUES (?, ?, ?)", _header_rows(header))
             database.commit()
         aside.replace(folder / DATABASE)
+        _sync(folder)
     except BaseException:
         aside.unlink(missing_ok=True)
-        (folder / WAVEFORMS).unlink()
         raise
 
 
-def _sync_folder(folder: Path) -> None:
-    """Makes the names in `folder` durable; syncing a file does not."""
-    handle = os.open(folder, os.O_RDONLY)
+def _sync(path: Path) -> None:
+    """Makes a file durable, or the names in a folder, which syncing a file does not."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

@@ -8,16 +8,14 @@ import math
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
+from typing import Any
 
 from instrument.errors import RecordError
 from procedures.check import is_object
+from procedures.encoding import row_crc32
 from procedures.record import REQUIRED, Recorder
-from procedures.run import WAVEFORM_COLUMNS, WAVEFORMS, WaveformRow, opened, reading, row_crc32, samples_of
+from procedures.run import EVENT_COLUMNS, POINT_COLUMNS, WAVEFORM_COLUMNS, Waveform, reading, waveform_of
 
-EVENT_COLUMNS = "bench_ns, kind, message, crc32"
 ENDED = ("complete", "stopped", "failed")
 
 
@@ -45,38 +43,44 @@ def repair(folder: Path, out: Path) -> Repaired:
     gone: list[str] = []
     with reading(folder) as database:
         header = _header(database, gone)
-        points = _rows(database, "point", "bench_ns, data, crc32")
-        numbered = _rows(database, "waveform", WAVEFORM_COLUMNS)
+        points = _rows(database, "point", POINT_COLUMNS)
         noted = _rows(database, "event", EVENT_COLUMNS)
-    rows = [WaveformRow(*row) for _, *row in numbered]
-    good = [tuple(row) for *row, crc32 in points if is_object(row[2]) and row_crc32(*row) == crc32]
-    events = [row for row in noted if row_crc32(*row[1:4]) == row[4]]
-    last = max((*(row.point_id for row in rows), *(point[0] for point in points)), default=0)
-    gone += [f"point {number}" for number in _missing(good, last)]
-    gone += [f"waveform {number}" for number in _missing(numbered, 0)]
-    gone += [f"event {number}" for number in _missing(events, max((row[0] for row in noted), default=0))]
-    status, summary = header.pop("status", "running"), header.pop("summary", {})
-    with contextlib.ExitStack() as stack:
-        try:
-            file = stack.enter_context(opened(folder / WAVEFORMS))
-            broken = {row: said for row in rows if isinstance(said := samples_of(file, row), RecordError)}
-        except RecordError as error:  # the file is gone; the points still have their values
-            broken = dict.fromkeys(rows, error)
-        gone += [str(error) for error in broken.values()]
-        numbers = {number for number, *_ in good}
-        kept = [row for row in rows if row not in broken and row.point_id in numbers]
+        good = [tuple(row) for *row, crc32 in points if is_object(row[2]) and row_crc32(*row) == crc32]
+        events = [row for row in noted if row_crc32(*row[1:4]) == row[4]]
+        whole: dict[int, dict[str, int]] = {}  # for each point the numbers of its waveforms, by name
+        for number, point_id in _rows(database, "waveform", "point_id"):
+            if waveform := _waveform(database, number):
+                whole.setdefault(point_id, {})[waveform.name] = number
+        gone += [f"point {number}" for number in _missing(good, max((*whole, *(row[0] for row in points)), default=0))]
+        for number, _, _, count in good:
+            if (lost := count - len(left := whole.get(number, {}))) > 0:
+                gone.append(f"{lost} of {count} waveforms of point {number}, left: {', '.join(left) or 'none'}")
+        gone += [f"event {number}" for number in _missing(events, max((row[0] for row in noted), default=0))]
+        status, summary = header.pop("status", "running"), header.pop("summary", {})
         header["repaired"] = {"from": str(folder), "gone": gone}
-        record = stack.enter_context(Recorder.create(out, header))
-        for _, bench_ns, kind, message, _ in events:
-            record.event(kind, message, bench_ns)
-        for number, bench_ns, data in good:
-            own = [row for row in kept if row.point_id == number]
-            record.point(json.loads(data), {row.name: (row.rate, _array(file, row)) for row in own}, bench_ns)
-        if gone or status not in ENDED:
-            record.finish("stopped", {}, f"repaired; gone: {'; '.join(gone) or 'nothing, but it had not ended'}")
-        else:
-            record.finish(status, summary, "repaired; nothing is gone")
-    return Repaired(out.absolute(), len(good), len(kept), gone)
+        kept = 0
+        with Recorder.create(out, header) as record:
+            for _, bench_ns, kind, message, _ in events:
+                record.event(kind, message, bench_ns)
+            for number, bench_ns, data, _ in good:
+                # Read again, one point at a time: a long run does not fit in memory at once.
+                waveforms = [w for of in whole.get(number, {}).values() if (w := _waveform(database, of))]
+                record.point(json.loads(data), {w.name: (w.rate, w.samples) for w in waveforms}, bench_ns)
+                kept += len(waveforms)
+            if gone or status not in ENDED:
+                record.finish("stopped", {}, f"repaired; gone: {'; '.join(gone) or 'nothing, but it had not ended'}")
+            else:
+                record.finish(status, summary, "repaired; nothing is gone")
+    return Repaired(out.absolute(), len(good), kept, gone)
+
+
+def _waveform(database: sqlite3.Connection, number: int) -> Waveform | None:
+    """The waveform in a row; None: it is damaged."""
+    try:
+        row = database.execute(f"SELECT {WAVEFORM_COLUMNS} FROM waveform WHERE id = ?", (number,)).fetchone()
+        return waveform_of(*row)
+    except (sqlite3.DatabaseError, TypeError, ValueError):
+        return None
 
 
 def _header(database: sqlite3.Connection, gone: list[str]) -> dict[str, Any]:
@@ -110,10 +114,3 @@ def _missing(rows: list[tuple[Any, ...]], last: int) -> list[int]:
     """The numbers from 1 to the last that no row has."""
     numbers = {row[0] for row in rows}
     return [number for number in range(1, max({last, *numbers}, default=0) + 1) if number not in numbers]
-
-
-def _array(file: BinaryIO, row: WaveformRow) -> np.ndarray:
-    samples = samples_of(file, row)
-    if isinstance(samples, RecordError):  # it was whole a moment ago
-        raise samples
-    return samples

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import tomllib
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -20,10 +19,10 @@ from pydantic import TypeAdapter, ValidationError
 from drivers.bench import Bench
 from instrument.errors import RecordError, UsageError
 from procedures.check import check
-from procedures.encoding import Waveforms, as_json, encoded
+from procedures.encoding import Waveforms, as_json, encoded, waveform_crc32
 from procedures.pause import PAUSED, Pause
-from procedures.record import Recorder, header_rows
-from procedures.run import DATABASE, WAVEFORMS, Run, stored_points, storing, waveform_crc32
+from procedures.record import Recorder
+from procedures.run import DATABASE, Run, stored_points, storing
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED = "continued", "changed"
@@ -84,12 +83,8 @@ class Resumed(Recorder):
                 + "\n  ".join(changes)
                 + f"\nput it back as it was, or resume with {ACCEPT}, which is recorded"
             )
-        with storing(self.folder / WAVEFORMS):
-            self._waveforms.truncate(self._stored_bytes())  # what a point that was never stored has left
-            os.fsync(self._waveforms.fileno())
-        with storing(self.folder / DATABASE), self._database:
-            values = header_rows({"status": "running", "summary": {}})
-            self._database.executemany("UPDATE run SET value = ?, crc32 = ? WHERE key = ?", values)
+        with self._transaction():
+            self._update_header({"status": "running", "summary": {}})
             self._insert_event(CONTINUED, f"after point {len(self._stored)}", self._bench_ns)
             for change in changes:
                 self._insert_event(CHANGED, change, self._bench_ns)
@@ -108,7 +103,7 @@ class Resumed(Recorder):
         before = self._stored[self._points]
         self._points += 1
         rows = [
-            (name, float(rate), samples.size, waveform_crc32(self._points, name, rate, samples))
+            (name, rate, samples.size, waveform_crc32(self._points, name, rate, samples))
             for name, rate, samples in arrays
         ]
         self._bench_ns = bench_ns
@@ -150,15 +145,11 @@ class Resumed(Recorder):
     def _read_points(self) -> Iterator[tuple[int, str, list[tuple[str, float, int, int]]]]:
         with storing(self.folder / DATABASE):
             rows: dict[int, list[tuple[str, float, int, int]]] = {}
-            of_waveforms = "SELECT point_id, name, rate, length, crc32 FROM waveform ORDER BY id"
+            of_waveforms = "SELECT point_id, name, rate, length(samples) / 4, crc32 FROM waveform ORDER BY id"
             for point_id, *row in self._database.execute(of_waveforms):
                 rows.setdefault(point_id, []).append((row[0], row[1], row[2], row[3]))
             for point_id, bench_ns, text in stored_points(self._database):
                 yield bench_ns, text, rows.get(point_id, [])
-
-    def _stored_bytes(self) -> int:
-        (end,) = self._database.execute("SELECT coalesce(max(offset + 4 * length), 0) FROM waveform").fetchone()
-        return int(end)
 
 
 class PausedAgain:

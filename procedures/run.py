@@ -1,7 +1,8 @@
 """A run on disk: its format, and reading it.
 
-Reading never changes a run, and works at any time: while the run is being written, after a kill
-(the log `run.sqlite-wal` is read too), and where the folder is read-only.
+A run is one file, `run.sqlite`, in a folder of its own: header, points, waveforms and events (`SCHEMA`). While it is
+being written, and after a kill, a log lies beside it, `run.sqlite-wal`, without which it lacks its last points: copy
+both. Reading never changes a run, and works at any time, also where the folder is read-only.
 `procedures/record.py` writes what this reads.
 """
 
@@ -11,27 +12,26 @@ import contextlib
 import errno
 import hashlib
 import json
-import os
+import shutil
 import sqlite3
 import tempfile
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 
 from instrument.errors import RecordError, UnknownName
+from procedures.encoding import LARGEST_ROW, SAMPLE, verify, waveform_crc32
 
 if TYPE_CHECKING:
     import pandas as pd
 
 DATABASE = "run.sqlite"
-WAVEFORMS = "waveforms.f32"
 APPLICATION_ID = 0x50414C50  # "PALP"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
@@ -44,17 +44,16 @@ CREATE TABLE point (
     id INTEGER PRIMARY KEY, -- 1, 2, 3, … without a gap
     bench_ns INTEGER NOT NULL,
     data TEXT NOT NULL,     -- JSON object, keys sorted, no wall time: equal runs have equal bytes
+    waveforms INTEGER NOT NULL, -- how many it has
     crc32 INTEGER NOT NULL
 ) STRICT;
 CREATE TABLE waveform (
     id INTEGER PRIMARY KEY,
     point_id INTEGER NOT NULL REFERENCES point (id),
     name TEXT NOT NULL,
-    dtype TEXT NOT NULL,    -- numpy's name of the sample type: '<f4'
     rate REAL NOT NULL,     -- Hz
-    offset INTEGER NOT NULL CHECK (offset >= 0), -- bytes from the start of {WAVEFORMS}
-    length INTEGER NOT NULL CHECK (length >= 0), -- samples
-    crc32 INTEGER NOT NULL, -- of samples, point, name, rate and length
+    samples BLOB NOT NULL,  -- float32, little-endian
+    crc32 INTEGER NOT NULL, -- of point, name, rate, number of samples, and the samples
     UNIQUE (point_id, name)
 ) STRICT;
 CREATE TABLE event (
@@ -66,8 +65,9 @@ CREATE TABLE event (
 ) STRICT;
 """
 
-LARGEST_ROW = 10_000_000  # bytes; a point has some thousand
-WAVEFORM_COLUMNS = "point_id, name, dtype, rate, offset, length, crc32"
+POINT_COLUMNS = "bench_ns, data, waveforms, crc32"
+WAVEFORM_COLUMNS = "point_id, name, rate, samples, crc32"
+EVENT_COLUMNS = "bench_ns, kind, message, crc32"
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
@@ -91,19 +91,6 @@ class Waveform:
 
 
 @dataclass(frozen=True, slots=True)
-class WaveformRow:
-    """Where the samples of a waveform lie; see `SCHEMA`."""
-
-    point_id: int
-    name: str
-    dtype: str
-    rate: float
-    offset: int
-    length: int
-    crc32: int
-
-
-@dataclass(frozen=True, slots=True)
 class Run:
     """A stored run. `started` is UTC; `status` is what is stored: a killed run stays "running".
 
@@ -120,18 +107,9 @@ class Run:
 
     @classmethod
     def open(cls, folder: Path) -> Self:
-        """Raises RecordError: no run there, a damaged one, or one of a newer palpate."""
+        """Raises RecordError: no run there, a damaged one, or one of another record format."""
         folder = folder.absolute()
         with reading(folder) as database:
-            (version,) = database.execute("PRAGMA user_version").fetchone()
-            (application,) = database.execute("PRAGMA application_id").fetchone()
-            if application != APPLICATION_ID:
-                raise RecordError(f"{folder / DATABASE} is not a run of palpate")
-            if version != SCHEMA_VERSION:
-                raise RecordError(
-                    f"{folder} has record format {version}, this palpate reads {SCHEMA_VERSION}; "
-                    "use the palpate that wrote it"
-                )
             stored = database.execute("SELECT key, value, crc32 FROM run").fetchall()
             header = {key: json.loads(value) for key, value, _ in stored}
             status, summary = header.pop("status"), header.pop("summary")
@@ -141,7 +119,7 @@ class Run:
             if not isinstance(header["simulated"], bool):
                 raise TypeError("its header does not say whether it is simulated")
             for key, value, crc32 in stored:
-                _verify(f"{key!r} of the header", crc32, key, value)
+                verify(f"{key!r} of the header", crc32, key, value)
             return cls(folder, header["procedure"], header["simulated"], started, status, header, summary)
 
     def points(self) -> list[dict[str, Any]]:
@@ -155,9 +133,9 @@ class Run:
     def events(self) -> list[dict[str, Any]]:
         """All events in order: `bench_ns`, `kind`, `message`."""
         with reading(self.folder) as database:
-            stored = database.execute("SELECT bench_ns, kind, message, crc32 FROM event ORDER BY id").fetchall()
+            stored = database.execute(f"SELECT {EVENT_COLUMNS} FROM event ORDER BY id").fetchall()
             for *row, crc32 in stored:
-                _verify(f"event {row[1]!r}", crc32, *row)
+                verify(f"event {row[1]!r}", crc32, *row)
             return [{"bench_ns": bench_ns, "kind": kind, "message": message} for bench_ns, kind, message, _ in stored]
 
     def waveform_names(self, point_id: int) -> list[str]:
@@ -181,25 +159,9 @@ class Run:
         return self._waveforms("", ())
 
     def _waveforms(self, where: str, values: tuple[object, ...]) -> Iterator[Waveform]:
-        for row, samples in self._rows(where, values):
-            if isinstance(samples, RecordError):
-                raise samples
-            yield Waveform(row.point_id, row.name, row.rate, samples)
-
-    def verify_waveforms(self) -> Iterator[tuple[WaveformRow, str]]:
-        """Each row in order, and what is wrong with its samples; "" where nothing is."""
-        for row, samples in self._rows("", ()):
-            yield row, str(samples) if isinstance(samples, RecordError) else ""
-
-    def _rows(self, where: str, values: tuple[object, ...]) -> Iterator[tuple[WaveformRow, np.ndarray | RecordError]]:
-        query = f"SELECT {WAVEFORM_COLUMNS} FROM waveform {where} ORDER BY id"
         with reading(self.folder) as database:
-            rows = [WaveformRow(*row) for row in database.execute(query, values)]
-        if not rows:
-            return
-        with opened(self.folder / WAVEFORMS) as file:
-            for row in rows:
-                yield row, samples_of(file, row)
+            for row in database.execute(f"SELECT {WAVEFORM_COLUMNS} FROM waveform {where} ORDER BY id", values):
+                yield waveform_of(*row)
 
     def digest(self) -> str:
         """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
@@ -221,41 +183,19 @@ class Run:
         return frame
 
 
-def row_crc32(*values: object) -> int:
-    """CRC-32 of what stands in a row."""
-    return zlib.crc32(json.dumps(values).encode())
-
-
-def _verify(what: str, crc32: int, *values: object) -> None:
-    """Raises ValueError: a row is damaged."""
-    if row_crc32(*values) != crc32:
-        raise ValueError(f"{what} is not as it was written, CRC-32 differs")
-
-
 def stored_points(database: sqlite3.Connection) -> Iterator[tuple[int, int, str]]:
     """Id, bench time and data of each point in order. Raises ValueError: one is damaged."""
-    for *row, crc32 in database.execute("SELECT id, bench_ns, data, crc32 FROM point ORDER BY id"):
-        _verify(f"point {row[0]}", crc32, *row)
+    for *row, crc32 in database.execute(f"SELECT id, {POINT_COLUMNS} FROM point ORDER BY id"):
+        verify(f"point {row[0]}", crc32, *row)
         yield row[0], row[1], row[2]
 
 
-def waveform_crc32(point_id: int, name: str, rate: float, samples: np.ndarray) -> int:
-    """CRC-32 of a row and its samples, (n,) float32."""
-    return zlib.crc32(samples.view(np.uint8).data, row_crc32(point_id, name, float(rate), samples.size))
-
-
-def samples_of(file: BinaryIO, row: WaveformRow) -> np.ndarray | RecordError:
-    """Those of a row in the waveform file; what is wrong is returned, so that others can still be read."""
-    what = f"{file.name}: waveform {row.name!r} of point {row.point_id}"
-    numbers = isinstance(row.rate, float) and isinstance(row.offset, int) and isinstance(row.length, int)
-    size = os.fstat(file.fileno()).st_size
-    if row.dtype != "<f4" or not numbers or row.rate <= 0 or not 0 <= row.offset <= size - 4 * row.length <= size:
-        return RecordError(f"{what} is cut short, or its row is wrong; restore the file from a copy")
-    file.seek(row.offset)
-    samples = np.frombuffer(file.read(4 * row.length), "<f4")
-    if waveform_crc32(row.point_id, row.name, row.rate, samples) != row.crc32:
-        return RecordError(f"{what} is damaged (CRC-32 differs); restore the file from a copy")
-    return samples
+def waveform_of(point_id: int, name: str, rate: float, samples: bytes, crc32: int) -> Waveform:
+    """What stands in a row (`WAVEFORM_COLUMNS`). Raises ValueError, TypeError: it is damaged."""
+    found = np.frombuffer(samples, SAMPLE)
+    if waveform_crc32(point_id, name, rate, found) != crc32 or not rate > 0:
+        raise ValueError(f"waveform {name!r} of point {point_id} is not as it was written, CRC-32 differs")
+    return Waveform(point_id, name, rate, found)
 
 
 @contextlib.contextmanager
@@ -272,17 +212,6 @@ def storing(path: Path) -> Iterator[None]:
         code = errno.errorcode.get(error.errno or 0, "")
         reason = error.strerror or str(error)
         raise RecordError(f"cannot write {path}: {reason}; {_REMEDY.get(code, _ELSEWHERE)}") from error
-
-
-@contextlib.contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
-    try:
-        with path.open("rb") as file:
-            yield file
-    except RecordError:
-        raise
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}; make it readable or restore it") from error
 
 
 @contextlib.contextmanager
@@ -311,6 +240,14 @@ def _snapshot(path: Path, mode: str, stack: contextlib.ExitStack) -> sqlite3.Con
     (others,) = connection.execute("SELECT count(*) FROM sqlite_schema WHERE type NOT IN ('table', 'index')").fetchone()
     if others:  # a view could go on for ever
         raise ValueError("it has views or triggers, a run has none")
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    if application != APPLICATION_ID:
+        raise RecordError(f"{path} is not a run of palpate")
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if version != SCHEMA_VERSION:
+        raise RecordError(
+            f"{path} has record format {version}, this palpate reads {SCHEMA_VERSION}; use the palpate that wrote it"
+        )
     return connection
 
 
@@ -320,6 +257,8 @@ def _copied(path: Path, stack: contextlib.ExitStack) -> Path:
     for name in (DATABASE, f"{DATABASE}-wal", f"{DATABASE}-journal"):
         source = path.with_name(name)
         if name == DATABASE or source.exists():
-            with opened(source) as file:
-                (aside / name).write_bytes(file.read())
+            try:
+                shutil.copyfile(source, aside / name)
+            except OSError as error:
+                raise RecordError(f"cannot read {source}: {error.strerror}; make it readable or restore it") from error
     return aside / DATABASE

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
+from instrument.errors import PalpateError, RecordError
 from procedures.cli.options import Choice, Output, Progress
 from procedures.cli.session import Calibrating, Session, Target, open_session
 from procedures.pause import NOBODY, Pause
@@ -64,7 +65,7 @@ def conduct(
         The result, and what every result says of itself.
 
     Raises:
-        As `open_session`, and whatever the procedure raises.
+        As `open_session`, and whatever the procedure raises; RecordError where what follows a finished run crashed.
     """
     with (
         output.progress() as progress,
@@ -84,5 +85,13 @@ def conduct(
         result = procedure.run(session, settings, progress, pause)
         outcome = session.outcome()
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
-    procedure.tell(session, result, outcome, output)
+    try:
+        procedure.tell(session, result, outcome, output)
+    except (PalpateError, OSError):
+        raise
+    except Exception as error:  # a plot is drawn by libraries, fonts and file formats that can fail in any way
+        raise RecordError(
+            f"the run is kept in {session.record.folder}, what follows it crashed ({type(error).__name__}: {error}); "
+            "look at it with palpate runs show"
+        ) from error
     return result, outcome

@@ -15,8 +15,8 @@ from procedures.cli.options import FILE_NAME, Output, output_options, store
 def check(run: str, as_json: bool, quiet: bool) -> int:
     """Look a run over, without changing it. RUN is a folder or a name in runs/. Exit status 1 when it is damaged.
 
-    Database and tables, header, numbers and bench times of the points, place and CRC of every waveform. A run that has
-    not ended is no damage, nor are orphan bytes at the end: those of a point that was never stored.
+    Database and tables, header, numbers and bench times of the points, number and CRC of their waveforms. A run that
+    has not ended is no damage.
     """
     from procedures.check import check as look_over
     from procedures.report.runs import check_object, print_check

@@ -80,9 +80,8 @@ def check_object(found: Found) -> dict[str, Any]:
 
 def print_check(found: Found) -> None:
     """What a check found."""
-    table = new_table(None, "status", "points", "waveforms", "orphan bytes", "verdict")
-    counts = (found.points, found.waveforms, found.orphan_bytes)
-    table.add_row(found.status, *map(str, counts), "DAMAGED" if found.faults else "whole")
+    table = new_table(None, "status", "points", "waveforms", "verdict")
+    table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
     lines = [f"damaged: {fault}" for fault in found.faults]
     if found.faults:
         lines.append(f"salvage it with: palpate runs repair {found.folder.name} --out DIR")

@@ -1,11 +1,10 @@
-"""Run folders. An input is four bytes that say how long the database is, the database, and the waveforms.
+"""Run folders. An input is the database.
 
 What is damaged is either found, or leaves points and waveforms as they were.
 """
 
 from __future__ import annotations
 
-import struct
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 
 from procedures.check import check
 from procedures.record import Recorder
-from procedures.run import DATABASE, WAVEFORMS, Run
+from procedures.run import DATABASE, Run
 from tests.fuzz.files import FOLDER, in_file
 from tests.fuzz.target import Target, require
 
@@ -24,7 +23,7 @@ POINTS = [({"load_N": 1.5 + n, "valid": True}, 1_000_000_000 * (n + 1)) for n in
 
 
 @cache
-def _stored() -> tuple[bytes, bytes, list[dict[str, Any]], list[dict[str, Any]], str]:
+def _stored() -> tuple[bytes, list[dict[str, Any]], list[dict[str, Any]], str]:
     folder = FOLDER / "good"
     with Recorder.create(folder, HEADER) as record:
         for data, bench_ns in POINTS:
@@ -33,14 +32,12 @@ def _stored() -> tuple[bytes, bytes, list[dict[str, Any]], list[dict[str, Any]],
         record.event("note", "a note", 4_000_000_000)
         record.finish("complete", {"points": 3})
     run = Run.open(folder)
-    return (folder / DATABASE).read_bytes(), (folder / WAVEFORMS).read_bytes(), run.points(), run.events(), run.digest()
+    return (folder / DATABASE).read_bytes(), run.points(), run.events(), run.digest()
 
 
 def decode(data: bytes) -> None:
-    *_, points, events, digest = _stored()
-    size = int.from_bytes(data[:4], "big")
-    in_file(DATABASE, data[4 : 4 + size])
-    in_file(WAVEFORMS, data[4 + size :])
+    _, points, events, digest = _stored()
+    in_file(DATABASE, data)
     folder = Path(FOLDER)
     faults = check(folder).faults
     run = Run.open(folder)
@@ -53,6 +50,6 @@ def decode(data: bytes) -> None:
 
 
 def run() -> Target:
-    database, waveforms, *_ = _stored()
-    seed = struct.pack(">I", len(database)) + database + waveforms
-    return Target([seed], decode, [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", b"CREATE VIEW point AS", b"\x0d\0\0\0"])
+    return Target(
+        [_stored()[0]], decode, [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", b"CREATE VIEW point AS", b"\x0d\0\0\0"]
+    )

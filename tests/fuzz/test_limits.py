@@ -15,10 +15,11 @@ from instrument.bench import BenchDescription
 from instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
 from instrument.errors import ConfigError, LinkError, RecordError
 from instrument.models import surface
+from procedures import run as reader
 from procedures.check import check
 from procedures.record import Recorder
 from procedures.reproduce import solutions
-from procedures.run import DATABASE, LARGEST_ROW, Run
+from procedures.run import DATABASE, Run
 from simulators.scene import MOST_EFFECTS, read_scene
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers
 from tests.fuzz.files import BENCH
@@ -92,12 +93,15 @@ def damaged(folder: Path, statement: str) -> Path:
     return folder
 
 
-def test_a_run_that_could_go_on_for_ever_or_holds_a_huge_row_is_refused(tmp_path: Path) -> None:
+def test_a_run_that_could_go_on_for_ever_or_holds_a_huge_row_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader, "LARGEST_ROW", largest := 1_000_000)
     endless = "WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) SELECT id, 1, '{}', 0 FROM n"
     view = damaged(tmp_path / "view", f"DROP TABLE point; CREATE VIEW point AS {endless};")
     assert "it has views or triggers" in " ".join(check(view).faults)
     huge = damaged(
-        tmp_path / "huge", f"UPDATE run SET value = printf('%.*c', {LARGEST_ROW + 1}, ' ') WHERE key = 'summary'"
+        tmp_path / "huge", f"UPDATE run SET value = printf('%.*c', {largest + 1}, ' ') WHERE key = 'summary'"
     )
     with pytest.raises(RecordError, match=r"is damaged .*too big"):
         Run.open(huge)

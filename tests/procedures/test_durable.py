@@ -2,71 +2,133 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import re
+import resource
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from instrument.errors import RecordError
+from procedures.check import check
 from procedures.cli.options import Progress
 from procedures.record import Recorder
-from procedures.run import DATABASE, WAVEFORMS
+from procedures.run import DATABASE, Run
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")
-Break = Callable[[pytest.MonkeyPatch], object]
+LONG = "x" * 20_000  # more than the free pages of a database hold
+Break = Callable[[Recorder], object]
 
 
-def refused(number: int) -> Break:
-    """The disk takes nothing more."""
+@contextmanager
+def full() -> Iterator[None]:
+    """The system lets this process write to no file."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
-    def refuse(_handle: int) -> None:
-        raise OSError(number, os.strerror(number))
 
-    return lambda patch: patch.setattr(os, "fsync", refuse)
+def pragma(text: str) -> Break:
+    return lambda record: record._database.execute(f"PRAGMA {text}")
 
 
 def replaced(name: str) -> Break:
     """A copy takes the place of a file that is being written."""
 
-    def replace(_patch: pytest.MonkeyPatch) -> None:
-        shutil.copy(Path("day") / name, "copy")
-        Path("copy").rename(Path("day") / name)
+    def replace(record: Recorder) -> None:
+        shutil.copy(record.folder / name, "copy")
+        Path("copy").rename(record.folder / name)
 
     return replace
 
 
 def removed(name: str) -> Break:
-    return lambda _: (Path("day") / name).unlink()
+    return lambda record: (record.folder / name).unlink()
 
 
-@pytest.mark.parametrize(
-    ("broken", "message"),
-    [
-        (refused(errno.ENOSPC), f"{WAVEFORMS}: No space left on device; free space"),
-        (refused(errno.EROFS), f"{WAVEFORMS}: Read-only file system; choose a writable folder"),
-        (lambda _: shutil.rmtree("day"), f"{DATABASE}: No such file or directory; do not move or remove a run"),
-        (removed(DATABASE), f"{DATABASE}: No such file or directory"),
-        (removed(f"{DATABASE}-wal"), f"{DATABASE}-wal: No such file or directory"),
-        (replaced(WAVEFORMS), f"{WAVEFORMS}: it was replaced while the run was being written"),
-    ],
-    ids=["full", "read only", "removed", "database", "log", "waveforms"],
-)
-def test_a_point_that_is_not_stored_is_not_acknowledged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Break, message: str
+WRITES: dict[str, Callable[[Recorder], object]] = {
+    "point": lambda record: record.point({"load_N": 3.0, "text": LONG}, {"rigid": (250.0, np.zeros(50))}, 2),
+    "event": lambda record: record.event("note", LONG, 2),
+    "finish": lambda record: record.finish("complete", {"text": LONG}),
+}
+FULL = pragma("max_page_count = 1")
+BREAKS: dict[str, tuple[Break, str]] = {
+    "full": (FULL, f"{DATABASE}: database or disk is full; free space on the disk"),
+    "read only": (pragma("query_only = 1"), f"{DATABASE}: attempt to write a readonly database; choose a writable"),
+    "folder removed": (lambda record: shutil.rmtree(record.folder), "No such file or directory; do not move or remove"),
+    "database removed": (removed(DATABASE), f"{DATABASE}: No such file or directory"),
+    "log removed": (removed(f"{DATABASE}-wal"), f"{DATABASE}-wal: No such file or directory"),
+    "database replaced": (replaced(DATABASE), f"{DATABASE}: it was replaced while the run was being written"),
+}
+
+
+@pytest.mark.parametrize("write", WRITES)
+@pytest.mark.parametrize("broken", BREAKS)
+def test_what_is_not_stored_is_not_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str, write: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    films = {"rigid": (250.0, np.zeros(50))}
+    breaks, message = BREAKS[broken]
     with pytest.raises(RecordError, match=re.escape(message)), Recorder.create(Path("day"), HEADER) as record:
-        assert record.point({"load_N": 2.0}, films, 1) == 1
-        broken(monkeypatch)
-        record.point({"load_N": 3.0}, films, 2)
+        assert record.point({"load_N": 2.0}, {"rigid": (250.0, np.ones(50))}, 1) == 1
+        breaks(record)
+        WRITES[write](record)
     assert record.points == 1
+
+
+@pytest.mark.parametrize("write", WRITES)
+def test_where_the_system_takes_nothing_more_what_was_stored_stays_and_the_run_can_go_on(
+    tmp_path: Path, write: str
+) -> None:
+    with Recorder.create(tmp_path, HEADER) as record:
+        record.point({"load_N": 2.0}, {"rigid": (250.0, np.ones(50))}, 1)
+        with full(), pytest.raises(RecordError, match=r"free space and the limit on file sizes \(ulimit -f\)"):
+            WRITES[write](record)
+    run = Run.open(tmp_path)
+    assert [point["load_N"] for point in run.points()] == [2.0]
+    assert run.status == ("running" if write == "finish" else "stopped")
+    assert check(tmp_path).faults == []
+
+
+def test_a_point_that_failed_for_want_of_space_is_stored_when_there_is_some(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as record:
+        record.point({"load_N": 2.0}, {}, 1)
+        FULL(record)
+        with pytest.raises(RecordError, match="free space"):
+            WRITES["point"](record)
+        pragma("max_page_count = 1000")(record)
+        assert WRITES["point"](record) == 2
+    assert [point["load_N"] for point in Run.open(tmp_path).points()] == [2.0, 3.0]
+
+
+def test_a_disk_that_is_full_in_the_middle_stops_the_sweep_with_outputs_off(
+    palpate: Palpate, benches: Benches, on_progress: Callable[[Progress], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reported: list[int] = []
+    store = Recorder.point
+
+    def point(record: Recorder, *arguments: Any) -> int:
+        with full() if record.points else nullcontext():
+            return store(record, *arguments)
+
+    monkeypatch.setattr(Recorder, "point", point)
+    on_progress(lambda done, _total, _what: reported.append(done))
+    said = palpate(*SWEEP, "--json")
+    assert said.status == 1
+    assert "cannot write" in said.complaint
+    assert f"points already taken are kept in {Path('day').absolute()}" in said.complaint
+    assert max(reported) == 1
+    assert outputs(benches[0]) == OFF
+    run = Run.open(Path("day"))
+    assert (run.status, [point["load_N"] for point in run.points()]) == ("failed", [2.0])
 
 
 def test_a_run_whose_folder_is_removed_stops_with_outputs_off(

@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 
 from instrument.errors import RangeError, RecordError, UsageError
-from procedures.record import Recorder, new_run_folder
+from procedures.encoding import LARGEST_ROW
+from procedures.record import FIRST_LOG, MERGED_EVERY, Recorder, new_run_folder
 from procedures.run import Run
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}
@@ -67,25 +68,33 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.waveform(2, "total"), waveform(101)[1])
 
 
-def test_a_finished_run_is_two_files(tmp_path: Path) -> None:
+def test_a_finished_run_is_one_file(tmp_path: Path) -> None:
     write(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.sqlite", "waveforms.f32"]
+    assert [path.name for path in tmp_path.iterdir()] == ["run.sqlite"]
 
 
-def test_waveforms_lie_end_to_end_as_little_endian_float32(tmp_path: Path) -> None:
+def test_waveforms_are_stored_as_little_endian_float32(tmp_path: Path) -> None:
     write(tmp_path, points=2)
-    expected = np.concatenate([waveform(seed)[1] for seed in (0, 100, 1, 101)])
-    assert (tmp_path / "waveforms.f32").read_bytes() == expected.astype("<f4").tobytes()
-    assert sql(tmp_path, "SELECT offset, length, rate, dtype FROM waveform WHERE id = 4") == [
-        (12000, 1000, 1000.0, "<f4")
-    ]
+    expected = [(seed, waveform(seed)[1].astype("<f4").tobytes()) for seed in (0, 100, 1, 101)]
+    stored = sql(tmp_path, "SELECT samples FROM waveform ORDER BY id")
+    assert stored == [(samples,) for _, samples in expected]
+    assert sql(tmp_path, "SELECT point_id, name, rate FROM waveform WHERE id = 4") == [(2, "total", 1000.0)]
 
 
 def test_equal_measurements_give_equal_bytes_and_another_seed_does_not(tmp_path: Path) -> None:
     one, two, other = write(tmp_path / "1"), write(tmp_path / "2"), write(tmp_path / "3", seed=1)
-    files = [(run.folder / "waveforms.f32").read_bytes() for run in (one, two, other)]
+    files = [(run.folder / "run.sqlite").read_bytes() for run in (one, two, other)]
     assert files[0] == files[1] != files[2]
     assert one.digest() == two.digest() != other.digest()
+
+
+def test_a_run_of_many_points_is_merged_on_the_way_and_loses_none(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        for index in range(2 * MERGED_EVERY + 1):
+            recorder.point({"n": index}, {"film": waveform(index, 10)}, index)
+        assert (tmp_path / "run.sqlite-wal").stat().st_size == FIRST_LOG
+        assert sql(tmp_path, "SELECT count(*) FROM point") == [(2 * MERGED_EVERY + 1,)]
+        assert len({tuple(w.samples) for w in Run.open(tmp_path).waveforms()}) == 2 * MERGED_EVERY + 1
 
 
 def test_the_data_of_a_point_is_canonical_json(tmp_path: Path) -> None:
@@ -118,6 +127,7 @@ def test_samples_that_are_not_finite_are_kept(tmp_path: Path) -> None:
         ({}, {"film": (float("inf"), np.zeros(2))}, "sample rate"),
         ({}, {"film": (1.0, np.zeros((2, 2)))}, "shape"),
         ({}, {"film": (1.0, np.array([1e39]))}, "float32"),
+        ({}, {"film": (1.0, np.broadcast_to(0.0, LARGEST_ROW // 4))}, "10000000 samples, 9999750 are the most"),
     ],
 )
 def test_a_point_that_cannot_be_stored_as_meant_is_refused_whole(
@@ -127,7 +137,7 @@ def test_a_point_that_cannot_be_stored_as_meant_is_refused_whole(
         with pytest.raises(RangeError, match=what):
             recorder.point(data, waveforms, 0)
         assert recorder.point({"load_N": 1.5}, {}, 0) == 1
-    assert (tmp_path / "waveforms.f32").stat().st_size == 0
+    assert sql(tmp_path, "SELECT count(*) FROM waveform") == [(0,)]
 
 
 @pytest.mark.parametrize(
@@ -149,9 +159,6 @@ def test_a_folder_takes_one_run_only(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="already holds a run; choose another --out") as raised:
         Recorder.create(tmp_path, HEADER)
     assert raised.value.exit_code == 2
-    (tmp_path / "waveforms.f32").unlink()
-    with pytest.raises(UsageError, match="already holds a run"):
-        Recorder.create(tmp_path, HEADER)
     assert run.points() == Run.open(tmp_path).points()
 
 
@@ -208,29 +215,6 @@ def test_an_exception_after_the_end_leaves_the_result(tmp_path: Path) -> None:
     assert Run.open(tmp_path).status == "complete"
 
 
-def test_a_full_disk_is_named_and_leaves_the_points_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RecordError) as raised, Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({"load_N": 1.5}, {"rigid": waveform(1)}, 0)
-        with monkeypatch.context() as disk:
-            disk.setattr(os, "fsync", refuse(errno.ENOSPC))
-            recorder.point({"load_N": 2.0}, {"rigid": waveform(2)}, SECOND)
-    assert re.search(r"waveforms\.f32: No space left on device; free space", str(raised.value))
-    assert isinstance(raised.value.__cause__, OSError)
-    run = Run.open(tmp_path)
-    assert (run.status, [point["load_N"] for point in run.points()]) == ("failed", [1.5])
-    assert "No space left" in run.events()[0]["message"]
-
-
-def test_bytes_of_a_point_that_failed_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        with monkeypatch.context() as disk, pytest.raises(RecordError):
-            disk.setattr(os, "fsync", refuse(errno.EIO))
-            recorder.point({"load_N": 1.5}, {"rigid": waveform(1)}, 0)
-        assert recorder.point({"load_N": 2.0}, {"rigid": waveform(2)}, 0) == 1
-    assert (tmp_path / "waveforms.f32").stat().st_size == 8000
-    np.testing.assert_array_equal(Run.open(tmp_path).waveform(1, "rigid"), waveform(2)[1])
-
-
 @pytest.mark.parametrize("what", ["data", "waveforms"])
 def test_a_limit_of_the_system_stops_the_run_and_keeps_its_points(tmp_path: Path, what: str) -> None:
     script = f"""
@@ -239,7 +223,7 @@ from pathlib import Path
 import numpy as np
 from instrument.errors import RecordError
 from procedures.record import Recorder
-resource.setrlimit(resource.RLIMIT_FSIZE, (203_000, 203_000))  # in the midst of a waveform
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_050_000, 1_050_000))  # in the midst of a waveform
 try:
     with Recorder.create(Path({str(tmp_path)!r}), {HEADER!r}) as recorder:
         for index in range(1000):
@@ -250,7 +234,7 @@ except RecordError as error:
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode == 1
-    assert re.search(r"cannot write .*(run\.sqlite|waveforms\.f32): .*; .*ulimit -f", done.stderr)
+    assert re.search(r"cannot write .*run\.sqlite: .*; .*ulimit -f", done.stderr)
     reported = [int(line) for line in done.stdout.split()]
     run = Run.open(tmp_path)
     assert len(reported) >= 2

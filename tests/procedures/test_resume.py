@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 import sqlite3
 import sys
@@ -22,12 +21,12 @@ from instrument.sample import get_sample
 from procedures.cli import keys
 from procedures.cli.conduct import Procedure
 from procedures.cli.resume import resumable
-from procedures.encoding import as_json
+from procedures.encoding import as_json, row_crc32
 from procedures.load_plan import SweepSettings
 from procedures.load_sweep import LoadPoint
 from procedures.record import Recorder
 from procedures.resume import Resumed, settings_of
-from procedures.run import DATABASE, WAVEFORMS, Run, row_crc32
+from procedures.run import DATABASE, Run
 from procedures.softness import SoftnessSettings
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
@@ -87,8 +86,6 @@ def whole(palpate: Palpate) -> Run:
 
 def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate, stop: Stop, whole: Run) -> None:
     stopped(palpate, stop, 1, *SWEEP)
-    with (Path("cut") / WAVEFORMS).open("ab") as file:
-        file.write(bytes(1001))  # of a point that was never stored
     stop(2)
     assert palpate("runs", "resume", "cut").status == 130
     stop(0)
@@ -96,7 +93,6 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     said = palpate("runs", "resume", "cut", "--json").object
     run = Run.open(Path("cut"))
     assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
-    assert (run.folder / WAVEFORMS).read_bytes() == (whole.folder / WAVEFORMS).read_bytes()
     assert said["softness_order"] == whole.summary["softness_order"]
     assert len(said["points"]) == 3
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
@@ -181,7 +177,7 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
 def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
     stopped(palpate, stop, 2, *SWEEP)
     edit("cut", "UPDATE point SET data = json_replace(data, '$.force_ratio', 0.5) WHERE id = 2")
-    edit("cut", "UPDATE point SET crc32 = row_crc32(id, bench_ns, data) WHERE id = 2")
+    edit("cut", "UPDATE point SET crc32 = row_crc32(id, bench_ns, data, waveforms) WHERE id = 2")
     said = palpate("runs", "resume", "cut")
     assert said.status == 1
     assert "point 2 is not what the bench gives now" in said.complaint
@@ -195,7 +191,7 @@ def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
         assert "is being written by another process" in palpate("runs", "resume", "whole").complaint
     edit("whole", "UPDATE run SET value = '\"running\"' WHERE key = 'status'")
     assert "leave it out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
-    os.truncate(whole.folder / WAVEFORMS, 100)
+    edit("whole", "DELETE FROM waveform WHERE id = 1")
     assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
     edit("whole", "UPDATE run SET value = '\"reproduce\"' WHERE key = 'procedure'")
     assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint

@@ -120,33 +120,36 @@ def test_a_waveform_that_a_point_has_not_is_named_with_those_it_has(tmp_path: Pa
         finished(tmp_path).waveform(2, "rigd")
 
 
+def damage(folder: Path, point: int) -> None:
+    """Flips a bit in a sample of a point's film."""
+    path = folder / "run.sqlite"
+    content = bytearray(path.read_bytes())
+    content[content.index(film(point).tobytes()) + 100] ^= 1
+    path.write_bytes(content)
+
+
 def test_a_flipped_bit_in_a_waveform_is_found(tmp_path: Path) -> None:
     run = finished(tmp_path)
-    path = tmp_path / "waveforms.f32"
-    content = bytearray(path.read_bytes())
-    content[500] ^= 1
-    path.write_bytes(content)
+    damage(tmp_path, 2)
     assert run.waveform(1, "rigid").size == 100
-    with pytest.raises(RecordError, match=r"'rigid' of point 2 is damaged \(CRC-32 differs\)"):
+    with pytest.raises(RecordError, match=r"'rigid' of point 2 is not as it was written, CRC-32 differs"):
         run.waveform(2, "rigid")
     with pytest.raises(RecordError, match="point 2"):
         run.digest()
 
 
-def test_a_waveform_file_that_is_cut_or_gone_is_named(tmp_path: Path) -> None:
+def test_a_waveform_that_is_cut_is_found(tmp_path: Path) -> None:
     run = finished(tmp_path)
-    os.truncate(tmp_path / "waveforms.f32", 799)
-    with pytest.raises(RecordError, match="'rigid' of point 2 is cut short"):
+    with contextlib.closing(sqlite3.connect(tmp_path / "run.sqlite")) as database, database:
+        database.execute("UPDATE waveform SET samples = substr(samples, 1, 399) WHERE point_id = 2")
+    with pytest.raises(RecordError, match=r"is damaged .*buffer size"):
         run.waveform(2, "rigid")
-    (tmp_path / "waveforms.f32").unlink()
-    with pytest.raises(RecordError, match=r"cannot read .*waveforms\.f32: No such file"):
-        run.waveform(1, "rigid")
 
 
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
-        ("PRAGMA user_version = 3", "record format 3, this palpate reads 2; use"),
+        ("PRAGMA user_version = 2", "record format 2, this palpate reads 3; use"),
         ("PRAGMA application_id = 1", "is not a run of palpate"),
         ("DELETE FROM run WHERE key = 'status'", "no 'status'"),
         ("UPDATE run SET value = '[' WHERE key = 'procedure'", "is damaged"),
@@ -261,8 +264,8 @@ def test_an_export_overwrites_nothing(tmp_path: Path) -> None:
 
 def test_an_export_of_a_damaged_run_leaves_no_half_file(tmp_path: Path) -> None:
     run = finished(tmp_path / "run", points=4)
-    os.truncate(run.folder / "waveforms.f32", 1599)
-    with pytest.raises(RecordError, match=r"^[^ ]*waveforms\.f32: waveform 'rigid' of point 4 is cut short"):
+    damage(run.folder, 4)
+    with pytest.raises(RecordError, match=r"^[^ ]*run\.sqlite is damaged \(waveform 'rigid' of point 4 is not"):
         export(run, "csv", tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 from collections.abc import Callable
@@ -78,18 +79,26 @@ def test_a_second_interrupt_while_outputs_are_being_switched_off_does_not_keep_t
     ended_safe(benches, "stopped")
 
 
-def test_a_plot_that_crashes_comes_when_outputs_are_off_and_the_run_is_complete(
-    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("crash", "message"),
+    [
+        (RuntimeError("no fonts"), "the run is kept in {}, what follows it crashed (RuntimeError: no fonts)"),
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "cannot write {}/plot.png: No space left on device; free"),
+    ],
+)
+def test_a_plot_that_crashes_is_one_error_when_outputs_are_off_and_the_run_is_complete(
+    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch, crash: Exception, message: str
 ) -> None:
     drawn: list[tuple[bool, bool, float]] = []
 
-    def crash(_figure: Figure, _path: object, **_: object) -> None:
+    def savefig(_figure: Figure, _path: object, **_: object) -> None:
         drawn.append(outputs(benches[0]))
-        raise RuntimeError("no fonts")
+        raise crash
 
-    monkeypatch.setattr(Figure, "savefig", crash)
-    with pytest.raises(RuntimeError, match="no fonts"):
-        palpate(*SMALL)
+    monkeypatch.setattr(Figure, "savefig", savefig)
+    said = palpate(*SMALL)
+    assert said.status == 1
+    assert said.complaint.startswith(message.format(Path("day").absolute()))
     assert drawn == [OFF]
     ended_safe(benches, "complete")
 
