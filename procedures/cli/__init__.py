@@ -20,6 +20,7 @@ from procedures.cli.runs import runs
 from procedures.cli.scene import scene
 from procedures.cli.serve import serve
 from procedures.cli.softness import softness
+from procedures.cli.study import study
 from procedures.cli.sweep import sweep
 from procedures.cli.test import test
 
@@ -37,7 +38,8 @@ def palpate() -> None:
 
 
 for group in (
-    sweep, calibrate, test, softness, characterise, serve, runs, contracts, model, scene, reproduce, accuracy, new, bus,
+    sweep, study, calibrate, test, softness, characterise, serve, runs, contracts, model, scene, reproduce, accuracy,
+    new, bus,
 ):  # fmt: skip
     palpate.add_command(group)
 

@@ -28,6 +28,7 @@ from tests.benchmarks import (
     soak,
     solid,
     start_up,
+    study,
     sweep,
     uncertainty,
 )
@@ -49,6 +50,7 @@ PARTS = {
     "fixture": fixture.measure,
     "scenes": scenes.measure,
     "serve": serve.measure,
+    "study": study.measure,
     "start_up": start_up.measure,
 }
 LONG = {"kills": kills.measure, "soak": soak.measure}  # a quarter of an hour and more: only by name

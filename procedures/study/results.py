@@ -1,0 +1,236 @@
+"""What a study found, by the numbers of its cells: as a table, as an xarray Dataset, and by group.
+
+results = read_results(Path("runs/studies/softness"))
+results.table().groupby("sample").force_ratio.mean()
+results.dataset().force_ratio.sel(sample="2").mean("seed")
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from instrument.errors import PalpateError, RecordError, UnknownName
+from instrument.quantity import parse
+from procedures.encoding import as_json
+from procedures.export import FORMATS
+from procedures.extras import library
+from procedures.run import storing
+from procedures.study.description import Study, StudyFile, Value, parted, study_of
+from procedures.study.store import Outcome, stored
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+POINTS = "points"
+UNITS = ("N", "V")  # that names of columns end in
+
+
+@dataclass(frozen=True, slots=True)
+class CellMean:
+    """A cell over its valid load sets.
+
+    Attributes:
+        axes: what it has on each axis.
+        force_ratio: None: no load set is valid. Its standard uncertainty counts gain scatter and noise, which are of
+            each load set alone.
+        model_force_ratio: what the scene's model says.
+        reason: why it failed; empty: it did not.
+    """
+
+    cell: int
+    axes: dict[str, Value]
+    force_ratio: float | None
+    force_ratio_u: float | None
+    model_force_ratio: float | None
+    valid_points: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Cells that differ in their seeds alone.
+
+    Attributes:
+        axes: what they share.
+        force_ratio: mean of theirs, `spread` their standard deviation; None: there are too few.
+        force_ratio_u: mean of theirs.
+    """
+
+    axes: dict[str, Value]
+    cells: int
+    failed: int
+    force_ratio: float | None
+    spread: float | None
+    force_ratio_u: float | None
+    model_force_ratio: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """A study and what is known of its cells, in their order."""
+
+    study: Study
+    outcomes: Sequence[Outcome]
+
+    def digest(self) -> str:
+        """SHA-256 over all cells, hex: the same whatever computed them, in whatever order."""
+        total = hashlib.sha256()
+        for outcome in self.outcomes:
+            total.update(as_json(astuple(outcome)).encode() + b"\n")
+        return total.hexdigest()
+
+    def means(self) -> list[CellMean]:
+        """Each cell that is known."""
+        means = []
+        for outcome in self.outcomes:
+            points = outcome.points
+            valid = [point for point in points if point["valid"]]
+            n = len(valid)
+            means.append(
+                CellMean(
+                    cell=outcome.cell,
+                    axes=self.study.varied(outcome.cell),
+                    force_ratio=math.fsum(p["force_ratio"] for p in valid) / n if n else None,
+                    force_ratio_u=math.hypot(*(p["force_ratio_u"] for p in valid)) / n if n else None,
+                    model_force_ratio=points[0]["model_force_ratio"] if points else None,
+                    valid_points=n,
+                    reason=outcome.reason,
+                )
+            )
+        return means
+
+    def groups(self) -> list[Group]:
+        """Cells by all that varies but the seed."""
+        alike: dict[str, list[CellMean]] = {}
+        for mean in self.means():
+            shared = {name: value for name, value in mean.axes.items() if name != "seed"}
+            alike.setdefault(as_json(shared), []).append(mean)
+        return [_group(means) for means in alike.values()]
+
+    def table(self) -> pd.DataFrame:
+        """A row for each load set of each cell that did not fail.
+
+        `cell`, `simulated`, a column for each axis (of quantities with their unit in its name), then the values.
+        """
+        import pandas as pd
+
+        frame = pd.DataFrame(
+            [
+                {"cell": outcome.cell, "simulated": True, **point}
+                for outcome in self.outcomes
+                for point in outcome.points
+            ]
+        )
+        numbers = [int(cell) for cell in frame.get("cell", ())]
+        for place, (name, values, unit) in enumerate(self.coordinates(numbers)):
+            frame.insert(2 + place if len(frame.columns) else 0, f"{name}_{unit}" if unit else name, values)
+        return frame
+
+    def dataset(self) -> xr.Dataset:
+        """Values over the axes of a grid, or over `cell` where cells were drawn, and over `load_N`; NaN where none is.
+
+        Raises:
+            UsageError: xarray is not installed.
+        """
+        xarray = library("xarray", "xarray")
+        study, count, loads = self.study, len(self.study), len(self.study.loads)
+        if study.file.random is None:
+            dims, shape = (*study.axes,), study.shape
+            axes = [(name, (name,), *coordinate(list(axis))) for name, axis in study.axes.items()]  # type: ignore[arg-type]
+        else:
+            dims, shape = ("cell",), (count,)
+            axes = [(name, ("cell",), values, unit) for name, values, unit in self.coordinates(range(count))]
+        names = [n for n in next((o.points[0] for o in self.outcomes if o.points), {}) if n not in ("flags", "load_N")]
+        values = {name: np.full((count, loads), False if name == "valid" else np.nan) for name in names}
+        reasons = np.full(count, "not computed", object)
+        for outcome in self.outcomes:
+            reasons[outcome.cell] = outcome.reason
+            for name in names:
+                for number, point in enumerate(outcome.points):
+                    values[name][outcome.cell, number] = point[name]
+        found: xr.Dataset = xarray.Dataset(
+            {
+                **{
+                    name: ((*dims, "load_N"), array.reshape(*shape, loads), _units(name))
+                    for name, array in values.items()
+                },
+                "reason": (dims, reasons.astype(str).reshape(shape)),
+            },
+            {
+                **{name: (on, given, {"units": unit} if unit else {}) for name, on, given, unit in axes},
+                "load_N": ("load_N", list(study.loads), {"units": "N"}),
+            },
+            {"simulated": "true", "study": study.file.name, "how": study.file.how},
+        )
+        return found
+
+    def coordinates(self, cells: Sequence[int]) -> list[tuple[str, list[Value], str]]:
+        """Of each axis its name, what these cells have on it, and the unit."""
+        varied = [self.study.varied(cell) for cell in cells]
+        return [(name, *coordinate([each[name] for each in varied])) for name in self.study.axes]
+
+    def export(self, to: str, folder: Path) -> Path:
+        """Writes `points.<to>`, the table, anew. Raises UnknownName: neither "csv" nor "parquet"; RecordError."""
+        if to not in FORMATS:
+            raise UnknownName("export format", to, FORMATS)
+        path, frame = folder / f"{POINTS}.{to}", self.table()
+        with storing(path):
+            if to == "csv":
+                frame.to_csv(path, index=False)
+            else:
+                frame.to_parquet(path, index=False)
+        return path
+
+
+def read_results(folder: Path) -> Results:
+    """The study in a folder, as far as it is known; also while it runs.
+
+    Raises:
+        UsageError: there is none.
+        RecordError: it is damaged.
+    """
+    asked, outcomes = stored(folder)
+    try:
+        return Results(study_of(StudyFile.model_validate(asked["study"]), str(folder)), outcomes)
+    except (ValueError, KeyError, PalpateError) as error:
+        raise RecordError(f"{folder} holds a study that this palpate does not read: {error}") from error
+
+
+def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
+    """Texts that are quantities as numbers in the unit of the first, and that unit; else as they are, and ""."""
+    try:
+        if values and all(isinstance(value, str) for value in values):
+            unit = parted(values[0])[1]
+            return [parse(str(value), unit) for value in values], unit
+    except PalpateError:
+        pass
+    return list(values), ""
+
+
+def _group(means: Sequence[CellMean]) -> Group:
+    ratios = [mean.force_ratio for mean in means if mean.force_ratio is not None]
+    expected = [mean.model_force_ratio for mean in means if mean.model_force_ratio is not None]
+    uncertainties = [mean.force_ratio_u for mean in means if mean.force_ratio_u is not None]
+    return Group(
+        axes={name: value for name, value in means[0].axes.items() if name != "seed"},
+        cells=len(means),
+        failed=sum(bool(mean.reason) for mean in means),
+        force_ratio=statistics.fmean(ratios) if ratios else None,
+        spread=statistics.stdev(ratios) if len(ratios) > 1 else None,
+        force_ratio_u=statistics.fmean(uncertainties) if uncertainties else None,
+        model_force_ratio=statistics.fmean(expected) if expected else None,
+    )
+
+
+def _units(name: str) -> dict[str, str]:
+    unit = name.rpartition("_")[2]
+    return {"units": unit} if unit in UNITS else {}

@@ -1,0 +1,81 @@
+"""Running a study on any executor: cells that are not stored yet are computed, in whatever order they come.
+
+with Store(folder, asked) as store, ProcessPoolExecutor() as executor:
+    run(study, evaluate, executor, store, progress, ahead=8)
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+
+from instrument.errors import BenchError, PalpateError
+from procedures.encoding import as_json
+from procedures.study.description import Study, Value
+from procedures.study.store import Outcome, Store
+
+Points = Iterable[Mapping[str, object]]
+Evaluate = Callable[[Mapping[str, Value]], Points]
+Progress = Callable[[int, int, str], None]
+
+
+def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, progress: Progress, ahead: int) -> None:
+    """Compute what is missing; each cell is on disk before `progress` hears of it.
+
+    On Ctrl-C no cell is begun any more; those that are being computed are waited for and stored.
+
+    Args:
+        evaluate: what a cell has on its axes -> its points, the same for the same cell; the executor must be able to
+            send it. What it raises is the cell's reason to fail, and the others go on.
+        ahead: how many cells the executor is given at a time.
+
+    Raises:
+        BenchError: the executor lost a worker.
+        RecordError: a cell cannot be stored.
+    """
+    total = len(study)
+    missing = (number for number in range(total) if number not in store.done)
+    begun: set[Future[Outcome]] = set()
+    progress(len(store.done), total, "")
+    try:
+        while True:
+            for number in itertools.islice(missing, ahead - len(begun)):
+                begun.add(executor.submit(attempt, evaluate, number, study.cell(number)))
+            if not begun:
+                return
+            done = wait(begun, return_when=FIRST_COMPLETED).done
+            outcomes = [future.result() for future in done]
+            store.add(outcomes)
+            begun -= done
+            failed = [outcome for outcome in outcomes if outcome.reason]
+            progress(len(store.done), total, f"cell {failed[-1].cell} failed" if failed else "")
+    except BaseException as error:
+        kept = [future for future in begun if not future.cancel()]
+        store.add(future.result() for future in wait(kept).done if not _lost(future))
+        stand = f"{len(store.done)} of {total} cells are kept in {store.folder}; give the command again to go on"
+        if isinstance(error, Exception) and not isinstance(
+            error, PalpateError
+        ):  # what cells raise is in their outcomes
+            raise BenchError(
+                f"a worker ended without an answer ({error}), for want of memory perhaps; {stand}"
+            ) from error
+        error.add_note(stand)
+        raise
+
+
+def attempt(evaluate: Evaluate, number: int, cell: Mapping[str, Value]) -> Outcome:
+    """What becomes of a cell, wherever that is found out."""
+    try:
+        return Outcome(number, "", as_json(list(evaluate(cell))))
+    except PalpateError as error:
+        return Outcome(number, str(error), "[]")
+    except Exception as error:  # a defect in one cell must not take the others with it
+        return Outcome(number, f"{type(error).__name__}: {error}", "[]")
+
+
+def _lost(future: Future[Outcome]) -> bool:
+    try:
+        return future.exception() is not None
+    except CancelledError:
+        return True

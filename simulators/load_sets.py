@@ -1,0 +1,80 @@
+"""A sweep of loads on a scene in closed form, without devices: what the nodes send of each load set, settled.
+
+Nobody sets the load by the load cell: the drive is what the scene's own transfer asks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from instrument.errors import RangeError
+from instrument.load import Load
+from instrument.models.response import response
+from instrument.sample import Sample
+from simulators.clock import VirtualClock
+from simulators.lti import HERTZ, Floats, Periodic
+from simulators.plan import CLOSED_FORM, PRELOAD, moves, path_of
+from simulators.rig import Rig
+from simulators.scene import Scene
+from simulators.steady import SETTLED
+from simulators.waveforms import SAMPLES_PER_CYCLE, sampled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadSet:
+    """Films of the design under one load.
+
+    Attributes:
+        load: peak to peak [N].
+        time: (n,) s, from the first sample on.
+        voltage: (films, n) V.
+        saturated: (films, n).
+    """
+
+    load: float
+    time: Floats
+    voltage: Floats
+    saturated: npt.NDArray[np.bool_]
+
+
+def load_sets(
+    scene: Scene, sample: Sample, loads: Sequence[float], frequency: float, dwell: float
+) -> Iterator[LoadSet]:
+    """Each load in turn on one clock: the drive is set, settles, and is sampled 25 times a cycle over the dwell.
+
+    Args:
+        loads: peak to peak [N].
+        frequency: of the drive [Hz].
+        dwell: [s].
+
+    Raises:
+        RangeError: the scene has faults, or a limit acts: it has no closed form. Its model does not answer for the
+            sample.
+    """
+    if scene.faults:
+        raise RangeError(f"scene {scene.name!r} has faults, which only a bench meets; take how = 'bench'")
+    clock = VirtualClock()
+    rig = Rig(scene, clock)
+    clock.add(rig)
+    rig.mount(sample)
+    stiffness = response(scene.design, Load(1.0, sample), scene.model, scene.tolerance).stiffness
+    pressed = PRELOAD * max(loads) * (1 / stiffness + 1 / scene.rig.suspension_stiffness)
+    rig.set_position(scene.rig.sensor_position - sample.thickness + pressed)
+    period_ns = round(1e9 / (SAMPLES_PER_CYCLE * frequency))
+    for load in loads:
+        volts = load / 2 / abs(rig.transfer(frequency)[-1])
+        drive = Periodic(0.0, round(frequency * HERTZ), clock.now_ns(), 0, np.array([1]), np.array([-1j * volts]))
+        rig.set_voltage(drive)
+        clock.wait(SETTLED)
+        first = -(-clock.now_ns() // period_ns)
+        time_ns = (first + np.arange(round(dwell * 1e9 / period_ns))) * period_ns
+        path, why = path_of(moves(rig, int(time_ns[-1])), steady=False)
+        if path != CLOSED_FORM:
+            raise RangeError(f"scene {scene.name!r} has no closed form under {load:g} N: {why}; take how = 'bench'")
+        voltage, saturated = sampled(scene, rig, time_ns, period_ns)
+        yield LoadSet(load, 1e-9 * (time_ns - time_ns[0]), voltage, saturated)
+        clock.wait(dwell)

@@ -1,0 +1,299 @@
+"""A study gives the same results whatever computes it and however often it was stopped; a bad cell fails alone."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from instrument.config import parse
+from instrument.errors import BenchError, ConfigError, RangeError, RecordError, UsageError
+from procedures.study.description import MOST_CELLS, Study, StudyFile, Value, read_study, study_of
+from procedures.study.results import Results, coordinate, read_results
+from procedures.study.run import run
+from procedures.study.store import DATABASE, Store
+from tests.procedures.conftest import silent
+
+Cell = Mapping[str, Value]
+
+GRID = """
+name = "grid"
+loads = "1 N, 2 N"
+
+[axes]
+scene = ["near", "far"]
+seed = "1-3"
+sample = ["1", "2"]
+"""
+RANDOM = """
+name = "random"
+random = { cells = 40, seed = 5 }
+
+[axes]
+seed = "1-1000"
+modulus = { low = "10 kPa", high = "1000 kPa", scale = "log" }
+effects.white_noise.density = { low = "1 µV/√Hz", high = "2 µV/√Hz" }
+effects.glue_clamping.factor = { low = 0.25, high = 0.5 }
+model = ["column", "beam"]
+"""
+
+
+def study_from(text: str) -> Study:
+    return study_of(parse(text.encode(), StudyFile, "study.toml"), "study.toml")
+
+
+def evaluate(cell: Cell) -> Iterator[dict[str, Any]]:
+    """Two load sets that say which cell they are of; the far scene is bad under seed 2, and a defect under seed 3."""
+    if cell["scene"] == "far" and cell["seed"] == 2:
+        raise RangeError("the far scene is too far; go nearer")
+    if cell["scene"] == "far" and cell["seed"] == 3:
+        raise ZeroDivisionError("a defect")
+    for load in (1.0, 2.0):
+        ratio = int(cell["seed"]) / 10 + int(cell["sample"]) / 100
+        yield {
+            "load_N": load, "force_ratio": ratio, "force_ratio_u": 0.03 * load, "model_force_ratio": 0.5,
+            "valid": load < 2 or cell["seed"] != 1, "flags": [],
+        }  # fmt: skip
+
+
+class InTurn(Executor):
+    """Computes in this thread, and says that the last is ready first."""
+
+    def __init__(self) -> None:
+        self.begun: list[Cell] = []
+        self.waiting: list[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = []
+
+    def submit(self, call: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.begun.append(arguments[-1])
+        self.waiting.append((future, call, arguments))
+        if len(self.waiting) == 4 or len(self.begun) >= 12:
+            while self.waiting:
+                later, call, arguments = self.waiting.pop()
+                self.answer(later, call, arguments)
+        return future
+
+    def answer(self, future: Future[Any], call: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        future.set_result(call(*arguments))
+
+
+def done(folder: Path, executor: Executor, asked: str = GRID, evaluate: Callable[[Cell], Any] = evaluate) -> Results:
+    study = study_from(asked)
+    with Store(folder, {"study": study.file.model_dump(mode="json")}) as store, executor:
+        run(study, evaluate, executor, store, silent, ahead=4)
+    return read_results(folder)
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Results:
+    return done(tmp_path / "whole", ThreadPoolExecutor(1))
+
+
+def test_a_grid_has_every_combination_and_the_last_axis_goes_fastest() -> None:
+    study = study_from(GRID)
+    assert len(study) == 12
+    assert study.cell(0) == {"scene": "near", "seed": 1, "sample": "1"}
+    assert study.cell(7) == {"scene": "far", "seed": 1, "sample": "2"}
+    assert len({tuple(study.varied(i).items()) for i in range(12)}) == 12
+
+
+def test_draws_lie_in_their_ranges_and_do_not_depend_on_how_many_there_are() -> None:
+    study, fewer = study_from(RANDOM), study_from(RANDOM.replace("cells = 40", "cells = 4"))
+    assert [fewer.cell(i) for i in range(4)] == [study.cell(i) for i in range(4)]
+    assert study.cell(0) != study_from(RANDOM.replace("seed = 5", "seed = 6")).cell(0)
+    cells = [study.varied(i) for i in range(40)]
+    moduli, unit = coordinate([cell["modulus"] for cell in cells])
+    numbers = [float(value) for value in moduli]
+    assert unit == "kPa"
+    assert all(10 <= value <= 1000 for value in numbers)
+    assert 10 < sum(value < 100 for value in numbers) < 30  # half of them, by the logarithm
+    assert all(0.25 <= float(cell["effects.glue_clamping.factor"]) <= 0.5 for cell in cells)
+    assert {cell["model"] for cell in cells} == {"column", "beam"}
+
+
+def test_the_results_are_the_same_bytes_whatever_computes_them(whole: Results, tmp_path: Path) -> None:
+    for name, executor in {"threads": ThreadPoolExecutor(4), "in turn": InTurn()}.items():
+        results = done(tmp_path / name, executor)
+        assert results.digest() == whole.digest()
+        csv = [each.export("csv", tmp_path / folder) for each, folder in ((results, name), (whole, "whole"))]
+        assert csv[0].read_bytes() == csv[1].read_bytes()
+
+
+def test_a_bad_cell_fails_with_its_reason_and_the_others_go_on(whole: Results) -> None:
+    reasons = {outcome.cell: outcome.reason for outcome in whole.outcomes if outcome.reason}
+    too_far, defect = "the far scene is too far; go nearer", "ZeroDivisionError: a defect"
+    assert reasons == {8: too_far, 9: too_far, 10: defect, 11: defect}
+    assert [outcome.cell for outcome in whole.outcomes] == list(range(12))
+
+
+def test_a_cell_that_is_stored_is_not_computed_again(whole: Results, tmp_path: Path) -> None:
+    def stopped(cell: Cell) -> Any:
+        if cell["scene"] == "far":
+            raise KeyboardInterrupt
+        return evaluate(cell)
+
+    folder = tmp_path / "stopped"
+    with pytest.raises(KeyboardInterrupt) as interrupted:
+        done(folder, ThreadPoolExecutor(1), evaluate=stopped)
+    kept = [outcome.cell for outcome in read_results(folder).outcomes]
+    assert kept == list(range(6))
+    assert interrupted.value.__notes__ == [f"6 of 12 cells are kept in {folder}; give the command again to go on"]
+    again = InTurn()
+    again.begun = [{}] * 6
+    assert done(folder, again).digest() == whole.digest()
+    assert [cell["scene"] for cell in again.begun[6:]] == ["far"] * 6
+
+
+def test_of_a_worker_that_is_lost_only_its_cell_is(tmp_path: Path) -> None:
+    class Losing(InTurn):
+        def answer(self, future: Future[Any], call: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+            if arguments[1] == 2:
+                future.set_exception(BrokenExecutor("it is gone"))
+            else:
+                super().answer(future, call, arguments)
+
+    with pytest.raises(BenchError, match=r"^a worker ended without an answer \(it is gone\).* 3 of 12 cells are kept"):
+        done(tmp_path / "lost", Losing())
+    assert [outcome.cell for outcome in read_results(tmp_path / "lost").outcomes] == [0, 1, 3]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "difference"),
+    [
+        ('"1-3"', '"1-4"', "study.axes.seed is '1-3' there and '1-4' here"),
+        ("2 N", "3 N", "study.loads is '1 N, 2 N' there and '1 N, 3 N' here"),
+        ('sample = ["1", "2"]', "", r"study.axes.sample is \['1', '2'\] there and absent here"),
+    ],
+)
+def test_another_study_is_refused_with_what_differs(
+    old: str, new: str, difference: str, whole: Results, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=f"whole holds another study: {difference}; choose another --out"):
+        done(tmp_path / "whole", InTurn(), GRID.replace(old, new))
+
+
+def test_one_process_at_a_time_works_on_a_study(tmp_path: Path) -> None:
+    with Store(tmp_path, {}), pytest.raises(UsageError, match="is being worked on by another process"):
+        Store(tmp_path, {})
+    with Store(tmp_path, {}):
+        pass
+
+
+@pytest.mark.parametrize("at", ["a row", "the file"])
+def test_a_damaged_study_is_told(at: str, whole: Results, tmp_path: Path) -> None:
+    path = tmp_path / "whole" / DATABASE
+    content = path.read_bytes()
+    damaged = content.replace(b'"force_ratio":0.11', b'"force_ratio":0.12', 1) if at == "a row" else b"x" * 4096
+    assert damaged != content
+    path.write_bytes(damaged)
+    with pytest.raises(RecordError, match=r"study\.sqlite is damaged \(.*\); restore it from a copy"):
+        read_results(tmp_path / "whole")
+
+
+def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="holds no study"):
+        read_results(tmp_path)
+
+
+def test_a_running_study_can_be_read(whole: Results, tmp_path: Path) -> None:
+    seen = []
+    reader = threading.Thread(target=lambda: seen.append(len(read_results(tmp_path / "whole").outcomes)))
+    with Store(tmp_path / "whole", {"study": whole.study.file.model_dump(mode="json")}):
+        reader.start()
+        reader.join()
+    assert seen == [12]
+
+
+def test_a_mean_is_over_the_valid_load_sets(whole: Results) -> None:
+    first, second = whole.means()[0], whole.means()[2]
+    assert (first.valid_points, first.force_ratio, first.force_ratio_u) == (1, 0.11, 0.03)
+    assert second.valid_points == 2
+    assert second.force_ratio_u == pytest.approx((0.03**2 + 0.06**2) ** 0.5 / 2)
+
+
+def test_a_group_holds_what_differs_in_seeds_alone(whole: Results) -> None:
+    groups = whole.groups()
+    assert [(group.axes["scene"], group.axes["sample"], group.cells, group.failed) for group in groups] == [
+        ("near", "1", 3, 0), ("near", "2", 3, 0), ("far", "1", 3, 2), ("far", "2", 3, 2),
+    ]  # fmt: skip
+    assert groups[0].spread == pytest.approx(0.1)
+    assert groups[2].spread is None
+
+
+def test_the_dataset_of_a_grid_has_its_axes_and_the_table_its_values(whole: Results) -> None:
+    found, table = whole.dataset(), whole.table()
+    assert found.force_ratio.dims == ("scene", "seed", "sample", "load_N")
+    assert float(found.force_ratio.sel(scene="near", seed=3, sample="2", load_N=2.0)) == 0.32
+    assert found.force_ratio.sel(scene="far", seed=[2, 3]).isnull().all()
+    assert str(found.reason.sel(scene="far", seed=3, sample="1").item()) == "ZeroDivisionError: a defect"
+    row = table[(table.scene == "near") & (table.seed == 3) & (table["sample"] == "2") & (table.load_N == 2.0)]
+    assert row.force_ratio.tolist() == [0.32]
+    assert len(table) == 16
+    assert table.simulated.all()
+
+
+def test_the_dataset_of_draws_goes_by_cells(tmp_path: Path) -> None:
+    def one(cell: Cell) -> list[dict[str, Any]]:
+        return [{"load_N": 1.5, "force_ratio": float(str(cell["modulus"]).split()[0]), "valid": True, "flags": []}]
+
+    results = done(tmp_path / "drawn", ThreadPoolExecutor(1), RANDOM, one)
+    found = results.dataset()
+    assert found.force_ratio.dims == ("cell", "load_N")
+    assert found.modulus.attrs == {"units": "kPa"}
+    assert found.force_ratio.isel(load_N=0).values.tolist() == found.modulus.values.tolist()
+    assert "modulus_kPa" in results.table().columns
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('name = "grid"', "", "name: is missing"),
+        ("loads", "load", r"load: unknown key \(did you mean 'loads'\?\)"),
+        ('"1 N, 2 N"', '"10 N"', "load 10 N peak to peak takes a peak force"),
+        ("sample =", "smaple =", r"axes.smaple: unknown axis 'smaple' \(did you mean 'sample'\?\)"),
+        ('sample = ["1", "2"]', 'sample = ["1", "7"]', "axes.sample: unknown sample '7'"),
+        ('sample = ["1", "2"]', 'design = ["singel"]', r"axes.design: unknown design 'singel' \(did you mean 'single'"),
+        ('sample = ["1", "2"]', "sample = []", r"axes.sample: \[\] is no list of values"),
+        ('sample = ["1", "2"]', 'sample = ["1", "1"]', "axes.sample: a value is given twice"),
+        ('sample = ["1", "2"]', 'modulus = ["-1 kPa"]', "axes.modulus: '-1 kPa' is no modulus"),
+        ('sample = ["1", "2"]', 'modulus = { low = "1 kPa", high = "2 kPa" }', "axes.modulus: a range is drawn from"),
+        ('"1-3"', '"3-1"', "axes.seed: seeds '3-1' run backwards"),
+        ('"1-3"', '"1-100000"', f"400000 cells of 2 loads are more than the {MOST_CELLS} cells"),
+        ('"1-3"', "[-1]", "axes.seed: -1 is no seed"),
+        ('name = "grid"', 'name = "g"\nhow = "fast"', "how: Input should be 'closed form' or 'bench'"),
+    ],
+)  # fmt: skip
+def test_what_is_no_study_is_refused(old: str, new: str, complaint: str) -> None:
+    assert old in GRID
+    with pytest.raises(ConfigError, match=f"^study.toml: {complaint}"):
+        study_from(GRID.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('low = "10 kPa"', 'low = "2000 kPa"', "does not increase"),
+        ('low = "10 kPa"', 'low = "10 Pa"', "has two units"),
+        ('low = "10 kPa"', 'lwo = "10 kPa"', r"lwo: unknown key \(did you mean 'low'\?\)"),
+        ('low = "10 kPa"', 'low = "0 kPa"', "above 0 where its scale is 'log'"),
+        ('["column", "beam"]', '{ low = "a", high = "b" }', "has no range to draw from"),
+    ],
+)
+def test_what_cannot_be_drawn_from_is_refused(old: str, new: str, complaint: str) -> None:
+    assert old in RANDOM
+    with pytest.raises(ConfigError, match=complaint):
+        study_from(RANDOM.replace(old, new))
+
+
+def test_the_example_is_a_study() -> None:
+    assert len(read_study(Path(__file__).parents[1] / "examples" / "study.toml")) == 120
+
+
+def test_what_cannot_be_stored_is_told(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    with pytest.raises(RecordError, match=r"cannot write .*taken.study\.sqlite: .*; choose a writable folder"):
+        Store(tmp_path / "taken", {})

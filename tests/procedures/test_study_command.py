@@ -1,0 +1,151 @@
+"""`palpate study`: cells in closed form and on the bench, in processes of their own, and what is wrong with a study."""
+
+from __future__ import annotations
+
+import json
+import math
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from instrument.config import parse
+from instrument.errors import PalpateError
+from procedures.cli import executors
+from procedures.cli.study_cell import COLUMNS, Sweep
+from procedures.study.description import StudyFile, study_of
+from procedures.study.run import attempt
+from simulators.scene import read_scene
+from tests.procedures.conftest import Palpate, sweep_scene
+
+LOADS = (2.0, 3.0)
+
+
+def sweep_of(axes: str, how: str = "closed form") -> Sweep:
+    text = f'name = "study"\nhow = "{how}"\nloads = "2 N, 3 N"\n[axes]\n{axes}'
+    return Sweep.of(study_of(parse(text.encode(), StudyFile, "study.toml"), "study.toml"), "study.toml")
+
+
+def points(sweep: Sweep, **cell: Any) -> list[dict[str, Any]]:
+    return sweep({"scene": "thesis_single", "sample": "1", "seed": 3, **cell})
+
+
+def test_without_noise_and_scatter_the_closed_form_measures_what_the_model_says() -> None:
+    for design, sample in (("single", "1"), ("common_base", "2")):
+        found = points(sweep_of('scene = ["ideal"]'), scene="ideal", design=design, sample=sample)
+        assert [point["load_N"] for point in found] == list(LOADS)
+        for point in found:
+            assert point["force_ratio"] == pytest.approx(point["model_force_ratio"], rel=2e-3)  # steps of 16 bits
+            assert point["force_total_N"] == pytest.approx(point["load_N"], rel=1e-4)
+
+
+def test_scatter_is_drawn_anew_for_each_load_set_and_by_the_seed() -> None:
+    sweep = sweep_of("seed = [3, 4]")
+    first, other = points(sweep), points(sweep, seed=4)
+    assert points(sweep) == first
+    ratios = [point["force_ratio"] for point in (*first, *other)]
+    assert len(set(ratios)) == 4
+    off = [(p["force_ratio"] - p["model_force_ratio"]) / p["force_ratio_u"] for p in (*first, *other)]
+    assert 0.1 < math.sqrt(sum(z * z for z in off) / len(off)) < 2.5
+
+
+def test_a_cell_on_the_bench_is_the_sweep_on_that_bench(tmp_path: Path) -> None:
+    scene = read_scene("thesis_single").with_seed(3)
+    result = sweep_scene(scene, tmp_path, samples=("1",), loads=LOADS)
+    found = points(sweep_of("seed = [3]", "bench"))
+    assert [[point[name] for name in COLUMNS] for point in found] == [
+        [getattr(point, name) for name in COLUMNS] for point in result.points
+    ]
+
+
+@pytest.mark.parametrize(
+    ("cell", "reason"),
+    [
+        ({"scene": "overdriven"}, r"scene 'overdriven' has no closed form under 3 N: the amplifier clips; take how ="),
+        ({"scene": "faulty.toml"}, "scene 'faulty' has faults, which only a bench meets; take how = 'bench'"),
+        ({"modulus": "1 MPa"}, "modulus 1 MPa of sample '2' is outside the measured"),
+        ({"design": "array_16"}, "nothing was measured with design 'array_16'; take model 'column'"),
+        ({"effects.white_noise.density": "-1 V/√Hz"}, "thesis_single: effects.white_noise: density: Input should be"),
+    ],
+)
+def test_a_cell_that_cannot_be_says_why(
+    cell: dict[str, Any], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ideal = 'name = "faulty"\npurpose = "Faults."\ndesign = "single"\n'
+    fault = '[[fault]]\non = "shaker_amplifier"\nkind = "over_current"\nat = "1 s"\n'
+    Path("faulty.toml").write_text(ideal + fault, encoding="utf-8")
+    outcome = attempt(
+        sweep_of('scene = ["thesis_single", "overdriven", "faulty.toml"]'),
+        7,
+        {"scene": "thesis_single", "sample": "2", **cell},
+    )
+    assert outcome.reason.startswith(reason)
+    assert outcome.data == "[]"
+
+
+def test_an_effect_and_a_modulus_reach_the_scene() -> None:
+    sweep = sweep_of("effects.glue_clamping.factor = [0.5]")
+    whole, clamped = points(sweep), points(sweep, **{"effects.glue_clamping.factor": 0.5})
+    assert clamped[0]["voltage_rigid_V"] == pytest.approx(whole[0]["voltage_rigid_V"] / 2, rel=0.02)
+    softer = points(sweep, modulus="30 kPa", model="column")
+    assert softer[0]["model_force_ratio"] < whole[0]["model_force_ratio"]
+
+
+@pytest.mark.parametrize(
+    ("axes", "complaint"),
+    [
+        ('scene = ["thesis_singel"]', r"unknown scene 'thesis_singel' \(did you mean 'thesis_single'\?\)"),
+        ("effects.white_nois.density = [1]", r"effects.white_nois.density: unknown effect .* \(did you mean 'white_n"),
+        ("effects.white_noise.densty = [1]", r"unknown parameter .* 'densty' \(did you mean 'density'\?\)"),
+        ("effects.white_noise = [1]", "unknown parameter of the effect white_noise ''"),
+    ],
+)
+def test_a_scene_or_an_effect_that_does_not_exist_is_refused(axes: str, complaint: str) -> None:
+    with pytest.raises(PalpateError, match=complaint):
+        sweep_of(axes)
+
+
+STUDY = """
+name = "small"
+loads = "2 N, 3 N"
+
+[axes]
+scene = ["thesis_single", "overdriven"]
+seed = "1-2"
+"""
+
+
+def test_two_processes_give_what_one_thread_gives_and_the_second_call_computes_nothing(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("small.toml").write_text(STUDY, encoding="utf-8")
+    two = palpate("study", "small.toml", "--workers", "2", "--out", "two", "--json")
+    assert two.status == 1
+    told = json.loads(two.out)
+    assert told["simulated"] is True
+    assert (told["cells"], told["done"], [each["cell"] for each in told["failed"]]) == (4, 4, [2, 3])
+    assert "amplifier clips" in told["failed"][0]["reason"]
+    assert told["results"][0]["force_ratio"] == pytest.approx(0.142, rel=0.1)
+
+    monkeypatch.setattr(executors, "executor_of", lambda *_: nullcontext((ThreadPoolExecutor(2), 2)))
+    one = json.loads(palpate("study", "small.toml", "--out", "one", "--json").out)
+    assert one["digest"] == told["digest"]
+    assert Path("one/points.csv").read_bytes() == Path("two/points.csv").read_bytes()
+
+    monkeypatch.setattr(executors, "executor_of", lambda *_: pytest.fail("nothing is left to compute"))
+    again = json.loads(palpate("study", "small.toml", "--out", "two", "--json").out)
+    assert again["digest"] == told["digest"]
+
+
+def test_what_is_wrong_is_told_before_anything_is_computed(palpate: Palpate) -> None:
+    Path("small.toml").write_text(STUDY.replace("thesis_single", "thesis_singel"), encoding="utf-8")
+    refused = palpate("study", "small.toml")
+    assert refused.status == 2
+    assert refused.complaint.startswith("unknown scene 'thesis_singel' (did you mean 'thesis_single'?)")
+    assert not Path("runs").exists()
+    assert palpate("study", "small.toml", "--workers", "0").status == 2
+    both = palpate("study", "small.toml", "--workers", "2", "--dask", "tcp://127.0.0.1:1")
+    assert both.complaint.startswith("--workers and --dask: the scheduler has workers of its own")
