@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from drivers.bench import Bench
 from instrument.errors import RecordError, UsageError
@@ -30,6 +30,23 @@ MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the re
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
+
+
+class _Scene(BaseModel):
+    toml: str
+
+
+class _Header(BaseModel):
+    """What the record of a procedure on a bench says of its beginning; see `procedures/cli/session.py`."""
+
+    settings: dict[str, Any]
+    scene: _Scene | None
+    bench: str
+    devices: dict[str, str]
+    contracts: str
+    calibration: dict[str, Any]
+    film_calibration: dict[str, Any] | None
+    versions: dict[str, str]
 
 
 class Resumed(Recorder):
@@ -76,7 +93,7 @@ class Resumed(Recorder):
         """
         if bool(header["simulated"]) != self.run.simulated:
             raise UsageError(f"{self.folder} is {'' if self.run.simulated else 'not '}simulated, this bench is another")
-        changes = list(_differences(_comparable(self.run.header), _comparable(json.loads(as_json(header)))))
+        changes = list(_differences(_comparable(header_of(self.run)), _comparable(json.loads(as_json(header)))))
         if changes and not self._accept:
             raise UsageError(
                 f"{self.folder} cannot go on, the bench has changed:\n  "
@@ -168,11 +185,27 @@ class PausedAgain:
             self._pause.wait()
 
 
+def header_of(run: Run) -> Mapping[str, Any]:
+    """The header of a run that a procedure began on a bench. Raises RecordError: it has another."""
+    header: Mapping[str, Any] = run.header
+    try:
+        _Header.model_validate(header, strict=True)
+        tomllib.loads(header["bench"] if header["scene"] is None else header["scene"]["toml"])
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    except tomllib.TOMLDecodeError as error:
+        reason = str(error)
+    else:
+        return header
+    raise RecordError(f"{run.folder}: its header is not that of a procedure on a bench ({reason}); run anew")
+
+
 def settings_of(run: Run, kind: type[T]) -> T:
     """The settings that a run was begun with, as their dataclass. Raises RecordError."""
     try:
         (settings,) = _as(kind, [run.header["settings"]])
-    except (ValidationError, KeyError) as error:
+    except ValidationError as error:
         raise RecordError(f"{run.folder}: its settings are of another palpate ({error}); run anew") from None
     return settings
 
@@ -207,9 +240,12 @@ def _as(kind: type[T], data: list[Any]) -> list[T]:
         nulls = [tuple(e["loc"]) for e in error.errors(include_url=False) if e["input"] is None]
         if not nulls:
             raise
-    for *path, last in nulls:
-        where: Any = data
-        for part in path:
-            where = where[part]
-        where[last] = float("nan")
+        try:
+            for *path, last in nulls:
+                where: Any = data
+                for part in path:
+                    where = where[part]
+                where[last] = float("nan")
+        except (LookupError, TypeError):  # no number belongs there
+            raise error from None
     return adapter.validate_python(data)

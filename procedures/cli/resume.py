@@ -54,7 +54,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, as_json: bool, qui
     from instrument.errors import UsageError
     from procedures.cli.conduct import conduct
     from procedures.cli.keys import keyboard
-    from procedures.resume import Resumed, settings_of
+    from procedures.resume import Resumed, header_of, settings_of
     from procedures.run import Run
     from procedures.run_list import find_run
 
@@ -63,7 +63,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, as_json: bool, qui
     if opened.procedure not in known:
         raise UsageError(f"{opened.folder}: {opened.procedure!r} cannot be resumed; valid: {', '.join(known)}")
     procedure = known[opened.procedure]()
-    if simulated := opened.header["scene"] is not None:
+    if simulated := header_of(opened)["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run was on a simulated bench; leave it out")
     elif not procedure.continues and opened.points():

@@ -197,6 +197,34 @@ def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
     assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint
 
 
+BEGUN: dict[str, Any] = {
+    **HEADER, "settings": {}, "scene": {"toml": ""}, "bench": "", "devices": {}, "contracts": "", "calibration": {},
+    "film_calibration": None, "versions": {},
+}  # fmt: skip
+FORGED: dict[str, list[object]] = {
+    "settings": [3, None, [{}], {}, {"samples": None, "loads": [None]}],
+    "scene": [3, "[", {}, {"toml": 1}, {"toml": "["}],
+    "bench": [3, None],
+    "devices": [3, {"generator": 1}],
+    "contracts": [3],
+    "calibration": [3, None],
+    "film_calibration": [3, "x"],
+    "versions": [3, {"numpy": 2}],
+}
+FORGERIES = [BEGUN | {key: value} for key, values in FORGED.items() for value in values] + [
+    {key: value for key, value in BEGUN.items() if key != absent} for absent in FORGED
+]
+
+
+def test_a_header_that_was_forged_is_one_error(palpate: Palpate, tmp_path: Path) -> None:
+    for number, header in enumerate([*FORGERIES, BEGUN | {"scene": None, "bench": "["}]):
+        Recorder.create(tmp_path / str(number), header).close()
+        said = palpate("runs", "resume", str(number))
+        assert said.status == 1
+        assert said.complaint.startswith(f"{tmp_path / str(number)}: its "), header
+        assert said.complaint.endswith("; run anew")
+
+
 # --- a real bench ---------------------------------------------------------------------------------------
 
 
