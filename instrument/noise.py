@@ -22,7 +22,7 @@ FIRST_LINE = 2  # offset and trend take most of line 1
 SHAPE_LINES = 96  # from which on the spectrum has a shape to fit
 HARMONICS_FROM = 8  # cycles: without the harmonics a record loses an eighth of its lines at most
 BANDS = 12  # of equal ratio, whose means are fitted, and in which the shape must hold
-SURE = 1e-3  # chance that a spectrum of that shape is taken for another
+SURE = 1e-4  # chance that a spectrum of that shape is taken for another
 SCORINGS, SETTLED = 8, 1e-4  # steps at most, and the relative change that ends them
 
 

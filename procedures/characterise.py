@@ -18,7 +18,8 @@ from instrument.errors import EstimateError, RangeError
 from instrument.interpolation import Interpolation, interpolate
 from instrument.quantity import show
 from instrument.sample import get_sample
-from procedures.films import FilmPoint, Films, check_nodes, measure
+from procedures.film_point import FilmPoint, measure
+from procedures.films import Films, check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
 from procedures.record import Recorder

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,14 @@ from instrument.design import Design
 from instrument.errors import DeviceError, RangeError
 from instrument.estimate import SineFit
 from instrument.film_calibration import FEWEST, FilmCalibration, FilmReading, calibrate_films
-from procedures.films import Films, check_nodes, measure
+from procedures.film_point import measure
+from procedures.films import Films, check_nodes
 from procedures.load_cell import LONGEST_VALIDITY
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
+from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
+from procedures.servo import LoadServo, check_zero, finish, lower, withdraw
 
 PROCEDURE = "calibrate-films"
 
@@ -103,15 +106,14 @@ def run(
         progress(len(points), total, f"press tooth {tooth + 1}")
         withdraw(bench)
         bench.operator.press_tooth(tooth)
-        preloaded = preload(bench, calibration, preload_for(settings.loads))
-        bench.drive()
+        preloaded = lower(bench, calibration, preload_for(settings.loads), f"tooth {tooth + 1}")
         for frequency in settings.frequencies:
             films.set_frequency(frequency)
             servo = LoadServo(bench, calibration, frequency, preloaded)
             for load in settings.loads:
                 what = f"tooth {tooth + 1}, {frequency:g} Hz, {load:g} N"
                 progress(len(points), total, what)
-                servo.set(load)
+                carry_out(bench, what, partial(servo.set, load))
                 measured = measure(films, servo, load, settings.dwell, record, what)
                 voltage = _voltages(design, tooth, measured.fit)
                 point = {

@@ -1,17 +1,10 @@
-"""One point at the present load: the films settle, are recorded, fitted and judged; what is flagged is repeated.
-
-films = Films(bench, design, frequency=10.0, largest=4.0)
-...                                     # mount, preload, drive
-servo.set(3.0)
-point = measure(films, servo, 3.0, dwell=1.0, record=record)
-point.fit.amplitude, point.flags, film_forces(design, point.fit).force_ratio
-"""
+"""The films of a design: set up, waited for until they have settled, recorded and fitted, all together."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +13,8 @@ from drivers.bench import Bench
 from drivers.sensor_node import SensorNode, acquire
 from instrument.contracts.sensor_node import RANGE_VOLTS, RANGES, place
 from instrument.design import Design
-from instrument.dwell import Dwell
 from instrument.errors import DeviceError, EstimateError, RangeError
 from instrument.estimate import SineFit, fit_sine
-from procedures.policy import ATTEMPTS, carry_out
-from procedures.record import Recorder
-from procedures.servo import READINGS, LoadServo
 
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
@@ -35,11 +24,8 @@ SETTLING_LIMIT = 30.0  # s, and ten short records or more
 AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
 BEND = 0.1  # of a standard uncertainty, that a change of trend may leave in an amplitude
 FINEST_CHANGE = 1e-4  # of the amplitude: what is smaller counts as settled [A]
-LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
-CLIPPED, NOT_FINITE, UNSETTLED, FAULT, DRIFTED = "clipped", "not finite", "unsettled", "fault", "drifted"
 
 Floats = npt.NDArray[np.float64]
-DwellChoice = Callable[[SineFit], Dwell]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,42 +45,15 @@ class FilmRecord:
         good: npt.NDArray[np.bool_] = np.isfinite(self.voltage) & ~self.clipped
         return good
 
+    def first(self, duration: float) -> FilmRecord:
+        """Its first `duration` s."""
+        n = round(duration * self.rate)
+        return FilmRecord(self.rate, self.time[:n], self.voltage[:, :n], self.clipped[:, :n])
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FilmPoint:
-    """The films under one load, as the last attempt has them.
 
-    Attributes:
-        load_N, load_u: by the load cell after the dwell, peak to peak; `indicator_mV` is its reading.
-        fit: of all films in the design's order, by the good samples alone where they suffice.
-        dwell, settling: that the attempt took [s].
-        predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
-        attempts: how many there were.
-        flags: why the last one is not to be used; empty: it is.
-        incidents: how often something went wrong on the bench since the point before and was made good.
-    """
-
-    load_N: float
-    load_u: float
-    indicator_mV: float
-    fit: SineFit
-    record: FilmRecord
-    dwell: float
-    predicted_u: float | None
-    settling: float
-    attempts: int
-    flags: tuple[str, ...]
-    incidents: int = 0
-
-    @property
-    def valid(self) -> bool:
-        return not self.flags
-
-    def waveforms(self, design: Design) -> dict[str, tuple[float, Floats]]:
-        """For the record: rate and samples of each film by its name."""
-        return {
-            film.name: (self.record.rate, volts) for film, volts in zip(design.films, self.record.voltage, strict=True)
-        }
+def short_length(frequency: float) -> float:
+    """Of the records that tell whether the films have settled at a frequency [Hz]: s, whole cycles."""
+    return max(2, math.ceil(SHORT_RECORD * frequency - 1e-9)) / frequency
 
 
 def nodes_for(design: Design) -> int:
@@ -190,8 +149,7 @@ class Films:
         Returns:
             The last short record's fit, the time taken [s], and whether it did settle within the limit.
         """
-        cycles = max(2, math.ceil(SHORT_RECORD * self.frequency - 1e-9))
-        length = cycles / self.frequency
+        length = short_length(self.frequency)
         began = self.bench.clock.now_ns()
         limit = max(SETTLING_LIMIT, 10 * length)
         before: tuple[int, SineFit] | None = None
@@ -204,81 +162,6 @@ class Films:
             if settled or took >= 1e9 * limit:
                 return fit, 1e-9 * took, settled
             before = start, fit
-
-
-def measure(
-    films: Films,
-    servo: LoadServo,
-    load: float,
-    dwell: float | DwellChoice,
-    record: Recorder,
-    what: str = "",
-) -> FilmPoint:
-    """The point at the present load, `load` N peak to peak, which `servo` has set.
-
-    A flagged attempt is rejected, with an event of the record that says why, and repeated: clipped films on the wide
-    range, a load that drifted off set anew. After `ATTEMPTS` the last one stands, with its flags.
-
-    Args:
-        dwell: s, or how to choose it from the fit of the last short record.
-        what: names the point in events.
-
-    Raises:
-        SafetyError, DeviceError, LinkError, UnreachableError: the bench could not.
-        EstimateError: the dwell gives no estimate.
-    """
-    named = what or f"{load:g} N"
-    for attempt in range(1, ATTEMPTS + 1):
-        point = carry_out(
-            films.bench,
-            named,
-            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt),  # type: ignore[misc]
-            again=lambda: servo.set(load),
-        )
-        if point.valid or attempt == ATTEMPTS:
-            break
-        record.event(
-            "rejected",
-            f"{named}, attempt {attempt}: {', '.join(point.flags)}",
-            films.bench.clock.now_ns(),
-        )
-        films.widen(point.record)
-        if DRIFTED in point.flags:
-            carry_out(films.bench, named, lambda: servo.set(load))
-    return replace(point, incidents=films.bench.incidents.new())
-
-
-def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int) -> FilmPoint:
-    short, settling, settled = films.settle(servo.watch)
-    heard = films.emergencies()
-    duration, predicted_u = (dwell, None) if isinstance(dwell, float) else _chosen(dwell(short))
-    record = films.acquire(duration)
-    reading = servo.read()
-    films.bench.amplifier.check()
-    measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
-    faults = {
-        CLIPPED: record.clipped.any(),
-        NOT_FINITE: not np.isfinite(record.voltage).all(),
-        UNSETTLED: not settled,
-        FAULT: films.emergencies() > heard and not record.clipped.any(),
-        DRIFTED: not abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * servo.calibration.resolution()),
-    }
-    return FilmPoint(
-        load_N=measured,
-        load_u=measured_u,
-        indicator_mV=reading.reading_mV,
-        fit=films.fit(record),
-        record=record,
-        dwell=duration,
-        predicted_u=predicted_u,
-        settling=settling,
-        attempts=attempt,
-        flags=tuple(flag for flag, raised in faults.items() if raised),
-    )
-
-
-def _chosen(dwell: Dwell) -> tuple[float, float]:
-    return dwell.dwell, dwell.u
 
 
 def _agree(before: SineFit, after: SineFit, gap: float) -> bool:

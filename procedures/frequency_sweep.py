@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,13 @@ from instrument.errors import RangeError
 from instrument.frequency_response import TACTILE, Corner, Resonance, fit_corner, fit_resonance
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
-from procedures.films import FilmPoint, Films, check_nodes, measure
+from procedures.film_point import FilmPoint, measure
+from procedures.films import Films, check_nodes
 from procedures.load_plan import FREQUENCY_STEP, check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import FIRST_STEPS, Plan, Step, point_seconds
+from procedures.policy import carry_out
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
@@ -194,7 +197,7 @@ def run(
         pause_here(pause, bench, record)
         films.set_frequency(step.frequency_Hz)
         servo = LoadServo(bench, calibration, step.frequency_Hz, preloaded)
-        servo.set(settings.load)
+        carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, dwell_at(step.frequency_Hz, settings.dwell), record, what)
         point = _point(design, step.frequency_Hz, measured, servo.amplitude)
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())

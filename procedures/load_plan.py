@@ -13,6 +13,7 @@ from instrument.errors import RangeError
 from instrument.models.springs import force_ratio
 from instrument.quantity import parse
 from instrument.sample import get_sample
+from procedures.film_point import recording_seconds
 from procedures.films import SAMPLES_PER_CYCLE, check_nodes
 from procedures.plan import Plan, Step, expected_noise, point_seconds
 
@@ -144,10 +145,11 @@ def plan(settings: SweepSettings, design: Design) -> Plan[LoadStep]:
         ratio = design.thesis_force_ratio.get(name) or force_ratio(design, get_sample(name))
         for load in settings.loads:
             noise = expected_noise(design, load, ratio)
-            dwell, u = settings.dwell, math.hypot(design.ratio_scatter, noise / math.sqrt(settings.dwell))
+            recording = settings.dwell
+            u = math.hypot(design.ratio_scatter, noise / math.sqrt(settings.dwell))
             if settings.tolerance is not None:
                 chosen = dwell_of(settings.tolerance, noise, settings.frequency, floor_of(design))
-                dwell, u = chosen.dwell, chosen.u
-            seconds = point_seconds(settings.frequency, dwell, first=load == settings.loads[0])
-            steps.append(LoadStep(None if settings.tolerance else dwell, seconds, u, name, load))
+                recording, u = recording_seconds(chosen.dwell, settings.frequency), chosen.u
+            seconds = point_seconds(settings.frequency, recording, first=load == settings.loads[0])
+            steps.append(LoadStep(None if settings.tolerance else settings.dwell, seconds, u, name, load))
     return Plan(PROCEDURE, steps)

@@ -19,7 +19,8 @@ from instrument.film_forces import ToothPoint, film_forces
 from instrument.quantity import show
 from instrument.sample import get_sample
 from instrument.uncertainty import Budget, Component
-from procedures.films import DwellChoice, FilmPoint, Films, measure
+from procedures.film_point import DwellChoice, FilmPoint, measure
+from procedures.films import Films
 from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.policy import carry_out

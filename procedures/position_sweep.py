@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 from drivers.bench import Bench
@@ -17,13 +18,15 @@ from instrument.position import Located, locate
 from instrument.quantity import show
 from instrument.sample import get_sample
 from instrument.thesis import read_table
-from procedures.films import FilmPoint, Films, check_nodes, measure
+from procedures.film_point import FilmPoint, measure
+from procedures.films import Films, check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import Plan, Step, point_seconds
+from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
+from procedures.servo import LoadServo, check_zero, finish, lower, withdraw
 
 PROCEDURE = "sweep-position"
 FEWEST = 2
@@ -157,13 +160,11 @@ def run(
         what = show(position, "m")
         progress(len(points), total, what)
         pause_here(pause, bench, record)
-        bench.rest()
-        bench.positioner.home()
+        withdraw(bench)
         bench.operator.place_probe(*_at(design, position))
-        preloaded = preload(bench, calibration, static)
-        bench.drive()
+        preloaded = lower(bench, calibration, static, f"sample {settings.sample} at {what}")
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
-        servo.set(settings.load)
+        carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, settings.dwell, record, what)
         point = _point(design, settings, position, measured)
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 from drivers.bench import Bench
@@ -18,12 +19,14 @@ from instrument.models.ratio import Question
 from instrument.quantity import show
 from instrument.sample import Sample
 from instrument.uncertainty import Budget, Component, Kind
-from procedures.films import CLIPPED, Films, measure
+from procedures.film_point import CLIPPED, measure
+from procedures.films import Films
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
 from procedures.model_modulus import COVERAGE, estimate
+from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
+from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
 PROCEDURE = "softness"
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
@@ -159,16 +162,12 @@ def run(
     check_zero(bench, calibration)
     for sample in settings.objects:
         progress(len(points), total, f"mount {sample.name}")
-        bench.rest()
-        bench.positioner.home()
-        bench.operator.mount(sample)
-        preloaded = preload(bench, calibration, preload_for(settings.loads))
-        bench.drive()
+        preloaded = press(bench, calibration, sample, preload_for(settings.loads))
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
         for load in settings.loads:
             what = f"{sample.name}, {show(load, 'N')}"
             progress(len(points), total, what)
-            servo.set(load)
+            carry_out(bench, what, partial(servo.set, load))
             measured = measure(films, servo, load, settings.dwell, record, what)
             forces = film_forces(design, measured.fit)
             point = SoftnessPoint(

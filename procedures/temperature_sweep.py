@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -19,11 +20,13 @@ from instrument.film_forces import film_forces
 from instrument.interpolation import interpolate
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
-from procedures.films import FilmPoint, Films, check_nodes, measure
+from procedures.film_point import FilmPoint, measure
+from procedures.films import Films, check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
 from procedures.pause import NOBODY, Pause, pause_here
 from procedures.plan import Plan, Step, point_seconds
+from procedures.policy import carry_out
 from procedures.record import Recorder
 from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
@@ -203,11 +206,11 @@ def run(
         what = show(step.temperature_K, "K")
         progress(len(points), len(steps), what)
         pause_here(pause, bench, record)
-        bench.rest()
+        carry_out(bench, "outputs off", bench.rest)
         bench.clock.wait(settings.soak)
         bench.operator.set_temperature(step.temperature_K)
-        bench.drive()
-        servo.set(settings.load)
+        carry_out(bench, "outputs on", bench.drive)
+        carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, settings.dwell, record, what)
         point = _point(design, step, measured)
         record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())

@@ -18,6 +18,7 @@ from instrument.dwell import Floor, check_dwell, dwell_of, floor_u, ratio_noise
 from instrument.errors import EstimateError, RangeError, UnknownName
 from instrument.estimate import SineFit, amplitude_ratio, fit_sine
 from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
+from instrument.sine_columns import sine_columns
 
 DWELLS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0)  # s
 TARGETS = (0.1, 0.01, 1e-3, 1e-4)  # relative standard uncertainty of the ratio
@@ -52,7 +53,8 @@ class Point:
         u: standard deviation of their ratios; `u_u` its own standard uncertainty.
         bias: of their mean; `bias_u` its standard uncertainty.
         bound: Cramér–Rao, of the noise around the drive.
-        efficiency: bound² / u²; None where nothing scatters. Above 1 by chance, or by neglect of the trend.
+        efficiency: bound² / u²; None where nothing scatters. Above 1 by chance, or by neglect of trend and hum.
+        hum: what 1 V of mains hum may add to an amplitude by least squares [V]; 0 where the dwell tells them apart.
     """
 
     estimator: str
@@ -64,6 +66,7 @@ class Point:
     bias_u: float
     bound: float
     efficiency: float | None
+    hum: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +174,7 @@ def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: flo
         bias_u=u / math.sqrt(repeats),
         bound=bound,
         efficiency=(bound / u) ** 2 if u > ROUND_OFF else None,
+        hum=sine_columns(time, whole.frequency).hum(),
     )
 
 

@@ -27,6 +27,12 @@ def print_dwell(prices: DwellPrices, title: str, plot: Path | None) -> None:
         table.add_row(f"{dwell:.4g}", str(row[0].repeats), f"{100 * row[0].bound:.3g}", *cells)
     parts = ", ".join(f"{name} {u:.2%}" for name, u in prices.floor.items())
     lines = [f"floor that no dwell beats: {prices.floor_u:.2%}: {parts}"]
+    mixed = {p.dwell_s: p.hum for p in prices.points if p.hum > 0}
+    lines += [
+        f"least squares over {d:.4g} s lets {hum:.2g} of the mains' hum into an amplitude" for d, hum in mixed.items()
+    ]
+    if not mixed:
+        lines.append("least squares tells the mains' hum from the drive over each of these dwells")
     if prices.saturated:
         lines.append("a film is over-ranged: none of these figures is of use")
     for each in prices.recommended:

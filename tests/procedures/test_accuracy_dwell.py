@@ -77,6 +77,15 @@ def test_a_bias_within_its_noise_is_no_floor() -> None:
     assert recommended[0.01] == pytest.approx(2 * 2 * 0.3**2 / RATE / 0.01**2, rel=0.2)
 
 
+@pytest.mark.parametrize(
+    ("frequency", "told"),
+    [("10 Hz", "tells the mains' hum from the drive"), ("48 Hz", "over 0.1 s lets 0.97 of the mains' hum into")],
+)
+def test_hum_that_a_dwell_cannot_tell_from_the_drive_is_named(palpate: Palpate, frequency: str, told: str) -> None:
+    said = palpate("accuracy", "dwell", "--scene", "ideal", "--dwell", "0.1 s", "--frequency", frequency).out
+    assert f"least squares {told}" in said
+
+
 def test_a_silent_film_gives_no_prices() -> None:
     silent = Record(np.arange(5000) / RATE, np.zeros((2, 5000)), False, 0.2, 0.0)
     with pytest.raises(EstimateError):

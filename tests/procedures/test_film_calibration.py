@@ -14,7 +14,7 @@ from instrument.designs import get_design
 from instrument.errors import DeviceError
 from procedures import film_calibration
 from procedures.film_calibration import FilmSettings
-from procedures.films import UNSETTLED
+from procedures.film_point import UNSETTLED
 from procedures.record import Recorder
 from procedures.run import Run
 from simulators.bench import SimulatedBench

@@ -9,10 +9,12 @@ import pytest
 
 from drivers.bench import Bench
 from instrument.designs import get_design
+from instrument.dwell import Dwell
 from instrument.errors import DeviceError, RangeError
 from instrument.estimate import fit_sine
 from procedures import films as module
-from procedures.films import FilmPoint, FilmRecord, Films, check_nodes, measure
+from procedures.film_point import DwellChoice, FilmPoint, measure, recording_seconds
+from procedures.films import FilmRecord, Films, check_nodes
 from procedures.record import Recorder
 from procedures.run import Run
 from procedures.servo import IndicatorMean, LoadServo
@@ -72,10 +74,12 @@ def signals(bench: Bench) -> Signals:
     return Signals(bench)
 
 
-def measured(signals: Signals, servo: Held, folder: Path) -> tuple[FilmPoint, list[str]]:
+def measured(
+    signals: Signals, servo: Held, folder: Path, dwell: float | DwellChoice = 1.0
+) -> tuple[FilmPoint, list[str]]:
     """The point, and the messages of the record's events."""
     with Recorder.create(folder, HEADER) as record:
-        point = measure(signals, servo, 3.0, 1.0, record, "a point")
+        point = measure(signals, servo, 3.0, dwell, record, "a point")
         record.finish("complete", {})
     return point, [event["message"] for event in Run.open(folder).events()]
 
@@ -159,6 +163,33 @@ def test_a_fault_of_a_node_rejects_the_point(signals: Signals, tmp_path: Path, m
     counts = iter([0, 1, 1, 1])
     monkeypatch.setattr(signals, "emergencies", lambda: next(counts))
     assert measured(signals, Held(), tmp_path / "run")[1] == ["a point, attempt 1: fault"]
+
+
+# --- a dwell that is chosen at the point ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("asked", "lengths"), [(0.2, [0.2]), (1.3, [4.0]), (5.0, [4.0, 5.0])])
+def test_a_longer_dwell_is_chosen_by_a_pilot_that_counts_where_it_is_long_enough(
+    signals: Signals, tmp_path: Path, asked: float, lengths: list[float]
+) -> None:
+    signals.noise = 20e-6
+    point, _ = measured(signals, Held(), tmp_path / "run", lambda fit: Dwell(asked, asked, fit.amplitude_u[1]))
+    assert signals.lengths == [0.2, 0.2, *lengths]
+    assert sum(lengths) == pytest.approx(recording_seconds(asked, 10.0))
+    assert (point.dwell, point.fit.samples, point.record.voltage.shape) == (asked, asked * RATE, (2, asked * RATE))
+    assert point.predicted_u is not None and point.predicted_u < 20e-6 * np.sqrt(3 / (RATE * lengths[0]))
+
+
+# --- hum ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("frequency", "marked"), [(10.0, False), (48.0, True)])
+def test_a_point_that_hum_may_spoil_is_marked(signals: Signals, tmp_path: Path, frequency: float, marked: bool) -> None:
+    signals.frequency = frequency
+    _, events = measured(signals, Held(), tmp_path / "run", 0.1)
+    assert [event.split(";")[1] for event in events] == [
+        " of 1 mV of hum up to 0.97 mV may be in an amplitude"
+    ] * marked
 
 
 # --- many films ----------------------------------------------------------------------------------------
