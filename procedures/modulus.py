@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ from instrument.load_line import LEAST_POINTS, Floats, Series
 from instrument.propagation import Propagated
 from instrument.quantity import show
 from instrument.sample import Sample, get_sample
+from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import READING_INTERVAL, TRACK_SETTLING, check_zero, preload
+from procedures.servo import READING_INTERVAL, TRACK_SETTLING, check_zero, finish, preload, withdraw
 
 PROCEDURE = "test-modulus"
 TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
@@ -128,8 +130,7 @@ def run(
     if force > calibration.greatest_N and not settings.extrapolate:
         calibration.check_range(force)
     series = _Measurement(bench, calibration, record, progress, total=3 * settings.steps)
-    bench.rest()
-    bench.positioner.home()
+    withdraw(bench)
     check_zero(bench, calibration)
 
     bench.operator.lay_on_support(None)
@@ -138,7 +139,7 @@ def run(
     compliance = (last - first) / (heavy - light)
     support = first - light * compliance
 
-    bench.positioner.home()
+    withdraw(bench)
     bench.operator.lay_on_support(sample)
     yielding = 1 + compliance * sample.modulus * sample.area / sample.thickness
     deflections = sample.thickness * settings.strain * np.arange(1, settings.steps + 1) / settings.steps
@@ -150,7 +151,7 @@ def run(
         )
     loading = series.take(LOADING, positions)
     unloading = series.take(UNLOADING, positions[::-1])
-    bench.positioner.home()
+    finish(bench, calibration)
     area_u = AREA_U * sample.area
     return ModulusResult(sample, compress(bare, loading, unloading, calibration, sample.area, area_u))
 
@@ -168,7 +169,8 @@ class _Measurement:
 
     def press(self, force: float) -> tuple[float, float]:
         """Position [m] and load [N] where the probe presses with about this force [N]."""
-        load = preload(self.bench, self.calibration, force)
+        what = f"preload of {show(force, 'N')} on the bare support"
+        load = carry_out(self.bench, what, lambda: preload(self.bench, self.calibration, force))
         return self.bench.positioner.position(), load
 
     def take(self, series: str, positions: Floats) -> Series:
@@ -177,30 +179,33 @@ class _Measurement:
         for position in positions:
             what = f"{series}, {1e3 * position:.3f} mm"
             self.progress(self.done, self.total, what)
-            self.bench.positioner.move(float(position))
-            self.bench.clock.wait(TRACK_SETTLING)
-            shown = self._displays()
+            shown = carry_out(self.bench, what, partial(self._pressed, float(position)))
             displays.append(shown)
             point = {
                 "series": series,
                 "position_m": float(position),
                 "reading_mV": math.fsum(shown) / len(shown),
                 "readings_mV": shown,
+                "incidents": self.bench.incidents.new(),
             }
             self.record.point(point, {}, self.bench.clock.now_ns())
             self.done += 1
             self.progress(self.done, self.total, what)
         return Series(positions, np.array(displays))
 
-    def _displays(self) -> list[float]:
+    def _pressed(self, position: float) -> list[float]:
+        """Displays at a position [m]."""
+        self.bench.positioner.move(position)
+        self.bench.clock.wait(TRACK_SETTLING)
         shown = []
         for number in range(DISPLAYS):
             if number:
                 self.bench.clock.wait(READING_INTERVAL)
             reading = self.bench.indicator.read()
             if not reading.valid:
+                name = self.bench.indicator.name
                 self.bench.positioner.home()
-                raise DeviceError(f"{self.bench.indicator.name}: no valid reading; check the bridge and the support")
+                raise DeviceError(f"{name}: no valid reading; check the bridge and the support", device=name)
             if not self.calibration.load(reading.reading_mV)[0] <= self.bench.force_limit:
                 self.bench.positioner.home()
                 raise SafetyError(

@@ -139,8 +139,12 @@ def press(bench: Bench, calibration: LoadCellCalibration, sample: Sample, force:
     """
     withdraw(bench)
     bench.operator.mount(sample)
-    what = f"preload of {show(force, 'N')} on sample {sample.name}"
-    reached = carry_out(bench, what, lambda: preload(bench, calibration, force))
+    return lower(bench, calibration, force, f"sample {sample.name}")
+
+
+def lower(bench: Bench, calibration: LoadCellCalibration, force: float, onto: str) -> float:
+    """As `press`, on what lies under the probe already, which stands at home."""
+    reached = carry_out(bench, f"preload of {show(force, 'N')} on {onto}", lambda: preload(bench, calibration, force))
     carry_out(bench, "outputs on", bench.drive)
     return reached
 

@@ -67,11 +67,10 @@ def _sweep_loads(bench: Bench, record: Recorder) -> Found:
 def _sweep_position(bench: Bench, record: Recorder) -> Found:
     settings = position_sweep.PositionSettings((8e-3, 14e-3), SAMPLE, 2.0, DWELL, FREQUENCY)
     result = position_sweep.run(bench, get_design("common_base"), THESIS_LOAD_CELL, settings, record, silent)
-    found = {}
+    found = {f"place {i}": Value(p.found_mm, p.found_u, p.valid) for i, p in enumerate(result.points)}
     for i, p in enumerate(result.points):
-        found[f"left {i}"] = Value(p.share_left, p.share_left_u, p.valid)
-        found[f"right {i}"] = Value(p.share_right, p.share_right_u, p.valid)
-        found[f"place {i}"] = Value(p.found_mm, p.found_u, p.valid)
+        share, u = max((p.share_left, p.share_left_u), (p.share_right, p.share_right_u))  # the other is hardly one
+        found[f"share {i}"] = Value(share, u, p.valid)
     return found
 
 
