@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from drivers.bench import Bench
 from instrument.designs import get_design
@@ -24,6 +23,7 @@ from procedures.load_sweep import LoadPoint, evaluate
 from procedures.run import Run
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene
+from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
 
 LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
@@ -45,12 +45,6 @@ def printed_averages() -> dict[str, float]:
 
 def modelled(sample: str, model: str) -> float:
     return response(get_design("single"), Load(force=1.0, sensed=SAMPLES[sample]), model).force_ratio
-
-
-def assert_plausible(z: list[float]) -> None:
-    """Sum of squares of standard deviates within what 998 of 1000 such sums keep to."""
-    low, high = chi2.ppf([0.001, 0.999], len(z))
-    assert low < math.fsum(x * x for x in z) < high
 
 
 # --- the default sweep ---------------------------------------------------------------------------------
@@ -110,7 +104,7 @@ def test_over_seeds_the_deviations_are_as_large_as_their_stated_uncertainty(
     means = [*default_sweep["samples"], *map(asdict, result.samples)]
     assert (len(points), len(means)) == (36 + 24, 2 * 6)
     for values in (points, means):
-        assert_plausible([(v["force_ratio"] - thesis[v["sample"]]) / v["force_ratio_u"] for v in values])
+        assert plausible([(v["force_ratio"] - thesis[v["sample"]]) / v["force_ratio_u"] for v in values])
     scatter = [p["force_ratio"] / thesis[p["sample"]] - 1 for p in points]
     assert np.std(scatter) == pytest.approx(REPEATABILITY, rel=0.25)
     assert result.softness_order == ["1", "6", "4", "3", "5", "2"]
@@ -120,7 +114,7 @@ def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_p
     scene = scene_of(IDEAL_SCENE + '[effects.white_noise]\ndensity = "20 µV/√Hz"\n', tmp_path)
     loads = tuple(2 + 0.1 * i for i in range(20))
     points = sweep_scene(scene, tmp_path / "run", samples=("1",), loads=loads).points
-    assert_plausible([(p.force_ratio - modelled("1", "experiment")) / p.noise_u for p in points])
+    assert plausible([(p.force_ratio - modelled("1", "experiment")) / p.noise_u for p in points])
     assert all(p.force_ratio_u == pytest.approx(math.hypot(p.noise_u, REPEATABILITY * p.force_ratio)) for p in points)
 
 
