@@ -55,11 +55,11 @@ def test_the_bound_is_above_the_error_of_a_random_setting_and_not_far_above(sens
 
 
 def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
-    """Every third row; `test_reproduce` has them all."""
+    """Every sixth row; `test_reproduce` has them all."""
     table = read_table("A2.1")
     rows = list(zip(table.keys(), table.values("force_rigid_N"), strict=True))
     assert len(rows) == 48
-    for modulus, tooth_force in rows[::3]:
+    for modulus, tooth_force in rows[::6]:
         ratio = solve(replace(IDENTIFIED, sensed_modulus=modulus), 1).force_ratio
         assert ratio == pytest.approx(-tooth_force, abs=0.008), f"{modulus:g} Pa"
 

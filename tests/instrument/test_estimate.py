@@ -16,7 +16,7 @@ st = hypothesis.strategies
 
 FREQUENCY = 10.0
 RATE = 1000.0
-REPEATS = 4000
+REPEATS = 2500
 
 
 def times(cycles: float, start: float = 0.0) -> Floats:
