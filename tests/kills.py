@@ -11,12 +11,12 @@ import threading
 from dataclasses import dataclass
 from typing import Self
 
-# Reads command lines, each a JSON list, and forks a process for each with everything imported. That says "tick" at each
-# wait, "point" with the number of points when it reports them, and "off" with its outputs at the end. Asked by SIGUSR1,
-# it says "left" with the amplifier's output now, and after the watchdog's time in a bench that nobody speaks to: at the
-# next wait, when no request is under way, a copy of the process lets that time pass.
+# Reads command lines, each a JSON list, and forks a process for each, with everything imported and used once. That says
+# "tick" at each wait, "point" with the number of points when it reports them, and "off" with its outputs at the end.
+# Asked by SIGUSR1, it says "left" with the amplifier's output now, and after the watchdog's time in a bench that nobody
+# speaks to: at the next wait, when no request is under way, a copy of the process lets that time pass.
 SERVER = """
-import contextlib, json, os, signal, sys
+import contextlib, json, os, signal, sys, tempfile
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
 from instrument.quantity import parse
 from procedures import load_sweep, report, resume
@@ -26,6 +26,13 @@ from simulators.bench import SimulatedBench
 from simulators.can import CanSegment
 from simulators.clock import VirtualClock
 
+matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
+canopen.Network.NOTIFIER_CYCLE = 0.002
+parse("1 N", "N")
+with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
+    sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]
+    main()
+
 def say(*words):
     os.write(1, (" ".join(map(str, words)) + "\\n").encode())
 
@@ -33,8 +40,6 @@ def say(*words):
 def progress(self):
     yield lambda done, total, what: say("point", done)
 Output.progress = progress
-matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
-canopen.Network.NOTIFIER_CYCLE = 0.002
 
 def volts():
     output = Told.bench.amplifier.voltage()
@@ -74,7 +79,6 @@ class Told(SimulatedBench):
         super().__exit__(*error)
 session.SimulatedBench = Told
 
-parse("1 N", "N")
 for line in sys.stdin:
     child = os.fork()
     if not child:

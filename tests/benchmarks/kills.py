@@ -21,7 +21,7 @@ from tests.benchmarks.row import Row
 from tests.kills import Commands
 
 KILLS = 1000
-WORKERS = 2
+WORKERS = 4  # each waits for the others' turn most of the time
 SEED = 6
 LONGEST = 0.1  # s of the wall, from the look at the watchdog to the kill
 SWEEP = ("sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out")
