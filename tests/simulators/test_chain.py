@@ -110,7 +110,7 @@ def test_play_operators_follow_their_rule_on_a_fine_grid(ring: bool, advance: fl
     plays = Plays(ring, (0.01, 0.05, 0.2), (0.3, 0.2, 0.1))
     setting = Setting(advance, volts, plays=plays)
     _, path = setting.path()
-    times = np.arange(0, 350 * MS, 2_000)
+    times = np.arange(0, 350 * MS, 5_000)
     _, force = balance(setting, 1e-9 * times)
     x = force if ring else force * TOOTH / (TOOTH + RING)
     played = np.zeros(len(times))
@@ -193,7 +193,7 @@ def lived(setting: Setting, until: float) -> tuple[list[float], Callable[[Floats
             event.terminal, event.direction = True, -1.0 if here[k] else 1.0  # type: ignore[attr-defined]
             events.append(event)
         done = solve_ivp(
-            slope, (t, until), z, method="DOP853", rtol=1e-11, atol=1e-13, max_step=1e-4, events=events,
+            slope, (t, until), z, method="DOP853", rtol=1e-11, atol=1e-13, max_step=2e-4, events=events,
             dense_output=True,
         )  # fmt: skip
         pieces.append((t, done.sol))

@@ -179,7 +179,7 @@ def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -
         return counts, flags, [block.counter for block in blocks]
 
     whole = sampled(1000, 1000)
-    for size, count in ((1, 50), (7, 1000), (333, 1000)):
+    for size, count in ((1, 50), (7, 350), (333, 1000)):
         cut = sampled(size, count)
         for joined, all_of_them in zip(cut[:2], whole[:2], strict=True):
             assert joined == all_of_them[: len(all_of_them) * count // 1000]
