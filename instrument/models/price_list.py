@@ -26,6 +26,7 @@ from instrument.designs import DESIGNS
 from instrument.errors import ConfigError, RangeError
 from instrument.load import Load, through
 from instrument.models.parameters import solid_parameters
+from instrument.models.price import Machine, Price, Reference
 from instrument.models.response import MODELS, Response
 from instrument.models.surface import CODE_VERSION, fixed
 from instrument.quantity import show
@@ -33,75 +34,7 @@ from instrument.quantity import show
 STORED = Path(__file__).with_name("prices.json")
 # Where the caller names none: below the 4 % by which the measured ratio scatters.
 AUTO_TOLERANCE = 1e-2
-
-
-class Machine(Config):
-    """Where and when the times were taken."""
-
-    cpu: str
-    cores: int
-    system: str
-    python: str
-    date: str
-
-
-class Reference(Config):
-    """The converged force ratios of one design that errors are taken against.
-
-    Attributes:
-        fingerprint: of all that the finite-element models look at but modulus and force, and of the version of their
-            code: prices of another one are not believed.
-        force_ratios, uncertainties: at each modulus of the list.
-        how: they were got and checked.
-    """
-
-    design: str
-    fingerprint: str
-    force_ratios: tuple[float, ...]
-    uncertainties: tuple[float, ...]
-    how: str
-
-
-class Price(Config):
-    """Error and time of one model of one design at one refinement.
-
-    Attributes:
-        errors: greatest distance from the reference, with the reference's uncertainty, from each modulus of the
-            list to the next: of closed forms and surfaces all along, of the axisymmetric model at both ends and in the
-            geometric middle, of the solid model at both ends; None where the model does not answer in all of it, or
-            was not asked.
-        estimates: greatest of the model's own bounds on its error, likewise; None where it has none.
-        build_s, solve_s, evaluate_s: processor time that one answer takes at this refinement, taken apart [s]; a
-            surface is built once, and its time is on the wall.
-        answer_s: processor time that a caller of the model pays for an answer like this, with every mesh that its error
-            estimate needs [s]; None where no caller gets it.
-        failure: why something is missing; empty where nothing is.
-    """
-
-    design: str
-    model: str
-    refinement: str
-    errors: tuple[float | None, ...]
-    estimates: tuple[float | None, ...]
-    build_s: float | None
-    solve_s: float | None
-    evaluate_s: float | None
-    answer_s: float | None
-    failure: str = ""
-
-    @property
-    def seconds(self) -> float | None:
-        """Time for one answer at this refinement alone [s]; what is built once and kept does not count."""
-        if self.build_s is None or self.solve_s is None or self.evaluate_s is None:
-            return self.evaluate_s
-        return self.build_s + self.solve_s + self.evaluate_s
-
-    def promise(self, intervals: slice) -> float | None:
-        """Greatest error over some intervals, by reference and by own estimate; None: not all are known."""
-        errors = self.errors[intervals]
-        if not errors or None in errors:
-            return None
-        return max(error for error in (*errors, *self.estimates[intervals]) if error is not None)
+MEASURE_ALL = "measure all designs anew: palpate accuracy models --store"
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +142,32 @@ class PriceList(Config):
             }
         )
 
+    def require_like(self, machine: Machine, moduli: tuple[float, ...]) -> None:
+        """Raises RangeError: prices of that machine and at those moduli [Pa] do not go with these; dates may differ."""
+        if machine.model_copy(update={"date": self.machine.date}) != self.machine:
+            raise RangeError(
+                f"the stored prices are of {self.machine.described}, and this is {machine.described}; {MEASURE_ALL}"
+            )
+        if moduli != self.moduli_Pa:
+            raise RangeError(f"the stored prices are at {self.moduli_Pa} Pa, and not at {moduli} Pa; {MEASURE_ALL}")
+
+    def replaced(self, fresh: PriceList) -> PriceList:
+        """This list with what a fresh one has of its designs in the place of the old.
+
+        Raises:
+            RangeError: the fresh one is of another machine or other moduli.
+        """
+        self.require_like(fresh.machine, fresh.moduli_Pa)
+        renewed = {price.design for price in fresh.prices}
+        sources = {p.design: fresh if p.design in renewed else self for p in (*self.prices, *fresh.prices)}
+        return self.model_copy(
+            update={
+                "machine": fresh.machine,
+                "references": tuple(r for name, of in sources.items() for r in of.references if r.design == name),
+                "prices": tuple(p for name, of in sources.items() for p in of.prices if p.design == name),
+            }
+        )
+
     def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
         """Whether prices were measured for this very design, such objects and such moduli."""
         known = {reference.design: reference.fingerprint for reference in self.references}
@@ -301,6 +260,4 @@ def stored() -> PriceList:
             raise ValueError
         return PriceList.model_validate_json(STORED.read_bytes())
     except (OSError, ValueError):  # ValidationError is one
-        raise ConfigError(
-            f"{STORED}: is missing or no price list; measure it anew: palpate accuracy models --store"
-        ) from None
+        raise ConfigError(f"{STORED}: is missing or no price list; {MEASURE_ALL}") from None

@@ -12,11 +12,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-import time
 import zipfile
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.design import Design
-from instrument.errors import ConfigError, EstimateError, RangeError
+from instrument.errors import ConfigError, RangeError
 from instrument.load import Load
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 
@@ -33,14 +30,8 @@ Ratios = TypeVar("Ratios", float, NDArray[np.float64])
 Parameters = RoundParameters | SolidParameters
 
 LOWEST, HIGHEST = 0.1, 1e7
-# Relative error of the polynomial: a hundredth of what the solid's mesh leaves, at most.
-ERROR_LIMITS = {"axisymmetric": 1e-6, "solid": 1e-5}
 # Raise it with every change of the models' numbers: surfaces of another version are refused.
 CODE_VERSION = 2
-NODES = (25, 49, 97)  # each has the one before among its nodes
-# Modulus ratios at which the mesh is compared with the next finer one: it tells most where tooth and ring share
-# the force.
-PROBES = (4.0, 40.0)
 REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
 # More teeth take the solid model's coarsest mesh: each modulus would cost a minute on the next one.
 FEW_TEETH = 4
@@ -135,8 +126,8 @@ def fixed(parameters: Parameters) -> str:
 
 def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
     """SHA-256 of what a surface depends on; without a refinement that of the stored surfaces."""
-    model = _model(parameters)
-    used = _refinement(parameters) if refinement is None else refinement
+    model = model_of(parameters)
+    used = refinement_of(parameters) if refinement is None else refinement
     text = f"surface {CODE_VERSION};{model};refinement={used};{fixed(parameters)}"
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -144,59 +135,6 @@ def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
 def surface_parameters(design: Design, load: Load) -> Parameters:
     """What the surface of a design is built of: the axisymmetric model where the design is round, or the solid one."""
     return (round_parameters if design.outline == "round" else solid_parameters)(design, load)
-
-
-def build(
-    parameters: Parameters, refinement: int | None = None, apply: Callable[..., Iterable[float]] = map
-) -> ResponseSurface:
-    """Build the surface of a sensor over modulus ratios 0.1 to 1e7; `parameters.sensed_modulus` does not count.
-
-    Args:
-        refinement: of the finite-element model; there must be a finer one. None: that of the stored surfaces.
-        apply: `map`, or that of an executor: where the finite-element model is solved at many moduli.
-
-    Raises:
-        EstimateError: 97 nodes do not reach a relative error of ERROR_LIMITS.
-    """
-    start = time.perf_counter()
-    used = _refinement(parameters) if refinement is None else refinement
-    limit = ERROR_LIMITS[_model(parameters)]
-    known: dict[Fraction, float] = {}
-
-    def at(angles: Sequence[Fraction]) -> Array:
-        missing = [angle for angle in angles if angle not in known]
-        found = apply(functools.partial(_solve, parameters, used), [_modulus_ratio(angle) for angle in missing])
-        known.update(zip(missing, found, strict=True))
-        return np.array([known[angle] for angle in angles])
-
-    bound = math.inf
-    for count in NODES:
-        coefficients = interpolate(at(_angles(count)))
-        # Every second point between the nodes is a node of twice the count.
-        between = [Fraction(2 * index + 1, 2 * (count - 1)) for index in range(0, count - 1, 2)]
-        places = np.cos(math.pi * np.array(between, dtype=np.float64))
-        error = np.abs(np.polynomial.chebyshev.chebval(places, coefficients) / at(between) - 1)
-        # Twice the worst of those looked at stands for those in between.
-        bound = 2 * float(error.max()) + 1e-12
-        if bound < limit:
-            break
-    else:
-        raise EstimateError(
-            f"response surface: relative error {bound:.1e} at {NODES[-1]} nodes is above {limit:g};"
-            f" ask model {_model(parameters)!r} itself"
-        )
-    own, finer = (list(apply(functools.partial(_solve, parameters, used + k), PROBES)) for k in (0, 1))
-    return ResponseSurface(
-        coefficients=coefficients,
-        lowest=LOWEST,
-        highest=HIGHEST,
-        error_bound=bound,
-        # A refinement divides the error by three at least, so that the change is two thirds of it or more.
-        discretisation=2 * float(np.abs(np.subtract(finer, own)).max()),
-        seconds=time.perf_counter() - start,
-        model=_model(parameters),
-        design_hash=design_hash(parameters, used),
-    )
 
 
 def read(path: Path) -> ResponseSurface:
@@ -258,7 +196,7 @@ def _find(design: Design, load: Load) -> ResponseSurface:
     raise RangeError(
         f"model 'surface' has none for design {design.name!r} with these dimensions, materials and this load; it knows"
         f" {shipped} as they are, each under a bonded object of 3 mm and Poisson ratio 0.3;"
-        f" ask model {_model(parameters)!r}"
+        f" ask model {model_of(parameters)!r}"
     )
 
 
@@ -272,35 +210,15 @@ def interpolate(values: Array) -> Array:
     return coefficients
 
 
-def _angles(count: int) -> list[Fraction]:
-    """Extreme points: the ends are met exactly, and every second one is a node of half the count."""
-    return [Fraction(index, count - 1) for index in range(count)]
-
-
-def _modulus_ratio(angle: Fraction) -> float:
-    low, high = math.log10(LOWEST), math.log10(HIGHEST)
-    return float(10 ** (low + (high - low) * (math.cos(math.pi * angle) + 1) / 2))
-
-
-def _model(parameters: Parameters) -> str:
+def model_of(parameters: Parameters) -> str:
     return "axisymmetric" if isinstance(parameters, RoundParameters) else "solid"
 
 
-def _refinement(parameters: Parameters) -> int:
+def refinement_of(parameters: Parameters) -> int:
     """Of the stored surface."""
-    return 0 if has_many_teeth(parameters) else REFINEMENTS[_model(parameters)]
+    return 0 if has_many_teeth(parameters) else REFINEMENTS[model_of(parameters)]
 
 
 def has_many_teeth(parameters: Parameters) -> bool:
     """More than FEW_TEETH."""
     return isinstance(parameters, SolidParameters) and parameters.columns * parameters.rows > FEW_TEETH
-
-
-def _solve(parameters: Parameters, refinement: int, modulus_ratio: float) -> float:
-    """The finite-element model's force ratio. Of the module, so that another process can call it."""
-    from instrument.models import axisymmetric, solid
-
-    modulus = parameters.compliant_modulus * modulus_ratio
-    if isinstance(parameters, RoundParameters):
-        return axisymmetric.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
-    return solid.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio

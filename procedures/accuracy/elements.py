@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from instrument.design import Design
 from instrument.models import axisymmetric, solid
 from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.price_list import Price
+from instrument.models.price import Price
 from procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Results, Solved, Values, refinements
 from procedures.accuracy.references import Truth
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import RangeError
-from instrument.models import beam, surface
+from instrument.models import beam, surface, surface_build
 from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.price_list import Price, PriceList
+from instrument.models.price import Price
+from instrument.models.price_list import PriceList
 from instrument.models.response import response
 from instrument.models.surface import ResponseSurface
 from instrument.sample import SAMPLES
@@ -91,7 +92,7 @@ def build_surface(name: str, progress: Progress) -> ResponseSurface:
                 progress(done, len(ratios), f"{name}: {len(ratios)} moduli")
                 yield found
 
-        return surface.build(surface.surface_parameters(get_design(name), PHYSICAL.load(TIMED)), apply=apply)
+        return surface_build.build(surface.surface_parameters(get_design(name), PHYSICAL.load(TIMED)), apply=apply)
 
 
 # --- what answers at once ------------------------------------------------------------------------------

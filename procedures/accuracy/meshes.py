@@ -35,7 +35,7 @@ COARSEST_MESH = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
 # The second way to a reference: no pressure among the unknowns (axisymmetric), another grading and degree (solid).
 PLAIN = 1.0
 OTHER_FAMILY = Resolution(layers=3, ratio=0.15, sectors=1, degree=4)
-FINER = 2  # refinement that is the second way of many teeth: another family would not fit into memory
+FINER = 2  # refinement that is the second way of many teeth, and not priced: it takes minutes and 12 GB
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,8 @@ def refinements(design: Design, load: Load) -> dict[str, list[Mesh]]:
     around = round_parameters(design, load) if len(design.teeth) == 1 else None
     found = {"axisymmetric": [Mesh(around, refinement) for refinement in axisymmetric.REFINEMENTS]} if around else {}
     square = solid_parameters(design, load)
-    return {**found, "solid": [Mesh(square, refinement) for refinement in (COARSEST, *solid.REFINEMENTS)]}
+    own = solid.REFINEMENTS[:FINER] if has_many_teeth(square) else solid.REFINEMENTS
+    return {**found, "solid": [Mesh(square, refinement) for refinement in (COARSEST, *own)]}
 
 
 def references(design: Design, load: Load) -> list[Mesh]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from instrument.models.price_list import Price, PriceList
+from instrument.models.price import Price
+from instrument.models.price_list import PriceList
 from instrument.quantity import show
 from procedures.report.figure import MARKERS
 from procedures.run import storing

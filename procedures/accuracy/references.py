@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from instrument.design import Design
 from instrument.models import axisymmetric, solid
 from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.price_list import Reference, fingerprint
+from instrument.models.price import Reference
+from instrument.models.price_list import fingerprint
 from instrument.quantity import show
 from procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Results, Values, references, refinements
 
@@ -84,13 +85,17 @@ def _reference(design: Design, ratios: Array, uncertainties: Array, how: str) ->
 
 
 def _limit(design: Design, solved: Results) -> tuple[Array, Array, int]:
-    """Where the solid model's last three meshes lead if the changes go on falling alike, how far that still is, and
-    how many of its own refinements were solved."""
-    family = refinements(design, PHYSICAL.load(TIMED))["solid"]
-    found = [[solved[mesh.at(modulus)].force_ratio for modulus in MODULI] for mesh in family]
-    known = [ratios for ratios in found if None not in ratios]
-    ratios = np.array(known[-3:], dtype=np.float64)
-    before, change = np.diff(ratios, axis=0)
-    falling = np.clip(np.divide(change, before, out=np.full_like(change, 0.5), where=before != 0), 0.1, 0.5)
-    left = change * falling / (1 - falling)
-    return ratios[-1] + left, np.abs(left), len(known) - 1
+    """Where the solid model's own refinements lead, how far that still is, and how many of them were solved.
+
+    From three on the changes go on falling alike. The second of two is left with a third of the first one's error or
+    less: with none to half of the change, a quarter for both.
+    """
+    _, *own = refinements(design, PHYSICAL.load(TIMED))["solid"]
+    found = [[solved[mesh.at(modulus)].force_ratio for modulus in MODULI] for mesh in own]
+    known = np.array([ratios for ratios in found if None not in ratios], dtype=np.float64)
+    *before, change = np.diff(known, axis=0)
+    left = change / 4
+    if before:
+        falling = np.divide(change, before[-1], out=np.full_like(change, 0.5), where=before[-1] != 0).clip(0.1, 0.5)
+        left = change * falling / (1 - falling)
+    return known[-1] + left, np.abs(left), len(known)

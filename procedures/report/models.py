@@ -66,8 +66,7 @@ def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> No
                 failures.append(f"{p.model}, {p.refinement}: {p.failure}")
         how = [f"reference: {r.how}" for r in prices.references if r.design == design]
         print_all(table, *how, *failures, "")
-    m = prices.machine
-    print_all(f"measured on {m.cpu}, {m.cores} cores, {m.system}, Python {m.python}, {m.date}")
+    print_all(f"measured on {prices.machine.described}, {prices.machine.date}")
     if plot is not None:
         print_all(f"plot           {plot}")
 

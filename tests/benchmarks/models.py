@@ -14,7 +14,7 @@ import numpy as np
 
 from instrument.designs import get_design
 from instrument.errors import EstimateError
-from instrument.models import axisymmetric, solid, surface
+from instrument.models import axisymmetric, solid, surface, surface_build
 from instrument.models.parameter_sets import IDENTIFIED_ROUND, IDENTIFIED_SOLID, PHYSICAL
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from instrument.thesis import read_table
@@ -120,7 +120,7 @@ def _surface() -> Iterator[Row]:
     sensor = surface.surface_parameters(get_design("single_round"), PHYSICAL.load(1e5))
     with ProcessPoolExecutor(CORES) as pool:
         start = time.perf_counter()
-        built = surface.build(sensor, apply=pool.map)
+        built = surface_build.build(sensor, apply=pool.map)
         seconds = time.perf_counter() - start
         yield Row("response surface, single_round: built in", f"{seconds:.0f} s", "< 60 s", seconds < 60)
         ratios = 10 ** np.random.default_rng(SEED).uniform(-1, 7, 16)

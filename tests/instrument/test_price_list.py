@@ -15,12 +15,10 @@ from instrument.models import axisymmetric, price_list, solid
 from instrument.models.axisymmetric import solve
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters
+from instrument.models.price import Machine, Price, Reference
 from instrument.models.price_list import (
     AUTO_TOLERANCE,
-    Machine,
-    Price,
     PriceList,
-    Reference,
     answer_cheapest,
     choose,
     fingerprint,

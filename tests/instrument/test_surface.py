@@ -13,7 +13,7 @@ import pytest
 from instrument.designs import get_design
 from instrument.errors import ConfigError, EstimateError, RangeError
 from instrument.load import Load
-from instrument.models import solid, surface
+from instrument.models import solid, surface, surface_build
 from instrument.models.axisymmetric import solve
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import RoundParameters, round_parameters, solid_parameters
@@ -42,9 +42,9 @@ def made_up(parameters: Parameters, refinement: int, modulus_ratio: float) -> fl
 
 
 def test_a_surface_is_as_near_to_its_model_as_its_bound_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(surface, "_solve", made_up)
-    made = surface.build(SENSOR)
-    assert len(made.coefficients) in surface.NODES
+    monkeypatch.setattr(surface_build, "_solve", made_up)
+    made = surface_build.build(SENSOR)
+    assert len(made.coefficients) in surface_build.NODES
     assert made.error_bound < 1e-6
     ratios = np.geomspace(0.1, 1e7, 4001)[1:-1]
     exact = np.array([made_up(SENSOR, 3, ratio) for ratio in ratios])
@@ -55,9 +55,11 @@ def test_a_surface_is_as_near_to_its_model_as_its_bound_says(monkeypatch: pytest
 
 
 def test_a_model_with_a_kink_has_no_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(surface, "_solve", lambda parameters, refinement, ratio: 0.5 + 0.1 * abs(np.log10(ratio / 3)))
+    monkeypatch.setattr(
+        surface_build, "_solve", lambda parameters, refinement, ratio: 0.5 + 0.1 * abs(np.log10(ratio / 3))
+    )
     with pytest.raises(EstimateError, match=r"at 97 nodes is above 1e-06; ask model 'axisymmetric' itself"):
-        surface.build(SENSOR)
+        surface_build.build(SENSOR)
 
 
 def test_nodes_are_solved_once_and_where_the_caller_says(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,17 +69,17 @@ def test_nodes_are_solved_once_and_where_the_caller_says(monkeypatch: pytest.Mon
         asked.extend(ratios)
         return map(one, ratios)
 
-    monkeypatch.setattr(surface, "_solve", made_up)
-    made = surface.build(SENSOR, apply=apply)
-    nodes = asked[: -2 * len(surface.PROBES)]
+    monkeypatch.setattr(surface_build, "_solve", made_up)
+    made = surface_build.build(SENSOR, apply=apply)
+    nodes = asked[: -2 * len(surface_build.PROBES)]
     assert len(set(nodes)) == len(nodes) == len(made.coefficients) + (len(made.coefficients) - 1) // 2
 
 
 def test_a_surface_is_built_of_the_finite_elements_of_its_refinement() -> None:
     hard = replace(SENSOR, sensed_modulus=240e3)
-    assert surface._solve(SENSOR, 1, 10.0) == solve(hard, 1).force_ratio
+    assert surface_build._solve(SENSOR, 1, 10.0) == solve(hard, 1).force_ratio
     square = solid_parameters(get_design("single"), LOAD)
-    assert surface._solve(square, 0, 10.0) == solid.solve(replace(square, sensed_modulus=240e3), 0).force_ratio
+    assert surface_build._solve(square, 0, 10.0) == solid.solve(replace(square, sensed_modulus=240e3), 0).force_ratio
 
 
 # --- one of them ---------------------------------------------------------------------------------------

@@ -16,7 +16,8 @@ from instrument.designs import get_design
 from instrument.models import price_list, solid, surface
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import SolidParameters
-from instrument.models.price_list import Price, PriceList, stored
+from instrument.models.price import Price
+from instrument.models.price_list import PriceList, stored
 from instrument.models.response import MODELS, response
 from procedures.accuracy import measure as measuring
 from procedures.accuracy import meshes
