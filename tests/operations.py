@@ -1,0 +1,42 @@
+"""Counts of what palpate's own code does: figures that no machine and no neighbour changes."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import Counter
+from pathlib import Path
+from types import FrameType
+
+from drivers.bench import Bench
+from procedures.policy import carry_out
+from simulators.bench import SimulatedBench
+from simulators.scene import Scene
+
+OWN = tuple(f"{Path(__file__).parents[1] / name}/" for name in ("instrument", "drivers", "simulators", "procedures"))
+
+
+def operations(scene: Scene) -> Counter[str]:
+    """Calls of each function of palpate's in the life of a scene's bench, in all threads.
+
+    It is opened, attended, driven, read on every bus and closed.
+    """
+    calls = Counter[str]()
+
+    def count(frame: FrameType, event: str, _what: object) -> None:
+        if event == "call" and frame.f_code.co_filename.startswith(OWN):
+            calls[f"{frame.f_code.co_filename}:{frame.f_code.co_qualname}"] += 1
+
+    threading.setprofile(count)
+    sys.setprofile(count)
+    try:
+        with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+            bench.attend(lambda *_: None)
+            bench.generator.sine(10.0, 0.1)
+            carry_out(bench, "driving", bench.drive)
+            carry_out(bench, "films", lambda: bench.nodes[0].acquire(0.2))
+            carry_out(bench, "load", bench.indicator.read)
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    return calls
