@@ -70,8 +70,8 @@ def leaks(case: Case, rates: Complexes) -> Floats:
     leaks = np.zeros(len(rates))
     for k, rate in enumerate(rates):
         if rate != 0:
-            wave = np.exp(rate * (case.settled + time))
-            leaks[k] = np.linalg.norm(_fit(case, [wave.real, wave.imag])[0])
+            wave = np.exp(rate * time)  # of unit size in the dwell: the fit makes no squares of next to nothing
+            leaks[k] = np.linalg.norm(_fit(case, [wave.real, wave.imag])[0]) * np.exp(rate.real * case.settled)
     return leaks
 
 

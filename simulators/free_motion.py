@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -86,16 +87,13 @@ class FreeMotion:
     def _on_grid(self, weights: Complexes, first_ns: int, count: int, step_ns: int) -> Floats:
         """Blocks of samples, counted from the first one after the start, as products of what a mode is at a block's
         beginning and what it does within a block: the same bytes whatever part of a block is asked for."""
-        number, rest_ns = divmod(first_ns, step_ns)
-        blocks = np.arange(number // BLOCK, (number + count - 1) // BLOCK + 1)
-        elapsed = 1e-9 * (rest_ns + step_ns * BLOCK * blocks)
-        heads = weights * np.exp(np.outer(elapsed, self._rates))[:, np.newaxis]
-        heads[np.abs(heads) < GONE] = 0.0
-        if not heads.any():
-            return np.zeros((len(weights), count))
-        found = _parts(heads, self._rates, axis=2) @ self._within(step_ns)
-        start = number - int(blocks[0]) * BLOCK
-        return found.transpose(1, 0, 2).reshape(len(weights), -1)[:, start : start + count]
+
+        def heads(elapsed_ns: Times) -> Floats:
+            modes = weights * np.exp(np.outer(1e-9 * elapsed_ns, self._rates))[:, np.newaxis]
+            modes[np.abs(modes) < GONE] = 0.0
+            return _parts(modes, self._rates, axis=2)
+
+        return on_grid(heads, self._within(step_ns), first_ns, count, step_ns)
 
     def _within(self, step_ns: int) -> Floats:
         """What the modes do in a block, (parts, BLOCK)."""
@@ -107,8 +105,31 @@ class FreeMotion:
 
 
 def _parts(modes: Complexes, rates: Complexes, axis: int) -> Floats:
-    """Real parts of all modes and imaginary parts of those that turn, along the axis of the modes."""
-    return np.concatenate([modes.real, modes.imag.compress(rates.imag > 0, axis)], axis)
+    """Real parts of all modes and imaginary parts of those that turn, along the modes' axis; the slowest first."""
+    turning = rates.imag > 0
+    parts = np.concatenate([modes.real, modes.imag.compress(turning, axis)], axis)
+    slowest = np.argsort(-np.concatenate([rates.real, rates.real[turning]]), kind="stable")
+    return parts.take(slowest, axis)
+
+
+def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, count: int, step_ns: int) -> Floats:
+    """Samples (p, count), `step_ns` apart, of blocks counted from time 0: the same bytes whatever is asked for.
+
+    Args:
+        heads: from the beginnings of blocks [ns] to what is then, (blocks, p, parts).
+        within: what each part does in a block, (parts, BLOCK).
+    """
+    number, rest_ns = divmod(first_ns, step_ns)
+    blocks = np.arange(number // BLOCK, (number + count - 1) // BLOCK + 1)
+    parts = heads(rest_ns + step_ns * BLOCK * blocks)
+    start = number - int(blocks[0]) * BLOCK
+    found = np.zeros((parts.shape[1], len(blocks), BLOCK))
+    for block, part in enumerate(parts):  # a product for each block: how a BLAS rounds depends on the shape
+        alive = part.any(axis=0).nonzero()[0]
+        if len(alive):
+            first = slice(alive[-1] + 1)
+            found[:, block] = np.ascontiguousarray(part[:, first]) @ within[first]
+    return found.reshape(len(found), -1)[:, start : start + count]
 
 
 def free_motion(a: Floats) -> FreeMotion:

@@ -7,14 +7,13 @@ decays with the system's own modes; both are known at any time without stepping.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from simulators.free_motion import FreeMotion, free_motion, real_product
+from simulators.free_motion import BLOCK, FreeMotion, free_motion, on_grid, real_product
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -25,6 +24,7 @@ POINTS = 1024  # of a period, where a waveform is sampled
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
 HERTZ = 10**9  # one hertz in units of frequency
 SECOND = 10**9  # one second in nanoseconds
+KEPT = 16  # tables of a block's turns
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,15 @@ class Periodic:
 
     def summed(self, phasors: Complexes, time_ns: Times, step_ns: int = 0) -> Floats:
         """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
-        count = len(time_ns)
-        if step_ns:  # after so many times the phases are those of the first times again
-            count = min(count, CYCLE // math.gcd(self.frequency * step_ns, CYCLE))
-        sums = real_product(phasors, self.turns(time_ns[:count]))
-        return sums if count == len(time_ns) else np.tile(sums, -(-len(time_ns) // count))[:, : len(time_ns)]
+        if not step_ns:
+            return real_product(phasors, self.turns(time_ns))
+
+        def heads(begin_ns: Times) -> Floats:
+            turned = phasors * self.turns(begin_ns).T[:, np.newaxis]
+            return np.concatenate([turned.real, -turned.imag], axis=2)
+
+        within = _turns_within(self.frequency, self.order.tobytes(), step_ns)
+        return on_grid(heads, within, int(time_ns[0]), len(time_ns), step_ns)
 
     def restarted(self, time_ns: int) -> Periodic:
         """The same function of time, counted from `time_ns`."""
@@ -107,6 +111,14 @@ class Periodic:
     def now(self, time_ns: int) -> float:
         """The value at one time."""
         return self.mean + float((self.amplitude @ self.turn(time_ns)).real)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _turns_within(frequency: int, order: bytes, step_ns: int) -> Floats:
+    """Cosines and sines of the harmonics in a block of samples, (2 k, BLOCK)."""
+    orders = np.frombuffer(order, np.int64)
+    turns = Periodic(0.0, frequency, 0, 0, orders, np.zeros(len(orders), complex)).turns(step_ns * np.arange(BLOCK))
+    return np.concatenate([turns.real, turns.imag])
 
 
 def constant(value: float, like: Periodic) -> Periodic:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 import numpy as np
 
 from instrument.design import FILM_KINDS, Film
+from instrument.sine_columns import sine_columns
 from simulators.effects.effect import AmplifierEffect, Bound, Case, FilmsEffect, Floats, LeakEffect
 from simulators.randomness import Stream
 
@@ -130,10 +131,7 @@ def _count(dwell: float, rate: float) -> int:
 
 @functools.lru_cache(maxsize=8)
 def _weights(frequency: float, dwell: float, rate: float) -> Floats:
-    """(2, n): from the samples of a dwell to cosine and sine, with offset and trend in the fit."""
-    time = np.arange(_count(dwell, rate)) / rate
-    time -= time.mean()
-    angle = 2 * np.pi * frequency * time
-    columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(time), time / max(dwell, 1 / rate)], axis=1)
-    weights: Floats = np.linalg.pinv(columns)[:2]
+    """(2, n): from the samples of a dwell to cosine and sine, as they are fitted. Raises EstimateError."""
+    columns = sine_columns(np.arange(_count(dwell, rate)) / rate, frequency)
+    weights: Floats = np.linalg.pinv(columns.columns)[:2] * columns.scale[:2, np.newaxis]
     return weights

@@ -15,6 +15,7 @@ from instrument.contracts import sensor_node
 from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, place
 from instrument.design import Film
 from simulators.clock import VirtualClock
+from simulators.converter import convert
 from simulators.effects.effect import InputEffect
 from simulators.randomness import Stream
 from simulators.rig import Rig
@@ -52,6 +53,7 @@ class SensorNode:
         self._serial = serial
         self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
         self._added = {name: e for name, e in sorted(rig.scene.effects.items()) if isinstance(e, InputEffect)}
+        self._streams: dict[tuple[str, int, int, int], Stream] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -90,28 +92,33 @@ class SensorNode:
 
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
         """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
-        ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
+        volts = volts.copy()
         rates = functools.cache(lambda: self.film_channels() @ self._rig.film_rates(time_ns, period_ns))
         for name, effect in self._added.items():
-            streams = [Stream(self._rig.scene.seed, name, self.id, channel, period_ns) for channel in range(CHANNELS)]
-            volts = volts + [
-                effect.volts(stream, time_ns, period_ns, functools.partial(lambda c: rates()[c], channel))
-                for channel, stream in enumerate(streams)
-            ]
-        fraction = volts / ranges[:, np.newaxis]
-        saturated = np.zeros(fraction.shape, bool)
-        if self._adc is not None:
-            fraction, saturated = self._adc.convert(fraction)
-        code = np.rint(fraction * FULL_SCALE_COUNTS)
-        saturated |= ~((code >= -FULL_SCALE_COUNTS) & (code <= FULL_SCALE_COUNTS - 1))
-        code[np.isnan(code)] = 0.0  # flagged just now; no integer stands for it
-        counts = np.clip(code, -FULL_SCALE_COUNTS, FULL_SCALE_COUNTS - 1).astype("<i2").T.copy()
-        bits = np.packbits(saturated, axis=0, bitorder="little")[0]
+            for channel in range(CHANNELS):
+                stream = self._stream(name, channel, period_ns)
+                volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
+        ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
+        volts /= ranges[:, np.newaxis]
+        fraction, saturated = convert(volts) if self._adc is None else self._adc.convert(volts)
+        fraction *= FULL_SCALE_COUNTS
+        bits = np.zeros(len(time_ns), np.uint8)
+        if saturated.any():
+            bits = np.packbits(saturated, axis=0, bitorder="little")[0]
+            fraction[np.isnan(fraction)] = 0.0  # flagged; no integer stands for it
+        counts = fraction.astype("<i2").T.copy()
         first_number = (int(self.settings["sample_counter"]) + 1) % ROLLOVER
         self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
         self.settings["saturation"] = float(bits[-1])
         self._last = counts[-1]
         return Samples(counts, bits, first_number)
+
+    def _stream(self, name: str, channel: int, period_ns: int) -> Stream:
+        """Of an effect on a channel; kept, as what it has drawn is."""
+        key = (name, self.id, channel, period_ns)
+        if key not in self._streams:
+            self._streams[key] = Stream(self._rig.scene.seed, *key)
+        return self._streams[key]
 
     def film_channels(self) -> npt.NDArray[np.float64]:
         """Matrix (4, films) that puts each film of this node on its channel."""
@@ -128,3 +135,8 @@ class SensorNode:
         node, channel = place(film.channel)
         alike = all(place(other.channel)[0] == 1 for other in self._rig.scene.design.films)
         return channel if alike or node == self.id else None
+
+
+def _row(rows: Callable[[], npt.NDArray[np.float64]], number: int) -> npt.NDArray[np.float64]:
+    row: npt.NDArray[np.float64] = rows()[number]
+    return row

@@ -12,10 +12,10 @@ from pydantic import Field
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import Film
 from simulators.changes import of_source
+from simulators.converter import FINEST, convert
 from simulators.effects.effect import Bound, Case, Effect, Floats, Kind
 from simulators.pickup import SIGMAS, largest_within, signal, spread
 
-FINEST = 16
 TERMS = 20  # of the Fourier series of a step's error
 MARGIN = 0.5  # of the range, up to which a film's nominal peak is taken for far from the rail
 
@@ -33,14 +33,8 @@ class Adc(Effect):
     bits: int = Field(default=16, ge=4, le=FINEST, strict=True)
 
     def convert(self, fraction: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """Converted samples and saturation flags of samples given as a fraction of the range.
-
-        A sample that is no number is flagged and stays none.
-        """
-        half = 2.0 ** (self.bits - 1)
-        code = np.rint(fraction * half)
-        saturated = ~((code >= -half) & (code <= half - 1))
-        return np.clip(code, -half, half - 1) / half, saturated
+        """Converted samples and saturation flags of samples given as a fraction of the range."""
+        return convert(fraction, self.bits)
 
     def error(self, case: Case, film: Film) -> float:
         """What rounding makes of an amplitude [V]; without limit where the film may reach the rail.

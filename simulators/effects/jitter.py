@@ -35,8 +35,10 @@ class Jitter(InputEffect):
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """What the delays change, shape (n,)."""
-        delays = self.delay * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
-        return delays * rates()
+        moving = rates()
+        if not moving.any():
+            return moving  # a channel without a film costs nothing
+        return self.delay * moving * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
 
     def error(self, case: Case, film: Film) -> float:
         """Six standard deviations of a fit to noise of the film's greatest rate [V]."""

@@ -31,9 +31,11 @@ class MainsHum(InputEffect):
     phase: float = Field(default=0.0, ge=0, lt=1, strict=True)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
-        """The hum at any times, shape (n,)."""
+        """The hum at integer multiples of the sample period, shape (n,)."""
         phase, frequency = round(self.phase * CYCLE), round(self.frequency * HERTZ)
-        return Periodic(0.0, frequency, 0, phase, np.array([1]), np.array([-1j * self.amplitude])).at(time_ns)
+        hum = Periodic(0.0, frequency, 0, phase, np.array([1]), np.array([-1j * self.amplitude]))
+        volts: Floats = hum.summed(hum.amplitude[np.newaxis], time_ns, period_ns)[0]
+        return volts
 
     def error(self, case: Case, film: Film) -> float:
         """What the fit makes of the hum at its worst phase [V]: the trend's share alone over whole cycles of both."""

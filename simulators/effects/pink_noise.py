@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,13 +18,11 @@ from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.lti import Times
 from simulators.pickup import SIGMAS, correlated_spread
-from simulators.randomness import Stream
+from simulators.randomness import BLOCK, Stream, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
-BLOCK = 4096  # grid points that are found together
 FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
-KEPT_BLOCKS = 1024  # 32 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +46,9 @@ class PinkNoise(InputEffect):
     """Power density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate; independent on each channel.
 
     An anti-alias filter at half the sample rate is assumed: of a process above it leaves the flat part below.
-    A process is known on a grid of its own, some 16th of its time constant or the sample period where that is longer,
-    and is a straight line between the points. Its value at a grid point is a moving average of the numbers of a
-    stream, so any time is reached without stepping there.
+    A process is known on a grid, some 16th of its time constant or the sample period where that is longer, and is a
+    straight line between the points. Those of one grid are summed: an autoregressive moving average of the numbers of
+    one stream. So any time is reached without stepping there.
     """
 
     kind: ClassVar[Kind] = "additive"
@@ -62,7 +61,10 @@ class PinkNoise(InputEffect):
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
         first = int(time_ns[0]) // period_ns
-        return self._deviation() * _sum(stream, _processes(1e9 / period_ns), first, first + len(time_ns))
+        if (self, period_ns) not in stream.kept:
+            stream.kept[self, period_ns] = _Sum(stream, _grids(1e9 / period_ns))
+        values: Floats = self._deviation() * stream.kept[self, period_ns].values(first, len(time_ns))
+        return values
 
     def error(self, case: Case, film: Film) -> float:
         """Six standard deviations of the fit [V]."""
@@ -93,36 +95,74 @@ def _processes(rate: float) -> tuple[Process, ...]:
     return tuple(process for process in processes if process.corner <= rate)
 
 
-def _sum(stream: Stream, processes: tuple[Process, ...], first: int, end: int) -> Floats:
-    """Of the processes at grid points `first` to `end` - 1 of the fastest."""
-    fastest, *slower = processes
-    total = fastest.passed * _process(stream.child(fastest.corner), fastest.decay, first, end)
-    if slower:
-        ratio = slower[0].step // fastest.step
-        coarse = _sum(stream, tuple(slower), first // ratio, (end - 1) // ratio + 2)
-        between = np.arange(ratio) / ratio
-        lines = coarse[:-1, np.newaxis] + np.diff(coarse)[:, np.newaxis] * between
-        total += lines.ravel()[first % ratio :][: end - first]
-    return total
+@dataclass(frozen=True)
+class Grid:
+    """The sum of the processes that have a step [samples] in common.
 
-
-def _process(stream: Stream, decay: float, first: int, end: int) -> Floats:
-    """Values at grid points `first` to `end` - 1 of a process of unit variance that decays by exp(-decay) each step.
-
-    Each block starts afresh from what the numbers before it leave, so a value does not depend on what else was asked.
+    following, fresh: coefficients of its own earlier values and of the numbers of its stream, as of `lfilter`.
+    before: so many steps back it is forgotten.
     """
-    blocks = range(first // BLOCK, (end - 1) // BLOCK + 1)
-    values = np.concatenate([_block(stream, decay, number) for number in blocks])
-    return values[first - blocks[0] * BLOCK : end - blocks[0] * BLOCK]
+
+    step: int
+    following: tuple[float, ...]
+    fresh: tuple[float, ...]
+    before: int
 
 
-@functools.lru_cache(maxsize=KEPT_BLOCKS)
-def _block(stream: Stream, decay: float, number: int) -> Floats:
-    from scipy.signal import lfilter
+@functools.cache
+def _grids(rate: float) -> tuple[Grid, ...]:
+    """At a rate of samples a second, finest first."""
+    together = itertools.groupby(_processes(rate), key=lambda process: process.step)
+    return tuple(_grid(step, tuple(processes)) for step, processes in together)
 
-    before = math.ceil(-math.log(FORGOTTEN) / decay)
-    fresh = math.sqrt(-math.expm1(-2 * decay))
-    # Number 0 of the stream belongs to the earliest grid point that the block from 0 on looks back at.
-    normals = stream.normal(number * BLOCK, before + BLOCK)
-    values: Floats = lfilter([fresh], [1.0, -math.exp(-decay)], normals)[before:]
-    return values
+
+def _grid(step: int, processes: Sequence[Process]) -> Grid:
+    """Processes with the powers p (1 - a^2) / |1 - a z|^2 add up to |c(z)|^2 over the product of |1 - a z|^2."""
+    falls = np.exp([-process.decay for process in processes])
+    numerator = np.zeros(len(processes))  # over powers of w = z + 1 / z, highest first: |1 - a z|^2 = 1 + a^2 - a w
+    for k, process in enumerate(processes):
+        others = np.delete(falls, k)
+        term = np.array([process.passed**2 * -math.expm1(-2 * process.decay)])
+        for fall in others:
+            term = np.polymul(term, [-fall, 1 + fall * fall])
+        numerator += term
+    roots = np.roots(numerator)  # w > 2: z and 1 / z, of which the lesser is taken
+    fresh = np.atleast_1d(np.poly(roots / 2 - np.sqrt(roots * roots / 4 - 1)))
+    scale = math.sqrt(float(np.polyval(numerator, 2.0))) / float(fresh.sum())  # by the power at w = 2, z = 1
+    before = math.ceil(-math.log(FORGOTTEN) / min(process.decay for process in processes))
+    return Grid(step, tuple(np.poly(falls)), tuple(scale * fresh), before)
+
+
+class _Sum:
+    """Of all processes from a grid on, at its points."""
+
+    def __init__(self, stream: Stream, grids: Sequence[Grid]) -> None:
+        self._grid = grids[0]
+        self._stream = stream.child(self._grid.step)
+        self._blocks: dict[int, Floats] = {}
+        self._coarser = _Sum(stream, grids[1:]) if len(grids) > 1 else None
+
+    def values(self, first: int, count: int) -> Floats:
+        """At points `first` to `first + count - 1`, shape (count,)."""
+        number, start = divmod(first, BLOCK)
+        blocks = [self._block(number + k) for k in range(-(-(start + count) // BLOCK))]
+        return np.concatenate(blocks)[start : start + count]
+
+    def _block(self, number: int) -> Floats:
+        return self._blocks[number] if number in self._blocks else keep(self._blocks, number, self._found(number))
+
+    def _found(self, number: int) -> Floats:
+        """Each block starts afresh from what the numbers before it leave: a value depends on nothing else asked."""
+        from scipy.signal import lfilter
+
+        grid = self._grid
+        # Block 0 of the stream is before all blocks of the grid.
+        normals = np.concatenate([self._stream.block(number)[-grid.before :], self._stream.block(number + 1)])
+        values: Floats = lfilter(grid.fresh, grid.following, normals)[grid.before :].copy()
+        if self._coarser is not None:
+            ratio = self._coarser._grid.step // grid.step
+            points = self._coarser.values(number * BLOCK // ratio, BLOCK // ratio + 1)
+            between = np.arange(ratio) / ratio
+            lines = np.stack([points[:-1], points[1:]], axis=1) @ np.stack([1 - between, between])
+            values += lines.ravel()
+        return values

@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.signal import lfilter
 
 from instrument.estimate import fit_sine
 from simulators.clock import VirtualClock
@@ -26,7 +27,7 @@ from simulators.effects.white_noise import WhiteNoise
 from simulators.lti import Times
 from simulators.pickup import of_films, signal
 from simulators.plan import Question, case_of, driven
-from simulators.randomness import Stream
+from simulators.randomness import BLOCK, Stream
 from simulators.rig import Rig
 from simulators.scene import Scene
 from simulators.sensor_node import SensorNode
@@ -65,17 +66,17 @@ def test_blocks_of_any_size_join_to_the_same_bytes_from_the_start_and_after_30_d
 
 
 def test_the_1_f_noise_of_a_month_later_takes_a_second_of_numbers_not_a_month(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[tuple[Stream, int]] = []
-    normal = Stream.normal
+    drawn: set[tuple[Stream, int]] = set()
+    block = Stream.block
 
-    def counted(stream: Stream, first: int, count: int) -> Floats:
-        drawn.append((stream, count))
-        return normal(stream, first, count)
+    def counted(stream: Stream, number: int) -> Floats:
+        drawn.add((stream, number))
+        return block(stream, number)
 
-    monkeypatch.setattr(Stream, "normal", counted)
+    monkeypatch.setattr(Stream, "block", counted)
     volts(PinkNoise(), MONTH + MS * np.arange(1000), name="never asked before")
-    assert 1000 < sum(count for _, count in drawn) < 60_000
-    assert len({stream for stream, _ in drawn}) == 7  # one a decade from 1 mHz to 1 kHz
+    assert 1000 < BLOCK * len(drawn) < 60_000
+    assert len({stream for stream, _ in drawn}) == 5  # one for the decades above 10 Hz, one for each of those below
 
 
 # --- hum -----------------------------------------------------------------------------------------------
@@ -83,7 +84,7 @@ def test_the_1_f_noise_of_a_month_later_takes_a_second_of_numbers_not_a_month(mo
 
 def test_hum_keeps_its_phase_exactly_for_30_days() -> None:
     hum = MainsHum(amplitude="1 V", frequency="49.987654321 Hz", phase=0.125)
-    times = MONTH + np.array([0, 1, 7 * MS, 123_456_789])
+    times = MONTH + MS * np.arange(1500)
     exact = [Fraction(49_987_654_321, 10**9) * int(t) / 10**9 + Fraction(1, 8) for t in times]
     assert volts(hum, times) == pytest.approx([math.sin(2 * math.pi * float(turns % 1)) for turns in exact], abs=1e-14)
 
@@ -91,9 +92,9 @@ def test_hum_keeps_its_phase_exactly_for_30_days() -> None:
 def test_hum_is_the_same_on_all_channels_and_orthogonal_to_10_hz_over_whole_cycles() -> None:
     hum = MainsHum(amplitude="1 mV")
     times = 4 * MS * np.arange(250)
-    assert volts(hum, times, name="a").tobytes() == volts(hum, times, name="b").tobytes()
-    assert np.abs(volts(hum, times)).max() == pytest.approx(1e-3, rel=0.05)
-    fit = fit_sine(1e-9 * times, volts(hum, times)[np.newaxis], 10.0)
+    assert volts(hum, times, 4 * MS, "a").tobytes() == volts(hum, times, 4 * MS, "b").tobytes()
+    assert np.abs(volts(hum, times, 4 * MS)).max() == pytest.approx(1e-3, rel=0.05)
+    fit = fit_sine(1e-9 * times, volts(hum, times, 4 * MS)[np.newaxis], 10.0)
     assert fit.amplitude[0] < 1e-3 * 5e-3  # the trend alone lets it through
 
 
@@ -126,27 +127,32 @@ def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_deca
     assert slope == pytest.approx(-1, abs=0.02)
 
 
+@pytest.mark.parametrize("rate", [0.01, 250.0, 1000.0, 1e5])
+def test_the_processes_of_one_grid_are_correlated_as_their_sum_is(rate: float) -> None:
+    for grid in pink_noise._grids(rate):
+        answer = lfilter(grid.fresh, grid.following, np.eye(1, 4 * grid.before)[0])
+        together = [process for process in pink_noise._processes(rate) if process.step == grid.step]
+        for lag in (0, 1, 2, 5, 20, 100):
+            sought = sum(each.passed**2 * math.exp(-each.decay * lag) for each in together)
+            assert answer[: len(answer) - lag] @ answer[lag:] == pytest.approx(sought, abs=1e-12)
+
+
 def test_a_process_is_the_moving_average_of_all_numbers_before_across_blocks_too() -> None:
-    stream, decay = Stream(3, "a"), 0.05
-    before = math.ceil(-math.log(pink_noise.FORGOTTEN) / decay)
-    first, end = 2 * pink_noise.BLOCK - 30, 3 * pink_noise.BLOCK + 30
-    normals = stream.normal(first, end - first + before)
-    kept = math.sqrt(-math.expm1(-2 * decay)) * np.exp(-decay * np.arange(before + 1))
-    assert pink_noise._process(stream, decay, first, end) == pytest.approx(
-        np.convolve(normals, kept, mode="valid"), abs=1e-13
-    )
+    grid = pink_noise._grids(1000.0)[-1]
+    found = pink_noise._Sum(Stream(3, "a"), (grid,)).values(2 * BLOCK - 30, BLOCK + 60)
+    first = 3 * BLOCK - 30 - grid.before  # the block before the first of the noise is the stream's first
+    normals = Stream(3, "a").child(grid.step).normal(first, BLOCK + 60 + grid.before)
+    answer = lfilter(grid.fresh, grid.following, np.eye(1, grid.before + 1)[0])
+    assert found == pytest.approx(np.convolve(normals, answer, mode="valid"), abs=1e-12)
 
 
 def test_a_slow_process_is_a_straight_line_between_its_grid_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    slowest = pink_noise._processes(1000.0)[-1]
-    assert slowest.corner == 1e-3
-    monkeypatch.setattr(
-        pink_noise, "_processes", lambda rate: (replace(slowest, step=1, decay=9.0, passed=0.0), slowest)
-    )
-    step = slowest.step
-    values = volts(PinkNoise(), MS * np.arange(3 * step))
+    slowest = pink_noise._grids(1000.0)[-1]
+    silent = replace(slowest, step=slowest.step // 16, fresh=(0.0,))
+    monkeypatch.setattr(pink_noise, "_grids", lambda rate: (silent, slowest))
+    values = volts(PinkNoise(), MS * np.arange(48))
     bends = np.flatnonzero(np.abs(np.diff(values, 2)) > 1e-6 * np.abs(np.diff(values)).max())
-    assert (bends + 1).tolist() == [step, 2 * step]
+    assert (bends + 1).tolist() == [16, 32]
 
 
 def test_each_decade_of_1_f_noise_has_the_same_variance_and_the_numbers_are_normal() -> None:
@@ -316,7 +322,7 @@ def test_a_bound_grows_with_what_the_other_effects_take_from_the_signal() -> Non
     noise = WhiteNoise()
     for other in (
         {"gain_scatter": GainScatter()},
-        {"mains_hum": MainsHum(amplitude="10 mV")},
+        {"mains_hum": MainsHum(amplitude="10 mV", frequency="17.3 Hz")},
         {"charge_amplifier": ChargeAmplifier(time_constant="5 ms")},
         {"adc": Adc()},
     ):
