@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, budget_option, extrapolate_option
+from procedures.cli.options import Choice, Output, bench_options, budget_option, dwell_option, extrapolate_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -121,7 +121,7 @@ def of_load_cell() -> Procedure[Any, Any]:
 )
 @click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
 @click.option("--frequencies", default="10 Hz", show_default=True, help="Of the load, in a list.")
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+@dwell_option
 @click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
 @extrapolate_option
 @budget_option

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options
+from procedures.cli.options import Choice, Output, bench_options, dwell_option, frequency_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 @click.option(
     "--loads", default="1.5 N:4.5 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak."
 )
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@dwell_option
+@frequency_option
 @click.option("--drift-time", default="5 min", show_default=True, help="How long one load is held to see drift.")
 @bench_options
 def characterise(

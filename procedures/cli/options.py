@@ -59,6 +59,13 @@ def output_options(command: F) -> F:
     return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
+# What is done at a point: each comes as text.
+sample_option = click.option("--sample", default="1", show_default=True, help="Rubber sample.")
+load_option = click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
+dwell_option = click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
+frequency_option = click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+
+
 def extrapolate_option(command: F) -> F:
     """--extrapolate: the command gets it as `extrapolate`."""
     text = "Let loads pass that lie outside the calibrated range."

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options
+from procedures.cli.options import Choice, Output, bench_options, budget_option, dwell_option, frequency_option
 
 if TYPE_CHECKING:
     from instrument.design import Design
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 @click.option("--modulus", help="Young modulus of unknown objects, or a list with commas: of a simulated bench.")
 @click.option("--thickness", default="3 mm", show_default=True, help="Of an unknown object.")
 @click.option("--loads", default="2 N:4 N:1 N", show_default=True, help="first:last:step or a list; peak to peak.")
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@dwell_option
+@frequency_option
 @click.option("--model", metavar="NAME", help="That answers: experiment, auto, column, ... (default: experiment).")
-@click.option("--budget", is_flag=True, help="Print the uncertainty budgets.")
+@budget_option
 @bench_options
 def softness(
     samples: str | None,

@@ -7,7 +7,17 @@ from typing import Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, budget_option, extrapolate_option
+from procedures.cli.options import (
+    Choice,
+    Output,
+    bench_options,
+    budget_option,
+    dwell_option,
+    extrapolate_option,
+    frequency_option,
+    load_option,
+    sample_option,
+)
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
@@ -27,7 +37,7 @@ def sweep() -> None:
 @click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
 @click.option("--dwell", help="Time over which each point is averaged (default: 1 s).")
 @click.option("--tolerance", help="Instead: relative standard uncertainty of a point, by which its dwell is chosen.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@frequency_option
 @MODEL
 @extrapolate_option
 @budget_option
@@ -82,8 +92,8 @@ def loads(
 @click.option(
     "--frequencies", default="0.1 Hz:100 Hz:13", show_default=True, help="first:last:count, logarithmic, or a list."
 )
-@click.option("--sample", default="1", show_default=True, help="Rubber sample.")
-@click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
+@sample_option
+@load_option
 @click.option("--dwell", default="1 s", show_default=True, help="Shortest time at a point; three cycles at least.")
 @MODEL
 @extrapolate_option
@@ -121,10 +131,10 @@ def frequency(
 )
 @click.option("--temperatures", default="0 K, 5 K, 15 K, 10 K", show_default=True, help="Against the start, in order.")
 @click.option("--soak", default="30 min", show_default=True, help="Time before each change.")
-@click.option("--sample", default="1", show_default=True, help="Rubber sample.")
-@click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@sample_option
+@load_option
+@dwell_option
+@frequency_option
 @MODEL
 @extrapolate_option
 @DRY_RUN
@@ -169,10 +179,10 @@ def temperature(
     "\n\n  palpate sweep position --positions '6 mm, 12 mm, 18 mm' --sample 6 --load '3 N'"
 )
 @click.option("--positions", default="0 mm:24 mm:2 mm", show_default=True, help="first:last:step or a list; along x.")
-@click.option("--sample", default="1", show_default=True, help="Rubber sample.")
-@click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
-@click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+@sample_option
+@load_option
+@dwell_option
+@frequency_option
 @extrapolate_option
 @DRY_RUN
 @bench_options
