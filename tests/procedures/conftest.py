@@ -166,6 +166,13 @@ def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) 
     return "lab.toml"
 
 
+def refused(said: Spoken, benches: Benches) -> str:
+    """The complaint about a wrong request: no bench was opened, and nothing was written."""
+    assert said.status == 2, said.err
+    assert (benches, list(Path().iterdir())) == ([], [])
+    return said.complaint
+
+
 # --- without the command line --------------------------------------------------------------------------
 
 
