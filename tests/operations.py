@@ -5,8 +5,11 @@ from __future__ import annotations
 import sys
 import threading
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+from unittest.mock import patch
 
 from drivers.bench import Bench
 from procedures.policy import carry_out
@@ -40,3 +43,11 @@ def operations(scene: Scene) -> Counter[str]:
         sys.setprofile(None)
         threading.setprofile(None)
     return calls
+
+
+@contextmanager
+def without_code_of_faults() -> Iterator[None]:
+    """Nothing of `simulators.faults` can be imported."""
+    loaded = [name for name in sys.modules if name.startswith("simulators.faults.")]
+    with patch.dict(sys.modules, dict.fromkeys(["simulators.faults", *loaded])):
+        yield

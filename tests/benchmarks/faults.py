@@ -7,13 +7,15 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.table import Table
 
+from simulators.scene import read_scene
 from tests.benchmarks.row import Row
 from tests.fault_matrix import ONCE, STAYS, Cell, Outcome, play_all
 from tests.fault_procedures import PROCEDURES
+from tests.operations import operations, without_code_of_faults
 
 
 def measure() -> Iterator[Row]:
-    """Play all cells and print them; the row says how many are green."""
+    """Play all cells and print them; a row says how many are green, another what faults cost where there are none."""
     outcomes = play_all()
     table = Table(
         title="r: right, m: marked, s: stopped, with the incidents in the record; fault once, then for good",
@@ -38,6 +40,17 @@ def measure() -> Iterator[Row]:
         f"{len(outcomes) - len(wrong)} of {len(outcomes)}",
         "all",
         not wrong,
+    )
+    scene = read_scene("thesis_single")
+    operations(scene)  # fills what is kept between benches
+    with_code = operations(scene)
+    with without_code_of_faults():
+        without = operations(scene)
+    yield Row(
+        "operations in a bench's life without faults: with their code, without it",
+        f"{with_code.total()}, {without.total()}",
+        "equal",
+        with_code == without,
     )
 
 
