@@ -14,6 +14,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -128,7 +129,8 @@ class Chain:
         constant = np.outer(offsets, [0.0, 0.0, 0.0, 1.0])
         films = before.then(functools.reduce(StateSpace.beside, amplifiers)).plus(gain(constant))
         self._after = _fan_out(films, bridge_tau, weight)
-        self._modes: dict[Touch, Mode] = {}
+        # A mode leads back here by what follows it: held by whoever is in it, so that nothing waits for the collector.
+        self._modes: WeakValueDictionary[Touch, Mode] = WeakValueDictionary()
         # Numbers of outputs and states that others ask for by name.
         self.bridge = len(amplifiers)
         self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
@@ -143,12 +145,13 @@ class Chain:
 
     def mode(self, touch: Touch) -> Mode:
         """The mode in which just this touches."""
-        if touch not in self._modes:
+        mode = self._modes.get(touch)
+        if mode is None:
             played, rate = self._played(touch, self._mechanics.system(touch))
             system = played.then(self._after)
             guards = [*self._guards(touch, system), *self._play_guards(touch, played, rate, system.order)]
-            self._modes[touch] = Mode(touch, system, tuple(guards))
-        return self._modes[touch]
+            self._modes[touch] = mode = Mode(touch, system, tuple(guards))
+        return mode
 
     # --- plays -----------------------------------------------------------------------------------------
 
