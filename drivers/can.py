@@ -20,6 +20,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from instrument.bench import CanBus
 from instrument.errors import DeviceError, LinkError, LinkTimeout
+from instrument.multicast import MULTICAST, keep_to_group
 
 for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
     logging.getLogger(_name).addHandler(logging.NullHandler())
@@ -34,7 +35,6 @@ INITIATE_DOWNLOAD, INITIATE_UPLOAD = 0x20, 0x40  # CiA 301
 
 FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
-MULTICAST = "udp_multicast"  # of python-can; it hands a bus its own frames as well
 
 
 class _SdoClient(SdoClient):
@@ -130,6 +130,8 @@ class CanLink:
             raise LinkError(
                 f"CAN bus {self.name} cannot be opened: {error}; check the interface and channel in the bench file"
             ) from error
+        if d.interface == MULTICAST:
+            keep_to_group(bus.fileno())
         self._network = canopen.Network(bus)
         self._listener = _Listener(self._network)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]

@@ -13,8 +13,9 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from instrument.contract import Field
 from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from instrument.multicast import MULTICAST
 from instrument.object_dictionary import object_dictionary
-from simulators.can_bus import MULTICAST, Listener, open_bus
+from simulators.can_bus import Listener, open_bus
 from simulators.clock import NEVER, VirtualClock
 from simulators.rig import Rig
 from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode

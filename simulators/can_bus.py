@@ -5,18 +5,16 @@ from __future__ import annotations
 import itertools
 import logging
 import os
-import socket
 from typing import Any
 
 import can
 from canopen.network import MessageListener
 
 from instrument.errors import BenchError
+from instrument.multicast import MULTICAST, keep_to_group
 
 logging.getLogger("canopen").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
-MULTICAST = "udp_multicast"  # of python-can; it hands a bus its own frames as well
-RECEIVE_BUFFER = 4 << 20  # bytes; the usual one holds 256 frames
 _numbers = itertools.count(1)
 
 
@@ -36,8 +34,7 @@ def open_bus(interface: str, channel: str) -> can.BusABC:
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         raise BenchError(f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface") from error
     if interface == MULTICAST:
-        with socket.socket(fileno=os.dup(bus.fileno())) as end:
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        keep_to_group(bus.fileno())
     return bus
 
 

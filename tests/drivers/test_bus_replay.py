@@ -15,9 +15,9 @@ from drivers.bus_log import BusLog
 from drivers.bus_replay import BusReplay
 from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from instrument.errors import ConfigError, DeviceError, LinkTimeout
+from instrument.multicast import MULTICAST
 from procedures.bus_log import described
 from simulators.bench import Place, SimulatedBench
-from simulators.can_bus import MULTICAST
 from simulators.scene import Scene
 from tests.conftest import hasty
 

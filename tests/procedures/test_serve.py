@@ -18,15 +18,16 @@ import can
 import pytest
 from rich.console import Console
 
+from drivers.can import CanLink
 from instrument.bench import read_bench
 from instrument.contract import PROBE
+from instrument.multicast import MULTICAST, keep_to_group
 from instrument.sample import get_sample
 from procedures.cli import session
 from procedures.cli.options import Output
 from procedures.cli.served import Traffic, status
 from procedures.cli.serving import Wish, serve_until_told, serving
 from simulators.bench import Place, SimulatedBench
-from simulators.can_bus import MULTICAST
 from simulators.clock import VirtualClock
 from simulators.rig import STANDARD_GRAVITY
 from simulators.scene import Scene
@@ -253,6 +254,28 @@ def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
                 bus.send(_frame(0x601, data))
             answer = _Answers(bus).ask(0x601, "40 00 20 00 00 00 00 00", 0x581)
     assert answer == f"43002000{PROBE.to_bytes(4, 'little').hex()}"
+
+
+def test_benches_side_by_side_on_multicast_do_not_hear_each_other(wish: Wish) -> None:
+    wanted = replace(wish, place=Place(interface=MULTICAST))
+    heard: list[int] = []
+    with serving(wanted) as one, serving(wanted) as other:
+        link = CanLink(one.description.can)
+        link.tap(lambda _sent, frame: heard.append(frame.arbitration_id))
+        link.open()
+        buses = [
+            can.Bus(interface=MULTICAST, channel=each.description.can.channel, hop_limit=0) for each in (other, one)
+        ]
+        for bus in buses:
+            keep_to_group(bus.fileno())
+        theirs, own = map(_Answers, buses)
+        assert theirs.ask(0x601, "40 00 10 00 00 00 00 00", 0x581).startswith("430010")
+        assert own.ask(0x601, "40 00 20 00 00 00 00 00", 0x581).startswith("430020")
+        link.upload("it", link.add_node(1), 0x2000, 0)
+        link.close()
+        for bus in buses:
+            bus.shutdown()
+    assert sorted(heard) == [0x581, 0x581, 0x601, 0x601]
 
 
 class _Answers:
