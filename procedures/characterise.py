@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,9 @@ from procedures.film_point import FilmPoint, measure
 from procedures.films import Films, check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.load_sweep import check_loads
+from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, preload, withdraw
+from procedures.servo import LoadServo, check_zero, finish, press, withdraw
 
 PROCEDURE = "characterise"
 LEAST_LOADS = 3
@@ -75,6 +77,8 @@ class FilmsPoint:
     samples: int
     valid: bool
     flags: tuple[str, ...]
+    attempts: int = 1
+    incidents: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +135,7 @@ def run(
     films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
     withdraw(bench)
     check_zero(bench, calibration)
-    bench.operator.mount(get_sample(settings.sample))
-    preloaded = preload(bench, calibration, preload_for(settings.loads))
-    bench.drive()
+    preloaded = press(bench, calibration, get_sample(settings.sample), preload_for(settings.loads))
     servo = LoadServo(bench, calibration, settings.frequency, preloaded)
     middle = settings.loads[len(settings.loads) // 2]
     pause = settings.drift_time / DRIFT_POINTS
@@ -148,7 +150,7 @@ def run(
         what = f"{direction}, {show(load, 'N')}"
         progress(len(points), len(steps), what)
         if direction != HOLDING or not held_ns:
-            servo.set(load)
+            carry_out(bench, what, partial(servo.set, load))
         if direction == HOLDING:
             if held_ns:
                 bench.clock.wait(max(0.0, pause - settings.dwell))
@@ -176,6 +178,8 @@ def _point(direction: str, load: float, time: float, measured: FilmPoint) -> Fil
         samples=fit.samples,
         valid=measured.valid,
         flags=measured.flags,
+        attempts=measured.attempts,
+        incidents=measured.incidents,
     )
 
 
@@ -191,7 +195,7 @@ def evaluate(
     Raises:
         EstimateError: too few points are valid for a line.
     """
-    valid = [point for point in points if point.valid]
+    valid = [p for p in (*(p for p in points if p.direction != HOLDING), *_longest_hold(points)) if p.valid]
     rows = [
         row
         for number, film in enumerate(design.films)
@@ -201,6 +205,16 @@ def evaluate(
     how = "by the design: one tooth tells not where in its cell it is pressed; palpate sweep position tells more"
     rows.append(Characteristic("", "spatial resolution", pitch, pitch / math.sqrt(12), "m", how))
     return CharacteriseResult(tuple(film.name for film in design.films), list(points), rows)
+
+
+def _longest_hold(points: Sequence[FilmsPoint]) -> list[FilmsPoint]:
+    """Points of one load that was held: where something went wrong, it was set anew and is another one."""
+    stretches: list[list[FilmsPoint]] = [[]]
+    for point in (p for p in points if p.direction == HOLDING):
+        if point.incidents or point.attempts > 1:
+            stretches.append([])
+        stretches[-1].append(point)
+    return max(stretches, key=len)
 
 
 def _film(
@@ -269,7 +283,7 @@ def _film(
         ),
         row(
             "drift", drift, drift_u, "1/min",
-            f"slope of the amplitude over {held[-1].time_s:.0f} s at {held[-1].load_N:g} N",
+            f"slope of the amplitude over {held[-1].time_s - held[0].time_s:.0f} s at {held[-1].load_N:g} N",
         ),
     ]  # fmt: skip
 

@@ -75,6 +75,18 @@ def test_a_bend_a_lag_and_a_drift_show_each_in_its_own_figure() -> None:
     assert drifting.value == pytest.approx(0.01, rel=0.06)
 
 
+def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:
+    points = measured(drift=0.01)
+    held = len(points) - 11
+    for n in range(held + 4, len(points)):
+        points[n] = replace(points[n], voltages_V=tuple(1.01 * v for v in points[n].voltages_V))
+    assert abs(rows(points)["drift"].value - 0.01) > 1e-3
+    points[held + 4] = replace(points[held + 4], incidents=1)
+    found = rows(points)["drift"]
+    assert found.value == pytest.approx(0.01, rel=0.06)
+    assert "over 180 s" in found.how
+
+
 def test_a_cell_is_as_fine_as_a_single_tooth_tells_where() -> None:
     place = rows(measured(), film="")["spatial resolution"]
     assert (place.value, place.u) == (10e-3, pytest.approx(10e-3 / math.sqrt(12)))
