@@ -222,11 +222,18 @@ def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
 # --- CAN of another process ----------------------------------------------------------------------------
 
 
+@contextmanager
+def plain_bus(channel: str) -> Iterator[can.BusABC]:
+    with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
+        keep_to_group(bus.fileno())
+        yield bus
+
+
 def test_a_plain_can_master_on_multicast_sees_each_sync_sampled_once(wish: Wish) -> None:
     """The server's own SYNC comes back to it there, and is none of the master's."""
     with serving(replace(wish, place=Place(interface=MULTICAST))) as served:
         channel = served.description.can.channel
-        with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
+        with plain_bus(channel) as bus:
             answers = _Answers(bus)
             answers.ask(0x601, "2f 00 00 00 00 00 00 00", 0x581)  # no such object
             bus.send(_frame(0x000, "01 01"))
@@ -244,7 +251,7 @@ def test_a_plain_can_master_on_multicast_sees_each_sync_sampled_once(wish: Wish)
 def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
     with serving(replace(wish, place=Place(interface=MULTICAST))) as served:
         channel = served.description.can.channel
-        with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
+        with plain_bus(channel) as bus:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as rude:
                 rude.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
                 for data in (b"", b"\xc1\xc1", b"\x93\x01"):
@@ -263,18 +270,11 @@ def test_benches_side_by_side_on_multicast_do_not_hear_each_other(wish: Wish) ->
         link = CanLink(one.description.can)
         link.tap(lambda _sent, frame: heard.append(frame.arbitration_id))
         link.open()
-        buses = [
-            can.Bus(interface=MULTICAST, channel=each.description.can.channel, hop_limit=0) for each in (other, one)
-        ]
-        for bus in buses:
-            keep_to_group(bus.fileno())
-        theirs, own = map(_Answers, buses)
-        assert theirs.ask(0x601, "40 00 10 00 00 00 00 00", 0x581).startswith("430010")
-        assert own.ask(0x601, "40 00 20 00 00 00 00 00", 0x581).startswith("430020")
+        with plain_bus(other.description.can.channel) as of_theirs, plain_bus(one.description.can.channel) as of_own:
+            assert _Answers(of_theirs).ask(0x601, "40 00 10 00 00 00 00 00", 0x581).startswith("430010")
+            assert _Answers(of_own).ask(0x601, "40 00 20 00 00 00 00 00", 0x581).startswith("430020")
         link.upload("it", link.add_node(1), 0x2000, 0)
         link.close()
-        for bus in buses:
-            bus.shutdown()
     assert sorted(heard) == [0x581, 0x581, 0x601, 0x601]
 
 
