@@ -1,4 +1,4 @@
-"""A run for other programs: CSV or Parquet."""
+"""A run for other programs: CSV or Parquet, or an xarray Dataset."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from instrument.errors import UnknownName, UsageError
+from procedures.extras import library
 from procedures.run import Run, storing
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 FORMATS = ("csv", "parquet")
+COORDINATES = ("sample", "load_N")  # of points that have them
 
 
 def export(run: Run, to: str, folder: Path) -> list[Path]:
@@ -51,6 +54,45 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
                 _write(waveforms, itertools.chain([first], frames), to, undo)
             undo.pop_all()
     return [points] if first is None else [points, waveforms]
+
+
+def as_dataset(run: Run) -> xr.Dataset:
+    """The points over `point`, by their ids, and their waveforms [V] over `index`, all in memory.
+
+    Numbers and texts of the points are variables, sample and load coordinates. `time_s` is that of a sample since the
+    waveform's first, over `index` alone where all have one rate. Shorter waveforms end in NaN.
+
+    Raises:
+        UsageError: xarray is not installed.
+        RecordError: the run is damaged.
+    """
+    xarray = library("xarray", "xarray")
+    table = run.table()
+    table = table.set_index("id") if len(table) else table
+    plain = [name for name in table if not table[name].map(lambda value: isinstance(value, (list, dict))).any()]
+    columns: dict[str, tuple[object, ...]] = {
+        name: ("point", table[name].to_numpy()) for name in plain if name != "simulated"
+    }
+    waveforms = list(run.waveforms())
+    shape = (len(table), max((waveform.samples.size for waveform in waveforms), default=0))
+    volts: dict[str, np.ndarray] = {}
+    rates = np.full(shape[0], np.nan)
+    for waveform in waveforms:
+        row = table.index.get_loc(waveform.point_id)
+        volts.setdefault(waveform.name, np.full(shape, np.nan, np.float32))[row, : waveform.samples.size] = (
+            waveform.samples
+        )
+        rates[row] = waveform.rate
+    time = np.arange(shape[1]) / rates[:, np.newaxis]
+    coordinates: dict[str, object] = {"point": table.index.to_numpy()}
+    coordinates |= {name: columns[name] for name in COORDINATES if name in columns}
+    if volts:
+        coordinates["time_s"] = ("index", time[0]) if len(np.unique(rates)) == 1 else (("point", "index"), time)
+    variables = {name: column for name, column in columns.items() if name not in COORDINATES}
+    variables |= {name: (("point", "index"), samples, {"units": "V"}) for name, samples in volts.items()}
+    stamps = {"procedure": run.procedure, "simulated": str(run.simulated).lower(), "started": run.started.isoformat()}
+    found: xr.Dataset = xarray.Dataset(variables, coordinates, stamps)
+    return found
 
 
 def _waveform_frames(run: Run) -> Iterator[pd.DataFrame]:
