@@ -1,6 +1,6 @@
 """Writing a run to disk: a point is durable before it is reported.
 
-A point is one transaction with its waveforms: one write to the log (`run.sqlite-wal`), one fsync. The log is merged
+A point is one transaction with its waveforms: one write to the log (`run.sqlite-wal`), one sync. The log is merged
 into `run.sqlite` and begun anew every `MERGED_EVERY` points or `LONGEST_LOG` pages, so that points overwrite it in
 place, and a merge stays shorter than the amplifier's watchdog. The end of a run leaves a single file.
 `procedures/run.py` has the format, and reads it.
@@ -28,9 +28,10 @@ from procedures.run import DATABASE, EVENT_COLUMNS, POINT_COLUMNS, SCHEMA, WAVEF
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 _OWN_KEYS = frozenset({"status", "summary"})
 
+LOG = f"{DATABASE}-wal"
 MERGED_EVERY = 50  # points
 LONGEST_LOG = 8000  # pages of 4096 bytes
-FIRST_LOG = 1_000_000  # bytes that are there before the first point: a file that grows is synced half as fast
+FIRST_LOG = 1_000_000  # bytes that are there before the first point: a file that grows is takes longer to sync
 
 _POINT = f"INSERT INTO point (id, {POINT_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
 _WAVEFORM = f"INSERT INTO waveform ({WAVEFORM_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
@@ -58,23 +59,19 @@ class Recorder:
         self.folder = folder
         self._points = 0
         self._bench_ns = 0
-        self._files = (folder / DATABASE, log := folder / f"{DATABASE}-wal")
+        self._files = (folder / DATABASE, folder / LOG)
         self._inodes: dict[Path, int] = {}
         self._closed = False
         with contextlib.ExitStack() as undo:
             with storing(folder):
                 undo.enter_context(_locked(folder))
                 if header is not None:
-                    _write_database(folder, header)
+                    _begin(folder, header)
             with storing(folder / DATABASE):
                 self._database = undo.enter_context(contextlib.closing(sqlite3.connect(folder / DATABASE)))
                 self._database.execute("PRAGMA journal_mode = WAL")
                 self._database.execute("PRAGMA synchronous = FULL")
                 self._database.execute(f"PRAGMA wal_autocheckpoint = {LONGEST_LOG}")
-            with storing(log):
-                if not log.exists():
-                    log.write_bytes(bytes(FIRST_LOG))  # SQLite takes it for an empty one
-                    _sync(log)
             self._open = undo.pop_all()
 
     @classmethod
@@ -135,10 +132,10 @@ class Recorder:
         with self._transaction() as database:
             database.execute(_POINT, (*row, row_crc32(*row)))
             database.executemany(_WAVEFORM, rows)
-        if point_id % MERGED_EVERY == 0:
-            self._merge("PASSIVE")
         self._points = point_id
         self._bench_ns = bench_ns
+        if point_id % MERGED_EVERY == 0:
+            self._tidy("PRAGMA wal_checkpoint(PASSIVE)")
         return point_id
 
     @property
@@ -171,9 +168,8 @@ class Recorder:
                 self._update_header({"status": status, "summary": summary})
                 if message:
                     self._insert_event(status, message, self._bench_ns)
-            self._merge("TRUNCATE")
-            with contextlib.suppress(sqlite3.OperationalError):  # a reader holds it; that is as good
-                self._database.execute("PRAGMA journal_mode = DELETE")
+            self._tidy("PRAGMA wal_checkpoint(TRUNCATE)")
+            self._tidy("PRAGMA journal_mode = DELETE")
         finally:
             self.close()
 
@@ -189,10 +185,10 @@ class Recorder:
             yield self._database
         self._check_files()
 
-    def _merge(self, how: str) -> None:
+    def _tidy(self, statement: str) -> None:
         # All is durable by now: where a reader holds the database, or the disk is full, the log stays.
-        with contextlib.suppress(sqlite3.OperationalError):
-            self._database.execute(f"PRAGMA wal_checkpoint({how})")
+        with contextlib.suppress(sqlite3.Error):
+            self._database.execute(statement)
 
     def _update_header(self, header: Mapping[str, object]) -> None:
         self._database.executemany("UPDATE run SET value = ?, crc32 = ? WHERE key = ?", _header_rows(header))
@@ -265,23 +261,26 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _write_database(folder: Path, header: Mapping[str, object]) -> None:
-    """Makes the database aside and renames it, so that a killed start leaves a whole one or none."""
+def _begin(folder: Path, header: Mapping[str, object]) -> None:
+    """Makes the files of a run, the database aside and renamed, so that a killed start leaves a whole one or none."""
     if (folder / DATABASE).exists():
         raise UsageError(f"{folder} already holds a run; choose another --out")
-    aside = folder / f"{DATABASE}.new"
+    aside, log = folder / f"{DATABASE}.new", folder / LOG
     try:
         aside.unlink(missing_ok=True)
         with contextlib.closing(sqlite3.connect(aside)) as database:
-            database.execute("PRAGMA journal_mode = MEMORY")
-            database.execute("PRAGMA synchronous = FULL")
+            database.execute("PRAGMA journal_mode = WAL")
             database.executescript(f"BEGIN; {SCHEMA}")
             database.executemany("INSERT INTO run (value, crc32, key) VALUES (?, ?, ?)", _header_rows(header))
             database.commit()
+        log.write_bytes(bytes(FIRST_LOG))  # SQLite takes it for an empty one
+        for path in (aside, log):
+            _sync(path)
         aside.replace(folder / DATABASE)
         _sync(folder)
     except BaseException:
-        aside.unlink(missing_ok=True)
+        for path in (aside, log):
+            path.unlink(missing_ok=True)
         raise
 
 
