@@ -79,9 +79,8 @@ def as_dataset(run: Run) -> xr.Dataset:
     rates = np.full(shape[0], np.nan)
     for waveform in waveforms:
         row = table.index.get_loc(waveform.point_id)
-        volts.setdefault(waveform.name, np.full(shape, np.nan, np.float32))[row, : waveform.samples.size] = (
-            waveform.samples
-        )
+        of_film = volts.setdefault(waveform.name, np.full(shape, np.nan, np.float32))
+        of_film[row, : waveform.samples.size] = waveform.samples
         rates[row] = waveform.rate
     time = np.arange(shape[1]) / rates[:, np.newaxis]
     coordinates: dict[str, object] = {"point": table.index.to_numpy()}
