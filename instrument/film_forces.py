@@ -29,6 +29,8 @@ class ToothPoint:
         force_ratio: of its force to the base's, so that those of one base add up; `force_ratio_u` with the scatter
             of both films' gains and their calibration.
         noise_u: what noise has in it.
+        force_u, base_force_u: of the forces, with the scatter of the film's gain and its calibration; None: a record
+            of before they were known.
     """
 
     tooth: int
@@ -39,6 +41,8 @@ class ToothPoint:
     force_ratio: float
     force_ratio_u: float
     noise_u: float
+    force_u: float | None = None
+    base_force_u: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +53,7 @@ class FilmForces:
         force_ratio: mean over the bases of the force on a base's teeth to the force on the base, as in Tables 5.7 and
             A2.9 to A2.20; `force_ratio_u` with the scatter of the gains and the films' calibration.
         noise_u, calibration_u: what noise and the films' calibration have in it.
+        force_rigid_u, force_total_u: of the sums, with noise, scatter and calibration, all as they hang together.
     """
 
     voltage_rigid_V: float
@@ -59,6 +64,8 @@ class FilmForces:
     force_ratio_u: float
     noise_u: float
     calibration_u: float
+    force_rigid_u: float
+    force_total_u: float
     teeth: tuple[ToothPoint, ...]
 
 
@@ -87,6 +94,8 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
             )
     calibrated = np.zeros((len(films), len(films))) if design.film_covariance is None else design.film_covariance
     force_covariance = np.asarray(calibrated) * np.outer(force, force)
+    whole_covariance = covariance + force_covariance + scatter_covariance(design) * np.outer(force, force)
+    each_u = np.sqrt(np.diag(whole_covariance))
     slopes = np.zeros(len(films))
     teeth = []
     for rigid, film in enumerate(films):
@@ -111,9 +120,12 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
                     noise_u, ratio * ratio_scatter(design, film, films[base]), _u(slope, force_covariance)
                 ),
                 noise_u=noise_u,
+                force_u=float(each_u[rigid]),
+                base_force_u=float(each_u[base]),
             )
         )
     rigids = [i for i in range(len(films)) if i not in bases]
+    of_rigid = np.array([float(i in rigids) for i in range(len(films))])
     ratio = math.fsum(tooth.force_ratio for tooth in teeth) / len(bases)
     noise_u, calibration_u = _u(slopes, covariance), _u(slopes, force_covariance)
     return FilmForces(
@@ -125,6 +137,8 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
         force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio, calibration_u),
         noise_u=noise_u,
         calibration_u=calibration_u,
+        force_rigid_u=_u(of_rigid, whole_covariance),
+        force_total_u=_u(1 - of_rigid, whole_covariance),
         teeth=tuple(teeth),
     )
 
@@ -133,6 +147,16 @@ def ratio_scatter(design: Design, film: Film, base: Film) -> float:
     """Relative standard deviation from one load set to the next of the ratio of two films' forces, to first order."""
     common = 2 * design.film_correlation * film.scatter * base.scatter
     return math.sqrt(max(film.scatter**2 + base.scatter**2 - common, 0.0))
+
+
+def scatter_covariance(design: Design) -> Floats:
+    """Relative, (films, films), of the scatter from one load set to the next: the correlation of a tooth's film and its
+    base's is taken for that of any two."""
+    scatter = np.array([film.scatter for film in design.films])
+    correlation = np.full((scatter.size, scatter.size), design.film_correlation)
+    np.fill_diagonal(correlation, 1.0)
+    covariance: Floats = correlation * np.outer(scatter, scatter)
+    return covariance
 
 
 def _u(slope: Floats, covariance: Floats) -> float:

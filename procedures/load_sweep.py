@@ -34,14 +34,14 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class LoadPoint:
-    """One load set. Forces and voltages are peak to peak; `force_ratio_u` is a standard uncertainty.
+    """One load set. Forces and voltages are peak to peak; `_u` are standard uncertainties.
 
     Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
     has each tooth's own. `noise_u` and `calibration_u` are what noise and the films' calibration have in
     `force_ratio_u`. `relative_u` is that to `force_ratio`, beside what was predicted of it where the dwell was chosen
     at the point. `extrapolated`: the load lies outside the calibrated range. Not `valid`: after the last of its
     `attempts` it is flagged still; `flags` say why. `incidents` counts what went wrong since the point before and was
-    made good; the events say what.
+    made good; the events say what. The forces' own uncertainties are None in records of before they were known.
     """
 
     sample: str
@@ -68,6 +68,8 @@ class LoadPoint:
     teeth: tuple[ToothPoint, ...] = ()
     extrapolated: bool = False
     calibration_u: float = 0.0
+    force_rigid_u: float | None = None
+    force_total_u: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +211,8 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         teeth=forces.teeth if len(forces.teeth) > 1 else (),
         extrapolated=not calibration.covers(step.load_N),
         calibration_u=forces.calibration_u,
+        force_rigid_u=forces.force_rigid_u,
+        force_total_u=forces.force_total_u,
     )
 
 

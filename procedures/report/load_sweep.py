@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from instrument.design import Design
-from procedures.load_sweep import SweepResult
+from procedures.load_sweep import LoadPoint, SweepResult
 from procedures.report.figure import MARKERS, new_figure, save
 from procedures.report.text import STAMP, new_table, number, percent, print_all, stamped, where
 
@@ -55,9 +56,22 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         means,
         f"softness order, hard to soft: {' > '.join(result.softness_order)}{compared}",
         *(["* outside the load cell's calibrated range"] if any(p.extrapolated for p in result.points) else []),
+        _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )
+
+
+def _forces(points: Sequence[LoadPoint]) -> str:
+    """Their relative uncertainties hardly differ: the scatter of the gains is most of them."""
+    rigid, total = (
+        max((u / abs(force) for force, u in pairs if u is not None and force), default=None)
+        for pairs in (
+            [(p.force_rigid_N, p.force_rigid_u) for p in points if p.valid],
+            [(p.force_total_N, p.force_total_u) for p in points if p.valid],
+        )
+    )
+    return f"forces         standard uncertainty, % at most: rigid {percent(rigid)}, total {percent(total)}"
 
 
 def _thesis_order(design: Design, swept: set[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,35 @@ def test_the_stated_noise_is_the_scatter_of_repeats(name: str) -> None:
     assert np.std([r.force_ratio for r in repeats]) == pytest.approx(np.mean([r.noise_u for r in repeats]), rel=0.15)
     first = [r.teeth[0] for r in repeats]
     assert np.std([t.force_ratio for t in first]) == pytest.approx(np.mean([t.noise_u for t in first]), rel=0.15)
+
+
+def test_of_one_tooth_a_force_is_as_uncertain_as_its_film_and_its_noise() -> None:
+    design = get_design("single")
+    found = film_forces(design, fit := fitted(design, [0.6, 2.0], noise=1e-2))
+    noise = 2 * fit.amplitude_u / [film.sensitivity for film in design.films]
+    scatter = [0.033 * found.force_rigid_N, 0.03 * found.force_total_N]
+    said = (found.force_rigid_u, found.force_total_u)
+    assert said == pytest.approx(np.hypot(noise, scatter))
+    assert (found.teeth[0].force_u, found.teeth[0].base_force_u) == pytest.approx(said)
+    assert noise[0] > 0.1 * scatter[0]
+
+
+def test_films_that_scatter_together_make_sums_more_uncertain() -> None:
+    """Tables A2.15 to A2.20: of several teeth gains scatter together as those of a ratio do."""
+    design = get_design("different_base")
+    found = film_forces(design, fitted(design, [0.3, 2.0, 0.4, 1.0]))
+    a, b, r = 0.056 * 0.3, 0.081 * 0.4, design.film_correlation
+    assert found.force_rigid_u == pytest.approx(math.sqrt(a**2 + b**2 + 2 * r * a * b), rel=1e-6)
+    assert found.force_rigid_u > 1.2 * math.hypot(a, b)
+    assert [tooth.force_u for tooth in found.teeth] == pytest.approx([a, b], rel=1e-6)
+
+
+def test_calibrated_films_add_the_uncertainty_of_their_calibration() -> None:
+    design = get_design("single")
+    calibrated = replace(design, film_covariance=((4e-4, 1e-4), (1e-4, 1e-4)))
+    plain, found = (film_forces(each, fitted(each, [0.6, 2.0])) for each in (design, calibrated))
+    assert found.force_rigid_u == pytest.approx(math.hypot(plain.force_rigid_u, 0.02 * 0.6))
+    assert found.force_total_u == pytest.approx(math.hypot(plain.force_total_u, 0.01 * 2.0))
 
 
 def test_a_dead_base_film_is_named() -> None:

@@ -32,7 +32,7 @@ REPEATABILITY = 0.041  # of the force ratio, thesis Tables A2.9 to A2.14
 TABLES = Path(__file__).parents[1] / "data" / "thesis"
 POINT = {
     "sample", "load_N", "indicator_mV", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N",
-    "force_ratio", "force_ratio_u", "valid",
+    "force_rigid_u", "force_total_u", "force_ratio", "force_ratio_u", "valid",
 }  # fmt: skip
 SAMPLE = {"sample", "force_ratio", "force_ratio_u", "thesis_force_ratio"}
 
@@ -85,6 +85,8 @@ def test_forces_and_ratio_of_a_point_follow_from_its_voltages(default_sweep: dic
         assert p["force_rigid_N"] == pytest.approx(p["voltage_rigid_V"] / 5.995e-3)
         assert p["force_total_N"] == pytest.approx(p["voltage_total_V"] / 68.60e-3)
         assert p["force_ratio"] == pytest.approx(p["force_rigid_N"] / p["force_total_N"])
+        assert p["force_rigid_u"] == pytest.approx(0.033 * p["force_rigid_N"], rel=0.01)
+        assert p["force_total_u"] == pytest.approx(0.03 * p["force_total_N"], rel=0.01)
 
 
 def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:
