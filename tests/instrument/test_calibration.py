@@ -1,26 +1,17 @@
-"""The load-cell calibration: the thesis' own numbers, an uncertainty that covers, a file that survives."""
+"""The load-cell calibration: the thesis' own numbers, an uncertainty that covers the truth."""
 
 from __future__ import annotations
 
-import errno
 import math
-import os
 from datetime import date
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from instrument.calibration import (
-    THESIS_LOAD_CELL,
-    Curvature,
-    LoadCellCalibration,
-    calibrate_load_cell,
-)
-from instrument.calibration_file import read_calibration, write_calibration
-from instrument.classification import Classification, Run
-from instrument.errors import ConfigError, EstimateError, RangeError, RecordError
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration, calibrate_load_cell
+from instrument.classification import Run
+from instrument.errors import ConfigError, EstimateError, RangeError
 from instrument.interpolation import best_degree, interpolate
 from instrument.load_budget import load_budget
 from instrument.uncertainty import coverage_factor
@@ -299,114 +290,3 @@ def test_an_indicator_without_a_resolution_is_refused(resolution: float) -> None
 def test_a_calibration_of_no_device_is_refused() -> None:
     with pytest.raises(ConfigError, match="load cell calibration: device"):
         calibrate(device="")
-
-
-numbers = st.floats(1e-6, 1e6)
-
-
-@hypothesis.given(
-    values=st.lists(numbers, min_size=6, max_size=6),
-    zero=st.floats(-1e9, 1e9),
-    correlation=st.floats(-1.0, 1.0),
-    text=st.text(min_size=1),
-    simulated=st.booleans(),
-)
-@hypothesis.settings(deadline=None, derandomize=True, max_examples=50)
-def test_a_calibration_comes_back_from_its_file_bit_by_bit(
-    tmp_path_factory: pytest.TempPathFactory,
-    values: list[float],
-    zero: float,
-    correlation: float,
-    text: str,
-    simulated: bool,
-) -> None:
-    calibration = LoadCellCalibration(
-        sensitivity_mV_per_N=values[0],
-        sensitivity_u=values[1],
-        zero_mV=zero,
-        zero_u=values[2],
-        covariance=correlation * values[1] * values[2],
-        degrees_of_freedom=5,
-        least_N=-values[0],
-        greatest_N=values[1],
-        linearity=values[3],
-        reversibility=values[4],
-        reversibility_of_reading=values[2],
-        interpolation=values[3],
-        creep=values[0],
-        lower_limit_factor_N=values[5],
-        astm_e74=Classification(name="A", least_N=values[0], greatest_N=values[1]),
-        iso_376=Classification(name="not classifiable", reason=text),
-        gage_factor=values[1],
-        expires="2020-02-29",
-        curvature=Curvature(mV_per_N2=zero, u=values[3], with_sensitivity=0.0, with_zero=0.0),
-        resolution_mV=values[5],
-        device=text,
-        simulated=simulated,
-        source=text,
-        created=text,
-    )
-    path = tmp_path_factory.mktemp("calibration") / "load_cell.toml"
-    write_calibration(path, calibration)
-    assert read_calibration(path) == calibration
-    assert list(path.parent.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("linearity", "lineraity", r"lineraity: unknown key \(did you mean 'linearity'\?\)"),
-        ("linearity", "lineraity", "linearity: is missing"),
-        ("resolution_mV = 1.0", "resolution_mV = -1.0", r"resolution_mV: Input should be greater than 0 \(got -1\.0\)"),
-        ("resolution_mV = 1.0", "resolution_mV = nan", r"resolution_mV: Input should be a finite number \(got nan\)"),
-        ("resolution_mV = 1.0", 'resolution_mV = "1"', r"resolution_mV: Input should be a valid number \(got '1'\)"),
-        ("reversibility = ", "reversibility = -", r"reversibility: Input should be greater than or equal to 0"),
-        ("simulated = false", "simulated = 0", r"simulated: Input should be a valid boolean \(got 0\)"),
-        ("covariance = -", "covariance = -9", r"covariance: -90\.0134 exceeds sensitivity_u · zero_u = 0\.0146682"),
-        ("simulated = false", "simulated = ", "is not TOML"),
-        ("least_N = 1.3", "least_N = 9.3", r"greatest_N: 7\.25692 N is not above least_N = 9\.372"),
-        ('"thesis Table 5.1"', '"a"\nexpires = "soon"', "expires: 'soon' is not a date such as 2027-11-21"),
-        (
-            "[astm_e74]",
-            "[curvature]\nmV_per_N2 = 1.0\nu = 1.0\nwith_zero = 0.5\nwith_sensitivity = 0.0\n[astm_e74]",
-            "covariances of zero, sensitivity and curvature cannot be",
-        ),
-    ],
-)
-def test_a_wrong_calibration_file_is_refused_by_file_key_and_problem(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
-    path = tmp_path / "load_cell.toml"
-    write_calibration(path, THESIS_LOAD_CELL)
-    text = path.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(ConfigError, match=message) as caught:
-        read_calibration(path)
-    assert str(caught.value).startswith(str(path))
-
-
-def test_a_missing_calibration_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"absent\.toml: cannot be read: No such file"):
-        read_calibration(tmp_path / "absent.toml")
-
-
-def test_a_missing_folder_is_a_clear_error(tmp_path: Path) -> None:
-    with pytest.raises(
-        RecordError, match=r"load_cell\.toml: cannot write the calibration: No such file .* another folder"
-    ):
-        write_calibration(tmp_path / "absent" / "load_cell.toml", THESIS_LOAD_CELL)
-
-
-def test_a_full_disk_leaves_the_old_calibration_and_no_draft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "load_cell.toml"
-    write_calibration(path, THESIS_LOAD_CELL)
-
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(RecordError, match="No space left on device"):
-        write_calibration(path, calibrate())
-    assert read_calibration(path) == THESIS_LOAD_CELL
-    assert list(tmp_path.iterdir()) == [path]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,8 +11,6 @@ from typing import Any
 import pytest
 
 from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import read_calibration, write_calibration
 from instrument.errors import DeviceError, RangeError
 from procedures import load_cell
 from procedures.load_cell import LoadCellResult, LoadCellSettings
@@ -26,16 +23,6 @@ from tests.chance import plausible
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of, silent
 
 CREATED = datetime(2025, 3, 14, 15, 9, 26, tzinfo=UTC)
-FILE = Path("runs") / "calibrations" / "load_cell-SIM-SI-0001.toml"
-ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
-RESULT = {
-    "simulated", "run", "seed", "bench_seconds", "wall_seconds", "sensitivity_mV_per_N", "sensitivity_u", "zero_mV",
-    "linearity", "reversibility", "resolution", "points", "repeatability", "reproducibility", "zero_return", "creep",
-    "interpolation", "least_N", "greatest_N", "expires", "lower_limit_factor_N", "astm_e74", "iso_376", "certificate",
-    "budgets",
-}  # fmt: skip
-
-
 THESIS_SERIES = LoadCellSettings()
 
 
@@ -207,127 +194,3 @@ def test_a_series_that_gives_no_calibration_is_refused_before_anything_is_made(
 def test_settings_that_no_option_can_give_are_refused_too(change: dict[str, Any]) -> None:
     with pytest.raises(RangeError):
         load_cell.check(LoadCellSettings(**{**asdict(THESIS_SERIES), **change}), 10.0)
-
-
-# --- certificate ---------------------------------------------------------------------------------------
-
-
-def test_the_certificate_holds_the_readings_the_results_and_says_simulated(palpate: Palpate) -> None:
-    result = palpate("calibrate", "load-cell", "--json").object
-    markdown = Path(result["certificate"]).read_text(encoding="utf-8")
-    page = (Path(result["run"]) / "certificate.html").read_text(encoding="utf-8")
-    k = 1.979  # 95 %, 126 degrees of freedom
-    for text in (markdown, page):
-        assert "SIMULATED" in text
-        assert "SIM-SI-0001" in text
-        assert result["expires"] in text
-        assert "not classifiable" in text
-        assert f"{result['sensitivity_mV_per_N']:.5g}" in text
-        assert f"{k * result['sensitivity_u']:.2g}" in text
-    for point in result["points"]:
-        readings = " ".join(f"{value:g}" for value in point["readings_mV"])
-        assert f"{point['load_gf']:g} | {point['load_N']:.5f} | {point['reading_mV']:.4f} | {readings} |" in markdown
-
-
-def test_nothing_in_a_certificate_is_taken_for_markup(palpate: Palpate) -> None:
-    result = palpate("calibrate", "load-cell", "--loads", "1 N, 2 N, 3 N", "--out", "<b>&|day", "--json").object
-    page = (Path(result["run"]) / "certificate.html").read_text(encoding="utf-8")
-    assert "<b>" not in page
-    assert "&lt;b&gt;&amp;|day" in page
-    assert "&lt;b&gt;&amp;&#124;day |" in Path(result["certificate"]).read_text(encoding="utf-8")
-
-
-# --- from the command line to the next sweep -----------------------------------------------------------
-
-
-def test_the_command_gives_the_public_names_and_stores_the_calibration(palpate: Palpate) -> None:
-    result = palpate("calibrate", "load-cell", "--json").object
-    assert result.keys() >= RESULT
-    assert result["calibration_file"] == str(FILE)
-    stored = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    assert stored["sensitivity_mV_per_N"] == result["sensitivity_mV_per_N"]
-    assert (stored["device"], stored["simulated"], stored["gage_factor"]) == ("SIM-SI-0001", True, 8.98)
-    assert (stored["least_N"], stored["greatest_N"]) == (pytest.approx(1.372931), pytest.approx(7.256921))
-    assert stored["source"] == Path(result["run"]).name
-    assert (Path(result["run"]) / "calibration.toml").read_bytes() == FILE.read_bytes()
-
-
-def test_a_sweep_without_a_calibration_uses_and_names_the_thesis_own(palpate: Palpate) -> None:
-    result = palpate(*ONE_POINT).object
-    assert result["calibration"] == "thesis Table 5.1"
-    (point,) = result["points"]
-    assert point["load_measured_N"] == THESIS_LOAD_CELL.load(point["indicator_mV"])[0]
-
-
-def test_the_next_sweep_uses_and_names_the_stored_calibration(palpate: Palpate, tmp_path: Path) -> None:
-    scene = tmp_path / "scene.toml"
-    scene.write_text(IDEAL_SCENE, encoding="utf-8")
-    before = palpate(*ONE_POINT, "--scene", str(scene)).object
-    made = palpate("calibrate", "load-cell", "--scene", str(scene), "--json").object
-    after = palpate(*ONE_POINT, "--scene", str(scene)).object
-    assert after["calibration"] == Path(made["run"]).name
-    assert Run.open(Path(after["run"])).header["calibration"]["source"] == Path(made["run"]).name
-    (point,) = after["points"]
-    assert point["load_measured_N"] == pytest.approx(read_calibration(FILE).load(point["indicator_mV"])[0])
-    assert point["force_total_N"] == pytest.approx(point["load_measured_N"], rel=1e-3)
-    # the thesis' zero of 1.81 mV is not this bench's, whose load was too large by so much
-    assert before["points"][0]["force_total_N"] - before["points"][0]["load_measured_N"] == pytest.approx(
-        0.176, abs=0.005
-    )
-
-
-def test_a_store_of_ones_own_is_used(palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "elsewhere"))
-    palpate("calibrate", "load-cell", "--quiet")
-    assert (tmp_path / "elsewhere" / "calibrations" / FILE.name).exists()
-    assert palpate(*ONE_POINT).object["calibration"].endswith("-calibrate-load-cell")
-    assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"simulated": False}, "made on hardware"),
-        ({"device": "SI-0042"}, "with device SI-0042, not for this bench's SIM-SI-0001"),
-        ({"gage_factor": 2.0}, "at gage factor 2, this bench's is 8.98"),
-        ({"expires": "2024-02-29"}, "expired on 2024-02-29; run palpate calibrate load-cell"),
-    ],
-)
-def test_a_calibration_that_does_not_belong_to_the_bench_or_has_expired_is_refused(
-    palpate: Palpate, changed: dict[str, Any], message: str
-) -> None:
-    FILE.parent.mkdir(parents=True)
-    own = {"device": "SIM-SI-0001", "simulated": True}
-    write_calibration(FILE, THESIS_LOAD_CELL.model_copy(update={**own, **changed}))
-    said = palpate(*ONE_POINT)
-    assert said.status == 2
-    assert message in said.complaint
-    assert [path.name for path in Path("runs").iterdir()] == ["calibrations"]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("sensitivity_mV_per_N = 10.3\nzero_mv = 1.8", "zero_mv: unknown key (did you mean 'zero_mV'?)"),
-        ("sensitivity = ", "is not TOML"),
-        ("sensitivity_mV_per_N = nan", "sensitivity_mV_per_N"),
-    ],
-)
-def test_a_damaged_calibration_is_one_clear_error(palpate: Palpate, text: str, message: str) -> None:
-    FILE.parent.mkdir(parents=True)
-    FILE.write_text(text, encoding="utf-8")
-    said = palpate(*ONE_POINT)
-    assert said.status == 2
-    assert str(FILE) in said.complaint
-    assert message in said.complaint
-    assert [path.name for path in Path("runs").iterdir()] == ["calibrations"]
-
-
-def test_a_calibration_that_cannot_be_stored_is_still_in_its_run(palpate: Palpate) -> None:
-    Path("runs").mkdir()
-    (Path("runs") / "calibrations").touch()
-    said = palpate("calibrate", "load-cell", "--out", "day")
-    assert said.status == 1
-    assert "calibrations" in said.complaint
-    assert read_calibration(Path("day") / "calibration.toml").device == "SIM-SI-0001"
-    assert Run.open(Path("day")).status == "complete"

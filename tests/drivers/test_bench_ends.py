@@ -1,0 +1,160 @@
+"""The bench ends with its outputs off, on every way out."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import threading
+
+import pytest
+
+from drivers.bench import Bench
+from instrument.errors import BenchError
+from simulators.bench import SimulatedBench
+from simulators.device import DEVICE_FAILURE, Refused
+from tests.drivers.benches import drive, driving, is_closed, open_bench
+
+ENDING = pytest.mark.parametrize(
+    ("number", "raised"),
+    [(signal.SIGTERM, SystemExit), (signal.SIGHUP, SystemExit), (signal.SIGINT, KeyboardInterrupt)],
+)
+
+
+class Failure(Exception):
+    """Nothing that palpate raises itself."""
+
+
+def test_outputs_are_off_after_a_normal_exit(sim: SimulatedBench) -> None:
+    with open_bench(sim) as bench:
+        drive(bench)
+        assert driving(sim)
+    assert not driving(sim)
+    assert is_closed(bench)
+
+
+@pytest.mark.parametrize("error", [Failure, KeyboardInterrupt, SystemExit, MemoryError])
+def test_outputs_are_off_after_whatever_is_raised_inside(error: type[BaseException], sim: SimulatedBench) -> None:
+    with pytest.raises(error), open_bench(sim) as bench:
+        drive(bench)
+        raise error
+    assert not driving(sim)
+    assert is_closed(bench)
+
+
+@ENDING
+def test_outputs_are_off_after_a_signal(
+    number: signal.Signals, raised: type[BaseException], sim: SimulatedBench
+) -> None:
+    before = signal.getsignal(number)
+    with pytest.raises(raised) as ended, open_bench(sim) as bench:
+        drive(bench)
+        os.kill(os.getpid(), number)
+        bench.clock.wait(1.0)
+    assert not driving(sim)
+    assert signal.getsignal(number) == before
+    if isinstance(ended.value, SystemExit):
+        assert ended.value.code == 128 + number
+
+
+@ENDING
+@pytest.mark.parametrize("name", ["amplifier", "generator"])
+def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
+    number: signal.Signals,
+    raised: type[BaseException],
+    name: str,
+    sim: SimulatedBench,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulated = getattr(sim, name)
+
+    def kill() -> None:
+        monkeypatch.undo()
+        os.kill(os.getpid(), number)
+
+    with pytest.raises(raised), open_bench(sim) as bench:
+        drive(bench)
+        monkeypatch.setattr(simulated, "requested", kill)
+        while True:
+            getattr(bench, name).get("probe")
+    assert not driving(sim)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_while_outputs_are_switched_off_does_not_stop_that(
+    number: signal.Signals, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_bench(sim) as bench:
+        drive(bench)
+        monkeypatch.setattr(sim.amplifier, "requested", lambda: os.kill(os.getpid(), number))
+    assert not driving(sim)
+
+
+def test_a_bench_off_the_main_thread_ends_safe_too(sim: SimulatedBench) -> None:
+    def use() -> None:
+        with pytest.raises(Failure), open_bench(sim) as bench:
+            drive(bench)
+            raise Failure
+
+    thread = threading.Thread(target=use)
+    thread.start()
+    thread.join()
+    assert not driving(sim)
+
+
+def refuse(_: object) -> None:
+    raise Refused(DEVICE_FAILURE)
+
+
+def test_a_device_that_fails_during_shutdown_is_named_and_the_others_are_switched_off(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = open_bench(sim)
+    with pytest.raises(BenchError, match=r"outputs could not all be switched off: .*shaker amplifier.*by eye"), bench:
+        drive(bench)
+        monkeypatch.setattr(sim.amplifier, "write", refuse)
+    assert sim.amplifier.settings["enable"] == 1.0
+    assert sim.generator.settings["output"] == sim.generator.settings["amplitude"] == 0.0
+    assert is_closed(bench)
+
+
+def test_a_failed_shutdown_is_noted_on_the_error_that_led_to_it(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(Failure) as failure, open_bench(sim) as bench:
+        drive(bench)
+        monkeypatch.setattr(sim.generator, "write", refuse)
+        raise Failure
+    assert re.search("could not all be switched off: .*signal generator.*watchdog.*2 s", failure.value.__notes__[0])
+    assert sim.amplifier.settings["enable"] == 0.0
+
+
+def test_an_error_of_any_kind_does_not_stop_the_shutdown(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise Failure("a defect")
+
+    bench = open_bench(sim)
+    with pytest.raises(BenchError, match=r"could not all be switched off: .*a defect"), bench:
+        drive(bench)
+        monkeypatch.setattr(bench.amplifier, "disable", broken)
+    assert sim.generator.settings["output"] == sim.generator.settings["amplitude"] == 0.0
+
+
+def test_the_amplifier_is_off_though_the_generator_is_gone(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = open_bench(sim)
+    with pytest.raises(BenchError, match=r"could not all be switched off: .*nothing answers at"), bench:
+        drive(bench)
+        bench.generator.link.close()
+        monkeypatch.setattr(bench.generator.link._client, "connect", lambda: False)
+    assert sim.amplifier.settings["enable"] == 0.0
+
+
+def test_rest_switches_everything_off_and_stops_watching(bench: Bench, sim: SimulatedBench) -> None:
+    drive(bench)
+    bench.rest()
+    assert not driving(sim)
+    sim.clock.wait(10.0)
+    bench.clock.wait(10.0)
+    assert bench.amplifier.read().faults_latched == frozenset()
