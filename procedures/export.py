@@ -71,7 +71,7 @@ def as_dataset(run: Run) -> xr.Dataset:
     table = table.set_index("id") if len(table) else table
     plain = [name for name in table if not table[name].map(lambda value: isinstance(value, (list, dict))).any()]
     columns: dict[str, tuple[object, ...]] = {
-        name: ("point", table[name].to_numpy()) for name in plain if name != "simulated"
+        str(name): ("point", table[name].to_numpy()) for name in plain if name != "simulated"
     }
     waveforms = list(run.waveforms())
     shape = (len(table), max((waveform.samples.size for waveform in waveforms), default=0))
