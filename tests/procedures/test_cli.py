@@ -72,7 +72,7 @@ def test_the_json_of_a_sweep_has_the_public_names(default_sweep: dict[str, Any])
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
-@pytest.mark.parametrize("command", [ONE_POINT, ("calibrate", "load-cell")])
+@pytest.mark.parametrize("command", [ONE_POINT, ("calibrate", "load-cell", "--loads", "2 N, 4 N, 6 N")])
 def test_json_is_one_object_on_stdout_and_nothing_else(
     palpate: Palpate, command: tuple[str, ...], quiet: tuple[str, ...]
 ) -> None:

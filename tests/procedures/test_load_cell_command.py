@@ -14,6 +14,7 @@ from procedures.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 FILE = Path("runs") / "calibrations" / "load_cell-SIM-SI-0001.toml"
+SHORT = ("calibrate", "load-cell", "--loads", "1.5 N, 4 N, 7 N")
 ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 RESULT = {
     "simulated", "run", "seed", "bench_seconds", "wall_seconds", "sensitivity_mV_per_N", "sensitivity_u", "zero_mV",
@@ -44,7 +45,7 @@ def test_the_certificate_holds_the_readings_the_results_and_says_simulated(palpa
 
 
 def test_nothing_in_a_certificate_is_taken_for_markup(palpate: Palpate) -> None:
-    result = palpate("calibrate", "load-cell", "--loads", "1 N, 2 N, 3 N", "--out", "<b>&|day", "--json").object
+    result = palpate(*SHORT, "--out", "<b>&|day", "--json").object
     page = (Path(result["run"]) / "certificate.html").read_text(encoding="utf-8")
     assert "<b>" not in page
     assert "&lt;b&gt;&amp;|day" in page
@@ -77,7 +78,7 @@ def test_the_next_sweep_uses_and_names_the_stored_calibration(palpate: Palpate, 
     scene = tmp_path / "scene.toml"
     scene.write_text(IDEAL_SCENE, encoding="utf-8")
     before = palpate(*ONE_POINT, "--scene", str(scene)).object
-    made = palpate("calibrate", "load-cell", "--scene", str(scene), "--json").object
+    made = palpate(*SHORT, "--scene", str(scene), "--json").object
     after = palpate(*ONE_POINT, "--scene", str(scene)).object
     assert after["calibration"] == Path(made["run"]).name
     assert Run.open(Path(after["run"])).header["calibration"]["source"] == Path(made["run"]).name
@@ -92,7 +93,7 @@ def test_the_next_sweep_uses_and_names_the_stored_calibration(palpate: Palpate, 
 
 def test_a_store_of_ones_own_is_used(palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "elsewhere"))
-    palpate("calibrate", "load-cell", "--quiet")
+    palpate(*SHORT, "--quiet")
     assert (tmp_path / "elsewhere" / "calibrations" / FILE.name).exists()
     assert palpate(*ONE_POINT).object["calibration"].endswith("-calibrate-load-cell")
     assert not (tmp_path / "runs").exists()
@@ -140,7 +141,7 @@ def test_a_damaged_calibration_is_one_clear_error(palpate: Palpate, text: str, m
 def test_a_calibration_that_cannot_be_stored_is_still_in_its_run(palpate: Palpate) -> None:
     Path("runs").mkdir()
     (Path("runs") / "calibrations").touch()
-    said = palpate("calibrate", "load-cell", "--out", "day")
+    said = palpate(*SHORT, "--out", "day")
     assert said.status == 1
     assert "calibrations" in said.complaint
     assert read_calibration(Path("day") / "calibration.toml").device == "SIM-SI-0001"
