@@ -18,6 +18,7 @@ from tests.benchmarks import (
     faults,
     fixture,
     kills,
+    masters,
     models,
     numbers,
     peers,
@@ -50,6 +51,7 @@ PARTS = {
     "fixture": fixture.measure,
     "scenes": scenes.measure,
     "serve": serve.measure,
+    "masters": masters.measure,
     "study": study.measure,
     "start_up": start_up.measure,
 }
