@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, dwell_option, frequency_option
+from procedures.cli.options import Choice, Output, bench_options, budget_option, dwell_option, frequency_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 @click.command(
     epilog="Examples:\n\n  palpate characterise\n\n  palpate characterise --scene noisy_lab --drift-time '10 min'"
+    "\n\n  palpate characterise --budget"
 )
 @click.option("--sample", default="1", show_default=True, help="Rubber sample under the probe.")
 @click.option(
@@ -24,9 +25,10 @@ if TYPE_CHECKING:
 @dwell_option
 @frequency_option
 @click.option("--drift-time", default="5 min", show_default=True, help="How long one load is held to see drift.")
+@budget_option
 @bench_options
 def characterise(
-    sample: str, loads: str, dwell: str, frequency: str, drift_time: str, choice: Choice, output: Output
+    sample: str, loads: str, dwell: str, frequency: str, drift_time: str, budget: bool, choice: Choice, output: Output
 ) -> None:
     """Find what the sensor can do (thesis 2.1), each figure with its standard uncertainty.
 
@@ -37,19 +39,23 @@ def characterise(
     from procedures import characterise as procedure
     from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
+    from procedures.report.budget import print_budgets
 
     settings = procedure.CharacteriseSettings(
         sample, parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz"), parse(drift_time, "s")
     )
-    conduct(of_characterise(), settings, choice, output)
+    result, outcome = conduct(of_characterise(), settings, choice, output)
+    if budget and output.for_people:
+        print_budgets(result.budgets, outcome["simulated"])
 
 
 def of_characterise() -> Procedure[Any, Any]:
     from procedures import characterise as procedure
+    from procedures.characteristics import CharacteriseResult
     from procedures.cli.conduct import Procedure
     from procedures.report.characterise import plot_characteristics, print_characteristics
 
-    def tell(session: Session, result: procedure.CharacteriseResult, outcome: dict[str, Any], output: Output) -> None:
+    def tell(session: Session, result: CharacteriseResult, outcome: dict[str, Any], output: Output) -> None:
         plot = plot_characteristics(result, session.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
         if output.as_json:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from instrument.quantity import show
-from procedures.characterise import HOLDING, LOADING, UNLOADING, CharacteriseResult, Characteristic
+from procedures.characteristics import HOLDING, LOADING, UNLOADING, CharacteriseResult, Characteristic
 from procedures.report.figure import MARKERS, new_figure, save
 from procedures.report.text import STAMP, new_table, print_all, stamped, where
 

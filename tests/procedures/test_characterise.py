@@ -12,12 +12,11 @@ from instrument.calibration import THESIS_LOAD_CELL
 from instrument.designs import get_design
 from instrument.errors import EstimateError
 from procedures import characterise
-from procedures.characterise import CharacteriseSettings, Characteristic, FilmsPoint
+from procedures.characteristics import Characteristic, FilmsPoint, evaluate
 from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")
 LOADS = (1.5, 2.0, 2.5, 3.0)
-SETTINGS = CharacteriseSettings("1", LOADS, dwell=1.0, frequency=10.0, drift_time=300.0)
 NOISE = 1e-5  # V, of a sample
 QUANTITIES = [
     "signal-to-noise ratio", "force sensitivity", "resolution", "linearity", "hysteresis", "dynamic range", "drift",
@@ -45,7 +44,7 @@ def measured(bend: float = 0.0, lag: float = 0.0, drift: float = 0.0) -> list[Fi
 
 
 def rows(points: list[FilmsPoint], film: str = "total") -> dict[str, Characteristic]:
-    found = characterise.evaluate(points, SINGLE, THESIS_LOAD_CELL, SETTINGS, force_limit=10.0)
+    found = evaluate(points, SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0)
     return {row.quantity: row for row in found.rows if row.film == film}
 
 
@@ -87,6 +86,29 @@ def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:
     assert "over 180 s" in found.how
 
 
+def test_each_figure_has_a_budget_that_makes_its_uncertainty() -> None:
+    found = evaluate(measured(bend=5e-3), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0)
+    assert [budget.quantity for budget in found.budgets] == [
+        f"{row.quantity}, {row.film or 'sensor'}" for row in found.rows
+    ]
+    assert [(b.value, b.u, b.unit) for b in found.budgets] == [(r.value, r.u, r.unit) for r in found.rows]
+    of = {budget.quantity: budget for budget in found.budgets}
+    assert [c.name for c in of["force sensitivity, total"].components] == ["line", "load cell"]
+    bent, resolution = of["force sensitivity, total"], of["resolution, total"]
+    assert resolution.u / resolution.value == pytest.approx(
+        math.hypot(bent.u / bent.value, 1 / math.sqrt(2 * 250 * len(LOADS)))
+    )
+
+
+def test_where_the_converter_ends_the_range_the_slope_cancels() -> None:
+    (far,) = [
+        budget
+        for budget in evaluate(measured(bend=5e-3), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=1e3).budgets
+        if budget.quantity == "dynamic range, total"
+    ]
+    assert [c.name for c in far.components] == ["noise, as measured"]
+
+
 def test_a_cell_is_as_fine_as_a_single_tooth_tells_where() -> None:
     place = rows(measured(), film="")["spatial resolution"]
     assert (place.value, place.u) == (10e-3, pytest.approx(10e-3 / math.sqrt(12)))
@@ -104,13 +126,14 @@ def test_the_command_measures_each_film_and_gives_the_public_names(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(characterise, "DRIFT_POINTS", 3)
-    arguments = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--drift-time", "2 s", "--json")
-    result = palpate("characterise", *arguments).object
+    arguments = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--drift-time", "2 s")
+    result = palpate("characterise", *arguments, "--json").object
     assert result.keys() >= {"films", "rows", "points", "plot", "run", "simulated"}
     assert [(row["film"], row["quantity"]) for row in result["rows"]] == [
         *((film, name) for film in ("rigid", "total") for name in QUANTITIES),
         ("", "spatial resolution"),
     ]
+    assert [b["u"] for b in result["budgets"]] == [row["u"] for row in result["rows"]]
     total = next(r for r in result["rows"] if (r["film"], r["quantity"]) == ("total", "force sensitivity"))
     assert abs(total["value"] - 68.6e-3) < 4 * max(total["u"], 0.03 * 68.6e-3)
     assert [p["direction"] for p in result["points"]] == [*3 * ["loading"], *3 * ["unloading"], *4 * ["holding"]]
