@@ -92,11 +92,15 @@ def solve(elements: Elements, load: Array) -> Solved:
     Raises:
         EstimateError: the residual stays above 1e-9 of its terms.
     """
-    tried = []
+    tried: list[Solved] = []
+    before = None
     for easing in EASINGS:
         bounded = np.maximum(elements.compliance, easing * elements.bound)
+        if before is not None and np.array_equal(bounded, before):
+            continue
+        before = bounded
         tried.append(_refine(elements, load, bounded))
-        if tried[-1].residual <= RESIDUAL_GOAL or (bounded == elements.compliance).all():
+        if tried[-1].residual <= RESIDUAL_GOAL:
             break
     best = min(tried, key=lambda solved: solved.residual)
     if not (best.residual <= RESIDUAL_LIMIT):

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import cg
 
 from instrument.designs import get_design
 from instrument.errors import EstimateError
-from instrument.models import axisymmetric, beam, hetenyi, mesh, solid, springs, surface
+from instrument.models import axisymmetric, beam, condensed, hetenyi, mesh, solid, springs, surface
 from instrument.models.axisymmetric import solve, solve_on
 from instrument.models.beam import Stretch
 from instrument.models.parameter_sets import PHYSICAL
@@ -73,6 +73,16 @@ def test_pressure_as_an_unknown_holds_where_displacements_alone_lose_digits() ->
 def test_incompressible_rubber_squeezed_flat_is_solved_like_any_other() -> None:
     flat = replace(CASE_A, sensed_modulus=1e10, compliant_poisson=0.4999, sensor_height=0.3e-3, plate_modulus=1e10)
     assert solve(flat, 1).residual < 1e-13
+
+
+def test_a_foil_of_rubber_like_poisson_ratio_keeps_its_digits_with_a_bound_below_its_own_bulk_modulus(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    foil = replace(FOIL, sensed_poisson=0.4999, sensed_modulus=51e9, ring_inner_radius=CASE_A.tooth_radius + 1e-6)
+    assert solve_on(foil, 3, 3).imbalance < 1e-10
+    monkeypatch.setattr(condensed, "EASINGS", (1.0,))
+    with pytest.raises(EstimateError, match="residual"):
+        solve_on(foil, 3, 3)
 
 
 def test_the_force_ratio_tends_to_that_of_incompressible_rubber() -> None:
