@@ -1,4 +1,7 @@
-"""The simulated bench for tests, and the check that nothing of it stays behind."""
+"""The simulated bench for tests, and the check that nothing of it stays behind.
+
+The bench is imported where it is used: the process that hands the tests to the workers starts a second earlier.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,17 @@ import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import canopen
 import pytest
 
-from drivers.bench import Bench
-from instrument.bench import BenchDescription
-from simulators.bench import SimulatedBench
-from simulators.faults import inject
-from simulators.scene import Scene, read_scene
+if TYPE_CHECKING:
+    from drivers.bench import Bench
+    from instrument.bench import BenchDescription
+    from simulators.bench import SimulatedBench
+    from simulators.scene import Scene
 
 collect_ignore = ["examples"]  # projects of their own: see tests/procedures/test_plugin.py
-canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
-inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
 
 
 def hasty(description: BenchDescription) -> BenchDescription:
@@ -33,6 +34,15 @@ def hasty(description: BenchDescription) -> BenchDescription:
 def pytest_configure() -> None:
     """A worker has a core: threads of the linear algebra would only get in each other's way."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_collection_finish() -> None:
+    import canopen
+
+    from simulators.faults import inject
+
+    canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
+    inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
 
 
 def open_ends() -> set[str]:
@@ -60,16 +70,22 @@ def nothing_left_behind() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def scene() -> Scene:
+    from simulators.scene import read_scene
+
     return read_scene("thesis_single")
 
 
 @pytest.fixture
 def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    from simulators.bench import SimulatedBench
+
     with SimulatedBench(scene) as simulated:
         yield simulated
 
 
 @pytest.fixture
 def bench(sim: SimulatedBench) -> Iterator[Bench]:
+    from drivers.bench import Bench
+
     with Bench(sim.description, sim.clock, sim.operator) as opened:
         yield opened
