@@ -54,7 +54,8 @@ def run_object(run: Run, digest: str) -> dict[str, Any]:
 
 def print_run(run: Run, digest: str) -> None:
     """Header, points and events of a run."""
-    calibration: Any = run.header.get("calibration") or {}
+    calibration = run.header.get("calibration")
+    source = calibration.get("source") if isinstance(calibration, dict) else None
     points = run.points()
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
     table = new_table(stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
@@ -65,7 +66,7 @@ def print_run(run: Run, digest: str) -> None:
         f"status       {run.status}",
         f"started      {run.started:%Y-%m-%d %H:%M:%S} UTC",
         f"seed         {run.header.get('seed')}",
-        f"calibration  {calibration.get('source', '-')}",
+        f"calibration  {source or '-'}",
         f"digest       {digest}",
         table,
         *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),

@@ -9,7 +9,7 @@ import sqlite3
 import sys
 from collections.abc import Callable
 from contextlib import closing, nullcontext
-from dataclasses import MISSING, asdict, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
 from io import StringIO
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from instrument.errors import RecordError
 from instrument.sample import get_sample
 from procedures.cli import keys
 from procedures.cli.conduct import Procedure
@@ -223,6 +224,17 @@ def test_a_header_that_was_forged_is_one_error(palpate: Palpate, tmp_path: Path)
         assert said.status == 1
         assert said.complaint.startswith(f"{tmp_path / str(number)}: its "), header
         assert said.complaint.endswith("; run anew")
+
+
+@dataclass
+class Levels:
+    values: int | tuple[float, ...]
+
+
+def test_a_null_where_no_number_belongs_is_one_error() -> None:
+    run = Run(Path("run"), "sweep-loads", True, datetime.now(UTC), "stopped", {"settings": {"values": [None]}}, {})
+    with pytest.raises(RecordError, match="its settings are of another palpate"):
+        settings_of(run, Levels)
 
 
 # --- a real bench ---------------------------------------------------------------------------------------
