@@ -34,6 +34,7 @@ class ShakerAmplifier(SimulatedDevice):
         coil_resistance: float,
     ) -> None:
         super().__init__(clock, serial)
+        self.speed = 1.0  # of this clock, to that of the clients, by which the watchdog counts
         self._source = source
         self._changed = changed
         self._resistance = coil_resistance
@@ -107,7 +108,7 @@ class ShakerAmplifier(SimulatedDevice):
 
     def _watchdog_ns(self) -> int:
         """When the watchdog drops the output unless a request comes."""
-        timeout = self.settings["watchdog"]
+        timeout = self.speed * self.settings["watchdog"]
         return self._last_request_ns + round(timeout * 1e9) if timeout else NEVER
 
     def _hot_ns(self) -> int:

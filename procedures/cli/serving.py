@@ -26,7 +26,6 @@ from simulators.changer import Changer
 from simulators.pace import Pacer
 from simulators.scene import Scene
 
-LONGEST_WATCHDOG = 60.0  # s, that a bench file may ask for
 REFRESH = 0.25  # s of the wall between two looks at the input and at the status
 CHUNK = 4096  # bytes
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
@@ -74,6 +73,7 @@ def serving(wish: Wish) -> Iterator[Served]:
     failures: list[BaseException] = []
     with ExitStack() as stack:
         sim = stack.enter_context(SimulatedBench(wish.scene, wish.place))
+        sim.amplifier.speed = wish.speed
         description = _description(sim, wish)
         if wish.line is not None:
             with storing(wish.line):
@@ -104,11 +104,9 @@ def serve_until_told(wish: Wish, output: Output, shows_status: bool) -> None:
 
 
 def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
-    """The bench file; its clients live by the wall, by which a fast bench's watchdog is short."""
     line = sim.description.line
-    watchdog = min(sim.description.watchdog * max(1.0, wish.speed), LONGEST_WATCHDOG)
     named = line if wish.line is None else line.model_copy(update={"port": str(wish.line.absolute())})
-    return sim.description.model_copy(update={"line": named, "watchdog": watchdog})
+    return sim.description.model_copy(update={"line": named})
 
 
 def _announce(wish: Wish, description: BenchDescription, output: Output) -> None:

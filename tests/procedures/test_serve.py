@@ -147,9 +147,15 @@ def test_json_says_where_everything_is(palpate: Palpate, monkeypatch: pytest.Mon
     assert not Path("line").is_symlink()
 
 
-def test_a_fast_bench_asks_for_a_watchdog_of_the_clients_time(wish: Wish) -> None:
-    with serving(wish) as slow, serving(replace(wish, speed=10.0)) as fast:
-        assert fast.description.watchdog == 10 * slow.description.watchdog
+def test_the_watchdog_of_a_fast_bench_counts_the_time_of_its_clients(wish: Wish) -> None:
+    with serving(replace(wish, speed=10.0)) as served:
+        sim = served.sim
+        sim.amplifier.write({"watchdog": 2.0, "enable": 1.0})
+        sim.amplifier.requested()
+        sim.clock.wait(19.9)
+        assert sim.amplifier.settings["enable"]
+        sim.clock.wait(0.2)
+        assert not sim.amplifier.settings["enable"]
 
 
 def test_a_name_for_the_line_leads_to_its_terminal(wish: Wish, tmp_path: Path) -> None:
