@@ -45,8 +45,8 @@ def repair(folder: Path, out: Path) -> Repaired:
         header = _header(database, gone)
         points = _rows(database, "point", POINT_COLUMNS)
         noted = _rows(database, "event", EVENT_COLUMNS)
-        good = [tuple(row) for *row, crc32 in points if is_object(row[2]) and row_crc32(*row) == crc32]
-        events = [row for row in noted if row_crc32(*row[1:4]) == row[4]]
+        good = [tuple(row) for *row, crc32 in points if is_object(row[2]) and _intact(crc32, *row)]
+        events = [row for row in noted if _intact(row[4], *row[1:4])]
         whole: dict[int, dict[str, int]] = {}  # for each point the numbers of its waveforms, by name
         for number, point_id in _rows(database, "waveform", "point_id"):
             if waveform := _waveform(database, number):
@@ -74,6 +74,13 @@ def repair(folder: Path, out: Path) -> Repaired:
     return Repaired(out.absolute(), len(good), kept, gone)
 
 
+def _intact(crc32: int, *values: object) -> bool:
+    try:
+        return row_crc32(*values) == crc32
+    except TypeError:  # a text that has become a blob
+        return False
+
+
 def _waveform(database: sqlite3.Connection, number: int) -> Waveform | None:
     """The waveform in a row; None: it is damaged."""
     try:
@@ -87,10 +94,10 @@ def _header(database: sqlite3.Connection, gone: list[str]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for _, key, value, crc32 in _rows(database, "run", "key, value, crc32"):
         try:
-            if row_crc32(key, value) != crc32:
+            if not _intact(crc32, key, value):
                 raise ValueError
             found[key] = json.loads(value)
-        except (ValueError, TypeError):
+        except ValueError:
             gone.append(f"{key!r} of the header")
     if lacking := REQUIRED - found.keys():
         raise RecordError(f"nothing can be salvaged: the header lacks {', '.join(sorted(lacking))}")

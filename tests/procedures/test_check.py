@@ -48,8 +48,8 @@ def sql(*statements: str) -> Damage:
 
 
 def film(n: int, name: str) -> np.ndarray:
-    wave = np.sin(np.arange(SAMPLES) * 0.1 * n).astype(np.float32)
-    return wave if name == "rigid" else -wave
+    wave: np.ndarray = np.sin(np.arange(SAMPLES) * 0.1 * n).astype(np.float32)
+    return wave if name == "rigid" else np.negative(wave)
 
 
 def flip(n: int, name: str, byte: int) -> Damage:
@@ -58,6 +58,18 @@ def flip(n: int, name: str, byte: int) -> Damage:
     def damage(folder: Path) -> None:
         content = bytearray((folder / DATABASE).read_bytes())
         content[content.index(film(n, name).tobytes()) + byte] ^= 1
+        (folder / DATABASE).write_bytes(content)
+
+    return damage
+
+
+def text_to_blob(text: str) -> Damage:
+    """Flips the bit by which SQLite tells a text from a blob."""
+
+    def damage(folder: Path) -> None:
+        content = bytearray((folder / DATABASE).read_bytes())
+        at = content.index(text.encode())
+        content[content.rindex(13 + 2 * len(text), at - 12, at)] ^= 1
         (folder / DATABASE).write_bytes(content)
 
     return damage
@@ -86,6 +98,7 @@ DAMAGES: list[tuple[Damage, str, list[str], int]] = [
         [f"2 of 2 waveforms of point {n}, left: none" for n in range(1, 6)],
         5,
     ),
+    (text_to_blob('{"load_N":1.0}'), "TEXT value in point.data", ["point 2"], 4),
     (sql("DELETE FROM point WHERE id = 3"), "before point 4 points are missing, from 3 on", ["point 3"], 4),
     (sql("DELETE FROM point WHERE id = 5"), "point 5 is missing, 2 waveforms of it are there", ["point 5"], 4),
     (sql("UPDATE point SET data = '[1]' WHERE id = 2"), "point 2: its data is no JSON object", ["point 2"], 4),
