@@ -10,6 +10,7 @@ import argparse
 import faulthandler
 import logging
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -22,7 +23,8 @@ from tests.fuzz.mutate import mutate
 from tests.fuzz.targets import TARGETS, target
 
 LARGEST_MEMORY = 4 << 30  # bytes; an input that takes more is a finding
-LONGEST = 60  # s for a thousand inputs; the process ends with a traceback
+LONGEST = 60  # s of processor time for a thousand inputs; the process ends with a traceback
+STUCK = 3600  # s by the wall, on a machine however busy: something waits
 THOUSAND = 1000
 
 
@@ -36,7 +38,8 @@ def fuzz(name: str, inputs: int, seed: int) -> int:
     wall, start = time.monotonic(), time.process_time()
     for number in range(inputs):
         if number % THOUSAND == 0:
-            faulthandler.dump_traceback_later(LONGEST, exit=True)
+            signal.setitimer(signal.ITIMER_PROF, LONGEST)
+            faulthandler.dump_traceback_later(STUCK, exit=True)
         data = mutate(random, seeds, decoder.words)
         try:
             accepted += decoder.accepts(data)
@@ -45,6 +48,7 @@ def fuzz(name: str, inputs: int, seed: int) -> int:
             if type(error).__name__ not in {k.split(":")[0] for k in findings}:
                 findings[kind] = data
                 click.echo(f"  {name}: {kind[:300]}: kept as {keep(name, data)}")
+    signal.setitimer(signal.ITIMER_PROF, 0)
     faulthandler.cancel_dump_traceback_later()
     click.echo(
         f"{name:24}{inputs:>12,}{accepted:>12,}{len(findings):>10}"
@@ -61,6 +65,7 @@ def main() -> int:
     parser.add_argument("--guided", action="store_true", help="guided by coverage; needs atheris (the group fuzz)")
     given = parser.parse_args()
     logging.disable(logging.CRITICAL)
+    faulthandler.register(signal.SIGPROF, chain=True)
     resource.setrlimit(resource.RLIMIT_AS, (LARGEST_MEMORY, LARGEST_MEMORY))
     names = given.decoder or list(TARGETS)
     shares = sum(TARGETS[name][1] for name in names)
