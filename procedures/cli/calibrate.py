@@ -187,6 +187,7 @@ def of_films() -> Procedure[Any, Any]:
         ),
         tell,
         calibrating="films",
+        loads=lambda settings: (settings.loads, settings.extrapolate),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -12,9 +12,10 @@ from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.calibration_file import read_calibration, read_film_calibration, write_calibration
 from instrument.config import Config
 from instrument.design import Design
-from instrument.errors import ConfigError
+from instrument.errors import ConfigError, PalpateError
 from instrument.film_calibration import FilmCalibration
 from procedures.cli.options import store
+from procedures.load_sweep import check_loads
 from procedures.run import storing
 
 if TYPE_CHECKING:
@@ -64,6 +65,34 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
     gage_factor = bench.description.strain_indicator.gage_factor
     serial = bench.indicator.serial or "unknown"
     return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
+
+
+def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> None:
+    """Refuse, before a bench is opened, loads [N, peak to peak] that none of the calibrations it may have tells.
+
+    Which indicator will answer is not known yet, nor whether behind a bench file there is a simulated one.
+
+    Args:
+        simulated: it surely is.
+
+    Raises:
+        ConfigError: the only one for a simulated bench has expired or is damaged.
+        RangeError, UnreachableError: as `check_loads`.
+    """
+    refusals: list[PalpateError] = []
+    for path in sorted(_path("").parent.glob("load_cell-*.toml")):
+        try:
+            found = read_calibration(path)
+            if simulated and not found.simulated:
+                continue
+            _checked(path, found, lambda c: c.check_use(c.device, c.simulated, c.gage_factor, today))
+            check_loads(loads, found, extrapolate)
+            return
+        except PalpateError as refused:
+            refusals.append(refused)
+    if simulated and refusals:
+        raise refusals[0]
+    check_loads(loads, THESIS_LOAD_CELL, extrapolate)
 
 
 def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | None:

@@ -71,4 +71,5 @@ def of_characterise() -> Procedure[Any, Any]:
             session.bench, session.design, session.calibration, settings, session.record, progress
         ),
         tell,
+        loads=lambda settings: (settings.loads, False),
     )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from instrument.errors import PalpateError, RecordError
+from procedures.cli.calibrations import check_store
 from procedures.cli.options import Choice, Output, Progress
 from procedures.cli.session import Calibrating, Session, Target, open_session
 from procedures.pause import NOBODY, Pause
@@ -35,6 +37,8 @@ class Procedure(Generic[S, R]):
         check: refuses what cannot be done before the bench is opened.
         tell: what follows a finished run: calibrations kept, a plot, and the result as JSON or for people.
         constants: what the record says beside the settings.
+        loads: that its load cell must tell by a calibration [N, peak to peak], and whether it may extrapolate; None:
+            they are not known before.
         continues: on a real bench it can go on at any point; else what came before has to be measured anew.
     """
 
@@ -45,6 +49,7 @@ class Procedure(Generic[S, R]):
     tell: Callable[[Session, R, dict[str, Any], Output], None]
     calibrating: Calibrating | None = None
     constants: Mapping[str, object] = field(default_factory=dict)
+    loads: Callable[[S], tuple[Sequence[float], bool]] | None = None
     continues: bool = False
 
 
@@ -67,13 +72,19 @@ def conduct(
     Raises:
         As `open_session`, and whatever the procedure raises; RecordError where what follows a finished run crashed.
     """
+
+    def check(target: Target) -> None:
+        procedure.check(settings, target)
+        if procedure.loads is not None and replay is None:
+            check_store(*procedure.loads(settings), target.model is not None, datetime.now(UTC).date())
+
     with (
         output.progress() as progress,
         open_session(
             procedure.name,
             choice,
             {**asdict(settings), **procedure.constants},  # type: ignore[call-overload]
-            lambda target: procedure.check(settings, target),
+            check,
             model=model,
             calibrating=procedure.calibrating,
             resumed=resumed,

@@ -43,11 +43,15 @@ DEFAULT_SCENE = "thesis_single"
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is known of a bench before it is opened: its sensor, its force limit in N, how many sensor nodes it has."""
+    """What is known of a bench before it is opened: its sensor, its force limit in N, how many sensor nodes it has.
+
+    `model`: by which a simulated one answers; None: it may be real.
+    """
 
     design: Design
     force_limit: float
     nodes: int
+    model: str | None = None
 
 
 Check = Callable[[Target], None]
@@ -229,7 +233,7 @@ def _target(description: BenchDescription | None, scene: Scene | None) -> Target
     if description is not None:
         return Target(get_design(description.design), description.force_limit, len(description.can.nodes))
     assert scene is not None
-    return Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes)
+    return Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes, scene.model)
 
 
 def _chosen(choice: Choice, model: str | None) -> tuple[BenchDescription | None, Scene | None]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from instrument.design import Design
     from instrument.sample import Sample
     from procedures.cli.conduct import Procedure
-    from procedures.cli.session import Session
+    from procedures.cli.session import Session, Target
 
 
 @click.command(
@@ -68,6 +68,8 @@ def softness(
 
 
 def of_softness() -> Procedure[Any, Any]:
+    from instrument.load import Load
+    from instrument.models.response import response
     from procedures import softness as procedure
     from procedures.cli.conduct import Procedure
     from procedures.report.softness import plot_softness, print_softness
@@ -80,14 +82,21 @@ def of_softness() -> Procedure[Any, Any]:
         elif output.for_people:
             print_softness(result, outcome, plot)
 
+    def check(settings: procedure.SoftnessSettings, target: Target) -> None:
+        procedure.check(settings, target.design, target.force_limit)
+        if target.model is not None and target.model not in procedure.SLOW:
+            for each in settings.objects:  # what the scene's model cannot answer for
+                response(target.design, Load(1.0, each), target.model)
+
     return Procedure(
         procedure.PROCEDURE,
         procedure.SoftnessSettings,
-        lambda settings, target: procedure.check(settings, target.design, target.force_limit),
+        check,
         lambda session, settings, progress, _: procedure.run(
             session.bench, session.design, session.calibration, settings, session.record, progress
         ),
         tell,
+        loads=lambda settings: (settings.loads, False),
     )
 
 

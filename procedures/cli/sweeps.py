@@ -60,5 +60,9 @@ def sweep_of(
             session.bench, session.design, session.calibration, settings, session.record, progress, pause
         ),
         tell,
+        loads=lambda settings: (
+            settings.loads if hasattr(settings, "loads") else (settings.load,),
+            settings.extrapolate,
+        ),
         continues=continues,
     )

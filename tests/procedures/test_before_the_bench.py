@@ -1,0 +1,68 @@
+"""What store and scene tell already is refused before a bench is opened."""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.calibration_file import write_calibration
+from instrument.errors import RangeError
+from procedures.cli import session
+from procedures.cli.calibrations import check_store, load_cell_path
+from tests.procedures.conftest import Palpate
+
+TODAY = date(2026, 11, 21)
+
+
+@pytest.fixture(autouse=True)
+def unopened(monkeypatch: pytest.MonkeyPatch) -> None:
+    def opened(*_: object) -> None:
+        raise AssertionError("the bench was opened")
+
+    monkeypatch.setattr(session, "SimulatedBench", opened)
+    monkeypatch.setattr(session, "Bench", opened)
+
+
+def stored(device: str, **changed: object) -> None:
+    path = load_cell_path(device)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_calibration(path, THESIS_LOAD_CELL.model_copy(update={"device": device, "simulated": True, **changed}))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("softness", "--modulus", "60 kPa, 1 GPa"), "modulus 1 GPa of sample '1 GPa' is outside the measured"),
+        (("softness", "--samples", "1", "--loads", "8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
+        (("sweep", "loads", "--loads", "2 N, 8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
+        (("sweep", "frequency", "--load", "1 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
+        (("characterise", "--loads", "1 N, 2 N, 3 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
+        (("calibrate", "films", "--loads", "1 N, 2 N, 3 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
+    ],
+)
+def test_what_the_model_or_the_load_cell_does_not_tell_opens_no_bench(
+    palpate: Palpate, arguments: tuple[str, ...], message: str
+) -> None:
+    said = palpate(*arguments)
+    assert said.status == 2
+    assert message in said.complaint
+    assert not Path("runs").exists()
+
+
+def test_a_stored_calibration_of_the_simulated_bench_counts_and_not_the_thesis_own(palpate: Palpate) -> None:
+    stored("SIM-SI-0001", greatest_N=3.5)
+    assert "outside the 1.373 to 3.5 N" in palpate("sweep", "loads").complaint
+    stored("SIM-SI-0001", expires="2024-02-29")
+    assert "expired on 2024-02-29; run palpate calibrate load-cell" in palpate("sweep", "loads").complaint
+
+
+def test_of_several_calibrations_one_that_tells_the_loads_is_enough(palpate: Palpate) -> None:
+    stored("SI-1", greatest_N=3.5, simulated=False)
+    stored("SI-2", greatest_N=9.0, simulated=False)
+    check_store([2.0, 8.0], extrapolate=False, simulated=False, today=TODAY)
+    with pytest.raises(RangeError, match=r"load 8 N lies outside the 1\.373 to 7\.257 N"):
+        check_store([2.0, 8.0], extrapolate=False, simulated=True, today=TODAY)
+    check_store([2.0, 8.0], extrapolate=True, simulated=True, today=TODAY)
