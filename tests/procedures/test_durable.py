@@ -109,26 +109,35 @@ def test_a_point_that_failed_for_want_of_space_is_stored_when_there_is_some(tmp_
     assert [point["load_N"] for point in Run.open(tmp_path).points()] == [2.0, 3.0]
 
 
+@pytest.mark.parametrize(
+    ("write", "status", "stored"), [("point", "failed", 1), ("event", "failed", 1), ("finish", "running", 2)]
+)
 def test_a_disk_that_is_full_in_the_middle_stops_the_sweep_with_outputs_off(
-    palpate: Palpate, benches: Benches, on_progress: Callable[[Progress], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    palpate: Palpate, benches: Benches, on_progress: Callable[[Progress], None], monkeypatch: pytest.MonkeyPatch,
+    write: str, status: str, stored: int,
+) -> None:  # fmt: skip
     reported: list[int] = []
-    store = Recorder.point
+    store = getattr(Recorder, write)
 
-    def point(record: Recorder, *arguments: Any) -> int:
+    def refused(record: Recorder, *arguments: Any) -> object:
         with full() if record.points else nullcontext():
             return store(record, *arguments)
 
-    monkeypatch.setattr(Recorder, "point", point)
-    on_progress(lambda done, _total, _what: reported.append(done))
+    def report(done: int, _total: int, what: str) -> None:
+        reported.append(done)
+        if (write, done, what) == ("event", 1, "sample 1, 3 N"):
+            benches[0].amplifier.settings["gain"] = 1.0  # a knob: an incident, which is an event
+
+    monkeypatch.setattr(Recorder, write, refused)
+    on_progress(report)
     said = palpate(*SWEEP, "--json")
     assert said.status == 1
     assert "cannot write" in said.complaint
     assert f"points already taken are kept in {Path('day').absolute()}" in said.complaint
-    assert max(reported) == 1
+    assert max(reported) == stored
     assert outputs(benches[0]) == OFF
     run = Run.open(Path("day"))
-    assert (run.status, [point["load_N"] for point in run.points()]) == ("failed", [2.0])
+    assert (run.status, [point["load_N"] for point in run.points()]) == (status, [2.0, 3.0][:stored])
 
 
 def test_a_run_whose_folder_is_removed_stops_with_outputs_off(
