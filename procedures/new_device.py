@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import keyword
-import re
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from string import Template
 
-from instrument.errors import RecordError, UsageError
+from procedures.new_files import class_of, write_files
 
-NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-LONGEST = 20  # characters of a name
 FILES = {
     "contract.py.txt": "instrument/contracts/{}.py",
     "driver.py.txt": "drivers/{}.py",
@@ -65,42 +59,17 @@ def new_device(name: str, bus: str, tree: Path) -> list[Path]:
         UsageError: no name of a module, no such tree, or a file of the device exists; nothing is written.
         RecordError: a file cannot be written.
     """
-    if not NAME.fullmatch(name) or len(name) > LONGEST or keyword.iskeyword(name):
-        raise UsageError(
-            f"{name!r} is no name of a device: give small letters, digits and single underscores, at most {LONGEST}"
-            " characters, such as force_gauge"
-        )
-    paths = {template: tree / place.format(name) for template, place in FILES.items()}
-    for path in paths.values():
-        if not path.parent.is_dir():
-            raise UsageError(f"{tree} is no source tree of palpate, it has no {path.parent}; give one with --to")
-        if path.exists():
-            raise UsageError(f"{path} exists already; choose another name")
-    terms, folder = _terms(name, BUSES[bus]), resources.files("procedures") / "templates"
-    texts = {template: (folder / template).read_text(encoding="utf-8") for template in FILES}
-    if any(re.search(rf"\b{terms['Class']}\b", text) for text in (*texts.values(), str(BUSES[bus]))):
-        raise UsageError(f"{name!r}: a class {terms['Class']} is used in its files already; choose another name")
-    for template, path in paths.items():
-        try:
-            path.write_text(Template(texts[template]).substitute(terms), encoding="utf-8")
-        except OSError as error:
-            raise RecordError(f"{path}: cannot be written: {error.strerror}; make it writable") from None
-    return list(paths.values())
+    return write_files("device", name, FILES, tree, _terms(name, BUSES[bus]), beside=str(BUSES[bus]))
 
 
 def _terms(name: str, bus: Bus) -> dict[str, str]:
     words = name.split("_")
     title = " ".join(words)
-    initials = "".join(word[0] for word in words).upper()
+    initials = "".join(word[:1] for word in words).upper()
     product, serial = f"{initials}-1", f"SIM-{initials}-0001"
-    class_name = "".join(word.capitalize() for word in words)
-    imports = sorted([f"from drivers.{name} import {class_name}", "from drivers.modbus import ModbusLink"])
+    imports = sorted([f"from drivers.{name} import {class_of(name)}", "from drivers.modbus import ModbusLink"])
     identity = {0: "Palpate", 1: product, 2: "1.0", 4: title, 6: "simulated", 0x80: serial}
     return {
-        "name": name,
-        "Class": class_name,
-        "title": title,
-        "Title": title.capitalize(),
         "product": product,
         "serial": serial,
         "identity": "\n  ".join(

@@ -1,30 +1,39 @@
-"""A new device's files pass the conformance suite as they stand, and nothing is written over."""
+"""The files of a new device, effect or procedure pass their tests as they stand, and nothing is written over."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import pint  # noqa: F401  (what an inner session imports is forgotten with it, and dask comes with pint)
 import pytest
 
 import drivers
 import instrument.contracts
-import simulators
+import procedures
+import simulators.effects
 import tests.conformance  # noqa: F401  (what an inner session imports is forgotten with it)
 from instrument.errors import UsageError
 from procedures.new_device import BUSES, FILES, new_device
+from procedures.new_files import EFFECT, PROCEDURE, new_effect, new_procedure
 from tests.procedures.conftest import Palpate
 
 pytest_plugins = ["pytester"]
 
 
-PACKAGES = {"drivers": drivers, "simulators": simulators, "instrument/contracts": instrument.contracts}
+PACKAGES = {
+    "drivers": drivers,
+    "simulators": simulators,
+    "simulators/effects": simulators.effects,
+    "instrument/contracts": instrument.contracts,
+    "procedures": procedures,
+}
 
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A source tree without devices, whose modules can be imported and are forgotten again."""
-    for place in FILES.values():
+    """A source tree with nothing in it, whose modules can be imported and are forgotten again."""
+    for place in (FILES | EFFECT | PROCEDURE).values():
         (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
     before = {package: set(vars(package)) for package in PACKAGES.values()}
     for folder, package in PACKAGES.items():
@@ -36,8 +45,9 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def conform(pytester: pytest.Pytester, test: Path) -> pytest.RunResult:
-    """One file of tests, in this process."""
-    return pytester.runpytest_inprocess("--disable-plugin-autoload", "--import-mode=importlib", str(test))
+    """One file of tests, in this process, with the fixtures of all."""
+    options = ("--disable-plugin-autoload", "--import-mode=importlib", "-p", "tests.conftest")
+    return pytester.runpytest_inprocess(*options, str(test))
 
 
 @pytest.mark.parametrize(("bus", "passed"), [("modbus-tcp", 21), ("modbus-rtu", 22)])
@@ -48,6 +58,20 @@ def test_the_files_pass_as_they_stand(
     assert conform(pytester, files[-1]).parseoutcomes() == {"passed": passed}
 
 
+def test_a_new_effect_passes_as_it_stands_and_a_wrong_one_does_not(tree: Path, pytester: pytest.Pytester) -> None:
+    effect, test = new_effect("cable_sag", tree)
+    assert conform(pytester, test).parseoutcomes() == {"passed": 5}
+    effect.write_text(
+        effect.read_text(encoding="utf-8").replace("1 - self.loss", "1 - self.loss / 2"), encoding="utf-8"
+    )
+    failed = conform(pytester, test)
+    failed.stdout.fnmatch_lines(["FAILED *::test_it_takes_its_loss_from_the_films_under_the_teeth_alone*"])
+
+
+def test_a_new_procedure_passes_as_it_stands(tree: Path, pytester: pytest.Pytester) -> None:
+    assert conform(pytester, new_procedure("repeatability", tree)[-1]).parseoutcomes() == {"passed": 2}
+
+
 def test_a_wrong_scale_does_not_pass(tree: Path, pytester: pytest.Pytester) -> None:
     contract, *_, test = new_device("force_gauge", "modbus-tcp", tree)
     contract.write_text(contract.read_text(encoding="utf-8").replace('"V", 1e-6)', '"V", 1e-5)'), encoding="utf-8")
@@ -56,10 +80,15 @@ def test_a_wrong_scale_does_not_pass(tree: Path, pytester: pytest.Pytester) -> N
 
 @pytest.mark.parametrize("bus", BUSES)
 def test_the_command_names_the_files(bus: str, palpate: Palpate) -> None:
-    for place in FILES.values():
+    for place in (FILES | EFFECT | PROCEDURE).values():
         Path(place).parent.mkdir(parents=True, exist_ok=True)
     spoken = palpate("new", "device", "oven", "--bus", bus, "--json")
     assert spoken.object == {"files": [place.format("oven") for place in FILES.values()]}
+    for kind, places in {"effect": EFFECT, "procedure": PROCEDURE}.items():
+        assert palpate("new", kind, "oven", "--json").object == {
+            "files": [each.format("oven") for each in places.values()]
+        }
+        Path(places[f"{kind}.py.txt"].format("oven")).unlink()
     refused = palpate("new", "device", "oven")
     assert refused.status == 2
     assert refused.complaint == "instrument/contracts/oven.py exists already; choose another name"
