@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import math
+import weakref
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -240,6 +242,22 @@ def test_after_30_days_the_films_are_as_good_as_on_the_first() -> None:
     times = np.arange(0, 100 * MS, MS)
     expected = (phasor * np.exp(20j * np.pi * 1e-9 * times)).imag  # 30 days are whole cycles
     assert np.abs(rig.film_voltages(clock.now_ns() + times)[1] - expected).max() < 1e-12
+
+
+def test_what_was_before_a_change_is_freed_without_the_garbage_collector() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene("charge_amplifier"), clock)
+    clock.add(rig)
+    pressed(rig, "2", BALANCE + 8e-3, 0.5)
+    before = weakref.ref(rig._last)
+    gc.disable()
+    try:
+        for voltage in (0.6, 0.7):
+            clock.wait(20.0)  # longer than the cell remembers
+            rig.set_voltage(waveform("sine", voltage))
+        assert before() is None
+    finally:
+        gc.enable()
 
 
 def test_only_a_drive_that_drives_is_a_change() -> None:
