@@ -13,7 +13,8 @@ from canopen.network import MessageListener
 from instrument.errors import BenchError
 from instrument.multicast import MULTICAST, keep_to_group
 
-logging.getLogger("canopen").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
+for _name in ("can", "canopen"):
+    logging.getLogger(_name).addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
 _numbers = itertools.count(1)
 
@@ -31,7 +32,7 @@ def open_bus(interface: str, channel: str) -> can.BusABC:
     options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # does not leave this machine
     try:
         bus = can.Bus(interface=interface, channel=channel, **options)
-    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+    except Exception as error:  # each interface of python-can has its own, down to NameError
         raise BenchError(f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface") from error
     if interface == MULTICAST:
         keep_to_group(bus.fileno())

@@ -18,6 +18,7 @@ import can
 import pytest
 from rich.console import Console
 
+from drivers.bench import Bench
 from drivers.can import CanLink
 from instrument.bench import read_bench
 from instrument.contract import PROBE
@@ -30,7 +31,7 @@ from procedures.cli.serving import Wish, serve_until_told, serving
 from simulators.bench import Place, SimulatedBench
 from simulators.clock import VirtualClock
 from simulators.rig import STANDARD_GRAVITY
-from simulators.scene import Scene
+from simulators.scene import Scene, shipped
 from tests.procedures.conftest import Palpate, happens_in
 
 STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise
@@ -161,6 +162,27 @@ def test_the_watchdog_of_a_fast_bench_counts_the_time_of_its_clients(wish: Wish)
 def test_a_name_for_the_line_leads_to_its_terminal(wish: Wish, tmp_path: Path) -> None:
     with serving(replace(wish, line=tmp_path / "line")) as served:
         assert str((tmp_path / "line").readlink()) == served.sim.description.line.port
+
+
+def test_a_scene_file_that_changes_while_it_is_served_changes_nothing(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Path("mine.toml")
+    file.write_text((shipped()["thesis_single"]).read_text())
+    was: list[bool] = []
+
+    def spoilt(sim: SimulatedBench) -> bool:
+        file.write_text("rubbish")
+        sim.clock.wait(1.0)
+        with Bench(sim.description, sim.clock, sim.operator) as bench:
+            return bench.simulated
+
+    monkeypatch.setattr(SimulatedBench, "__exit__", _look_first(was, spoilt))
+    with typing("quit\n", monkeypatch):
+        said = palpate("serve", "mine.toml", "--can", "virtual", "--quiet")
+    assert (said.status, said.err, was) == (0, "", [True])
+    with typing("quit\n", monkeypatch):
+        assert "mine.toml" in palpate("serve", "mine.toml", "--can", "virtual").complaint
 
 
 # --- time ----------------------------------------------------------------------------------------------
@@ -324,6 +346,8 @@ def test_a_port_in_use_is_named(palpate: Palpate) -> None:
     ("options", "status", "names"),
     [
         (("--can", "nonsense:0"), 1, "nonsense:0"),
+        (("--can", "kvaser:0"), 1, "kvaser:0"),
+        (("--can", "udp_multicast:10.0.0.1"), 1, "udp_multicast:10.0.0.1"),
         (("--can", "virtual", "--listen", "192.0.2.1"), 1, "192.0.2.1"),
         (("--can", "virtual", "--speed", "0"), 2, "--speed 0"),
         (("--can", "virtual", "--speed", "nan"), 2, "--speed nan"),
