@@ -18,27 +18,14 @@ from instrument.classification import (
     classify_iso_376,
     lower_limit_factor,
     quantities,
-    spread_over_positions,
 )
 from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
 from instrument.errors import ConfigError, EstimateError, RangeError
-from instrument.interpolation import best_degree, interpolate
+from instrument.load_cell_curve import Curvature, load_cell_curve
 from instrument.rounding import mean_u
-from instrument.uncertainty import Budget, Component
 
 STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
-
-
-class Curvature(Config):
-    """The term of second degree, mV/N², with its standard uncertainty and covariances."""
-
-    model_config = ConfigDict(strict=True)
-
-    mV_per_N2: float
-    u: Positive
-    with_sensitivity: float
-    with_zero: float
 
 
 class LoadCellCalibration(Config):
@@ -241,51 +228,22 @@ def calibrate_load_cell(
         ConfigError: an empty text.
     """
     load = np.asarray(load_N, dtype=np.float64)
-    shapes = [series.shape for run in runs for series in (run.loading_mV, run.unloading_mV)]
-    if not runs or any(shape != load.shape for shape in shapes):
-        raise EstimateError(f"{load.size} loads, but readings of shapes {shapes}; each must be ({load.size},)")
-    if not (np.diff(load) > 0).all():
-        raise EstimateError(f"loads {load} N must increase, each once; put the weights in order")
-    if not (math.isfinite(resolution_mV) and resolution_mV > 0):
-        raise RangeError(f"resolution {resolution_mV} mV must be positive: it is the indicator's smallest step")
-    mean = np.mean([run.mean_mV() for run in runs], axis=0)
-    scatter = _scatter(runs)
-    reading_u, freedom = resolution_mV / math.sqrt(12), math.inf
-    if scatter is not None:
-        displays = 2 * sum(run.repeats for run in runs)
-        reading_u, freedom = mean_u(scatter, resolution_mV, displays), (displays - 2 * len(runs)) * load.size
-    line = interpolate(load, mean, reading_u)
-    if degree is None:
-        degree = best_degree(load, mean, reading_u)
-    curve = line if degree == 1 else interpolate(load, mean, reading_u, degree)
-    sensitivity = float(curve.coefficients[1])
-    spread, positions = spread_over_positions(load, runs), len({run.position for run in runs})
-    if curve.by_scatter:
-        freedom = curve.degrees_of_freedom
-    budget = Budget("sensitivity", sensitivity, "mV/N", (
-        Component("curve", math.sqrt(curve.covariance[1, 1]), degrees_of_freedom=freedom, kind="A"),
-        Component("positions", spread, degrees_of_freedom=max(positions - 1, 1), kind="A"),
-    ))  # fmt: skip
-    sensitivity_u, freedom = budget.u, budget.degrees_of_freedom
-    if not sensitivity > 3 * sensitivity_u:
-        raise EstimateError(
-            f"sensitivity {sensitivity:.4g} mV/N with standard uncertainty {sensitivity_u:.2g} mV/N is not above "
-            "three of them; check the weights, the bridge and its polarity"
-        )
-    span = float(line.coefficients[1] * np.ptp(load))
+    fitted = load_cell_curve(load, runs, resolution_mV, degree)
+    curve, sensitivity, span = fitted.curve, fitted.sensitivity, fitted.span
+    freedom = sensitivity.degrees_of_freedom
     found = quantities(load, runs, curve, resolution_mV, creep_mV)
     factor = lower_limit_factor(load, runs, curve)
     up_less_down = np.mean([run.loading_mV - run.unloading_mV for run in runs], axis=0)
     fields: dict[str, Any] = {
-        "sensitivity_mV_per_N": sensitivity,
-        "sensitivity_u": sensitivity_u,
+        "sensitivity_mV_per_N": sensitivity.value,
+        "sensitivity_u": sensitivity.u,
         "zero_mV": float(curve.coefficients[0]),
         "zero_u": math.sqrt(curve.covariance[0, 0]),
         "covariance": float(curve.covariance[0, 1]),
         "degrees_of_freedom": max(math.floor(freedom), 1) if math.isfinite(freedom) else None,
         "least_N": float(load[0]),
         "greatest_N": float(load[-1]),
-        "linearity": float(np.abs(mean - line.reading(load)).max()) / span,
+        "linearity": fitted.linearity,
         "reversibility": float(np.abs(up_less_down).max()) / span,
         "reversibility_of_reading": _greatest(found["reversibility"]),
         **{
@@ -293,9 +251,9 @@ def calibrate_load_cell(
             for name in ("repeatability", "reproducibility", "interpolation", "zero_return", "creep")
         },
         "resolution_mV": float(resolution_mV),
-        "scatter_mV": scatter,
+        "scatter_mV": fitted.scatter_mV,
         "lower_limit_factor_N": factor,
-        "astm_e74": classify_astm_e74(load, 2 * load.size * len(runs), factor, resolution_mV / sensitivity),
+        "astm_e74": classify_astm_e74(load, 2 * load.size * len(runs), factor, resolution_mV / sensitivity.value),
         "iso_376": classify_iso_376(load, found),
         "gage_factor": gage_factor,
         "device": device,
@@ -312,12 +270,6 @@ def calibrate_load_cell(
             "with_zero": float(curve.covariance[0, 2]),
         }
     return check(fields, LoadCellCalibration, "load cell calibration")
-
-
-def _scatter(runs: Sequence[Run]) -> float | None:
-    """Of single displays, pooled over the runs; None where one does not know its own."""
-    known = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
-    return float(np.linalg.norm(known)) / math.sqrt(len(runs)) if len(known) == len(runs) else None
 
 
 def _greatest(values: npt.NDArray[np.float64] | None) -> float | None:

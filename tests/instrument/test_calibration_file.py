@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL, Curvature, LoadCellCalibration
+from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.calibration_file import read_calibration, write_calibration
 from instrument.classification import Classification
 from instrument.errors import ConfigError, RecordError
+from instrument.load_cell_curve import Curvature
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies
