@@ -143,7 +143,7 @@ class Resumed(Recorder):
         try:
             return _as(kind, data)
         except ValidationError as error:
-            raise RecordError(f"{self.folder}: its points are of another palpate ({error}); run anew") from None
+            raise RecordError(f"{self.folder}: its points are of another palpate ({_first(error)}); run anew") from None
 
     def paused(self, bench_ns: int) -> bool:
         """Whether the run was paused at this moment before."""
@@ -192,8 +192,7 @@ def header_of(run: Run) -> Mapping[str, Any]:
         _Header.model_validate(header, strict=True)
         tomllib.loads(header["bench"] if header["scene"] is None else header["scene"]["toml"])
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        reason = _first(error)
     except tomllib.TOMLDecodeError as error:
         reason = str(error)
     else:
@@ -206,8 +205,13 @@ def settings_of(run: Run, kind: type[T]) -> T:
     try:
         (settings,) = _as(kind, [run.header["settings"]])
     except ValidationError as error:
-        raise RecordError(f"{run.folder}: its settings are of another palpate ({error}); run anew") from None
+        raise RecordError(f"{run.folder}: its settings are of another palpate ({_first(error)}); run anew") from None
     return settings
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
 
 
 def _comparable(header: Mapping[str, Any]) -> dict[str, Any]:

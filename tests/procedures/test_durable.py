@@ -110,7 +110,12 @@ def test_a_point_that_failed_for_want_of_space_is_stored_when_there_is_some(tmp_
 
 
 @pytest.mark.parametrize(
-    ("write", "status", "stored"), [("point", "failed", 1), ("event", "failed", 1), ("finish", "running", 2)]
+    ("write", "status", "stored"),
+    [
+        ("point", "failed", 1),
+        pytest.param("event", "failed", 1, marks=pytest.mark.slow),
+        pytest.param("finish", "running", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_a_disk_that_is_full_in_the_middle_stops_the_sweep_with_outputs_off(
     palpate: Palpate, benches: Benches, on_progress: Callable[[Progress], None], monkeypatch: pytest.MonkeyPatch,

@@ -26,7 +26,7 @@ from procedures.encoding import as_json, row_crc32
 from procedures.load_plan import SweepSettings
 from procedures.load_sweep import LoadPoint
 from procedures.record import Recorder
-from procedures.resume import Resumed, settings_of
+from procedures.resume import Resumed, header_of, settings_of
 from procedures.run import DATABASE, Run
 from procedures.softness import SoftnessSettings
 from simulators.bench import SimulatedBench
@@ -123,9 +123,7 @@ def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
 
 def settings_from(procedure: Procedure[Any, Any], settings: Any) -> Any:
     """Settings as a record gives them back."""
-    header = json.loads(as_json({"settings": asdict(settings)}))
-    run = Run(Path("run"), procedure.name, True, datetime.now(UTC), "stopped", header, {})
-    return settings_of(run, procedure.settings)
+    return settings_of(run_of(json.loads(as_json({"settings": asdict(settings)}))), procedure.settings)
 
 
 class Once:
@@ -203,7 +201,7 @@ BEGUN: dict[str, Any] = {
     "film_calibration": None, "versions": {},
 }  # fmt: skip
 FORGED: dict[str, list[object]] = {
-    "settings": [3, None, [{}], {}, {"samples": None, "loads": [None]}],
+    "settings": [3, None, [{}]],
     "scene": [3, "[", {}, {"toml": 1}, {"toml": "["}],
     "bench": [3, None],
     "devices": [3, {"generator": 1}],
@@ -212,18 +210,36 @@ FORGED: dict[str, list[object]] = {
     "film_calibration": [3, "x"],
     "versions": [3, {"numpy": 2}],
 }
-FORGERIES = [BEGUN | {key: value} for key, values in FORGED.items() for value in values] + [
-    {key: value for key, value in BEGUN.items() if key != absent} for absent in FORGED
+FORGERIES = [
+    *(BEGUN | {key: value} for key, values in FORGED.items() for value in values),
+    *({key: value for key, value in BEGUN.items() if key != absent} for absent in FORGED),
+    BEGUN | {"scene": None, "bench": "["},
 ]
 
 
-def test_a_header_that_was_forged_is_one_error(palpate: Palpate, tmp_path: Path) -> None:
-    for number, header in enumerate([*FORGERIES, BEGUN | {"scene": None, "bench": "["}]):
-        Recorder.create(tmp_path / str(number), header).close()
-        said = palpate("runs", "resume", str(number))
+def run_of(header: dict[str, Any]) -> Run:
+    return Run(Path("run"), "sweep-loads", True, datetime.now(UTC), "stopped", header, {})
+
+
+@pytest.mark.parametrize("header", FORGERIES)
+def test_a_header_that_was_forged_is_refused(header: dict[str, Any]) -> None:
+    assert header_of(run_of(BEGUN)) == BEGUN
+    with pytest.raises(RecordError, match=r"^run: its header is not that of a procedure on a bench \(.*\); run anew$"):
+        header_of(run_of(header))
+
+
+@pytest.mark.parametrize("settings", [{}, {"samples": None, "loads": [None]}])
+def test_settings_that_were_forged_are_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(RecordError, match=r"^run: its settings are of another palpate \(.*\); run anew$"):
+        settings_of(run_of(BEGUN | {"settings": settings}), SweepSettings)
+
+
+def test_what_was_forged_is_one_error_at_the_command_line(palpate: Palpate) -> None:
+    for folder, header, what in (("one", BEGUN | {"devices": 3}, "header"), ("two", BEGUN, "settings")):
+        Recorder.create(Path(folder), header).close()
+        said = palpate("runs", "resume", folder)
         assert said.status == 1
-        assert said.complaint.startswith(f"{tmp_path / str(number)}: its "), header
-        assert said.complaint.endswith("; run anew")
+        assert said.complaint.startswith(f"{Path(folder).absolute()}: its {what} ")
 
 
 @dataclass
@@ -232,9 +248,8 @@ class Levels:
 
 
 def test_a_null_where_no_number_belongs_is_one_error() -> None:
-    run = Run(Path("run"), "sweep-loads", True, datetime.now(UTC), "stopped", {"settings": {"values": [None]}}, {})
     with pytest.raises(RecordError, match="its settings are of another palpate"):
-        settings_of(run, Levels)
+        settings_of(run_of({"settings": {"values": [None]}}), Levels)
 
 
 # --- a real bench ---------------------------------------------------------------------------------------
