@@ -17,11 +17,12 @@ def print_everything(done: Everything) -> None:
     outside = new_table(
         stamped(True, "Outside twice the stated scatter"),
         "table", "row", "quantity", "thesis", "ours", "scatter u", "repaired",
+        "because",
     )  # fmt: skip
     for table_number, row in done.outside():
         outside.add_row(
             table_number, row.row, row.quantity, number(row.cell.value), number(row.ours), number(row.u),
-            "yes" if row.cell.reason else "",
+            "yes" if row.cell.reason else "", row.because.partition(":")[0] or "not known",
         )  # fmt: skip
     said = [f"- Table {table.number}: {sentence}" for table, _ in done.tables for sentence in table.said]
     print_all(

@@ -20,7 +20,7 @@ from procedures.reproduce import bench_tables, experiments, models, percent
 from procedures.reproduce.curves import Progress
 from procedures.reproduce.models import Reproduction
 from procedures.reproduce.page import write_page
-from procedures.reproduce.rows import Row, RowTable, counted
+from procedures.reproduce.rows import Row, RowTable, by_chance, counted
 from procedures.reproduce.slips import write_slips
 
 PROCEDURE = "reproduce"
@@ -62,13 +62,15 @@ class Everything:
 
     def summary(self) -> dict[str, Any]:
         """Under public names."""
-        cells, inside = counted(table for table, _ in self.tables if table.experimental)
+        experimental = [table for table, _ in self.tables if table.experimental]
+        cells, inside = counted(experimental)
         return {
             "judged": len(self.judged()),
             "within": len(self.judged()) - len(self.outside()),
             "experimental_cells": cells,
             "experimental_within": inside,
             "experimental_share": inside / cells if cells else None,
+            "experimental_by_chance": by_chance(row for table in experimental for row in table.rows),
             "softness_order_right": self.orders,
             "outside": [{"table": number, **row.record()} for number, row in self.outside()],
         }

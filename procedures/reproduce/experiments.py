@@ -4,30 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from instrument.design import FILM_KINDS, Design
 from instrument.designs import get_design
 from instrument.sample import SAMPLES
 from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, Table, read_table
 from procedures.load_sweep import LoadPoint, SweepResult
-from procedures.reproduce.rows import Row, RowTable
+from procedures.reproduce.rows import WITHIN, Row, RowTable
 
 # True over set force is 1.029 in the thesis, 2.0 % between samples and 2.4 % within: nobody set it so.
 LOAD_SCATTER = math.hypot(0.029, 0.020, 0.024)
 METER_U = 1.0  # mV: the lower limit factor of ASTM E74 of Table 5.1, 0.096 N
 AT_3_N = 3.0
+THESIS, OURS = "the thesis' cell", "our cell"
 
 Value = Callable[[LoadPoint], float]
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A column of a table: how ours is read from a point, and its relative scatter."""
+    """A column of a table.
+
+    Attributes:
+        value: how ours is read from a point.
+        scatter: relative; 0: it has one of its own.
+        expected: without any scatter, of a load [N] and the thesis' mean ratio of the sample.
+    """
 
     column: str
     value: Value
     scatter: float
+    expected: Callable[[float, float], float] = lambda _load, _ratio: math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +77,11 @@ def compare(arrangement: Arrangement, swept: SweepResult) -> Iterator[RowTable]:
     for sample, number in arrangement.tables.items():
         table = read_table(number)
         points = {f"{p.load_N:g}": p for p in swept.points if p.sample == sample}
-        rows = list(_rows(table, {f"{float(key):g}": key for key in table.rows}, points, quantities))
+        rows = list(_rows(table, {f"{float(key):g}": key for key in table.rows}, points, quantities, design))
         yield RowTable(number, table.title, table.doubt, (*rows, _average(design, swept, sample)), experimental=True)
     table = read_table(arrangement.summary)
     at_3_N = {p.sample: p for p in swept.points if p.load_N == AT_3_N}
-    rows = list(_rows(table, {row: row for row in table.rows}, at_3_N, quantities))
+    rows = list(_rows(table, {row: row for row in table.rows}, at_3_N, quantities, design))
     if not arrangement.tables:
         rows += [_average(design, swept, sample) for sample in at_3_N]
     expected = order_by_modulus()
@@ -83,7 +91,11 @@ def compare(arrangement: Arrangement, swept: SweepResult) -> Iterator[RowTable]:
 
 
 def _rows(
-    table: Table, keys: Mapping[str, str], points: Mapping[str, LoadPoint], quantities: Sequence[Quantity]
+    table: Table,
+    keys: Mapping[str, str],
+    points: Mapping[str, LoadPoint],
+    quantities: Sequence[Quantity],
+    design: Design,
 ) -> Iterator[Row]:
     """Cells of every row that we have a point for. What the oscilloscope showed is not simulated."""
     for name, row in keys.items():
@@ -91,8 +103,23 @@ def _rows(
         for quantity in quantities:
             if quantity.column in table.columns:
                 cell, ours = table.columns[quantity.column][index], quantity.value(point)
-                u = quantity.scatter * math.hypot(cell.value, ours)
-                yield Row(row, quantity.column, cell, ours, METER_U if quantity.column.startswith("meter") else u)
+                u = quantity.scatter * math.hypot(cell.value, ours) if quantity.scatter else METER_U
+                found = Row(row, quantity.column, cell, ours, u)
+                if found.within is False and quantity.scatter:
+                    expected = quantity.expected(point.load_N, design.thesis_force_ratio[point.sample])
+                    found = replace(found, because=_because(cell.value, ours, expected, quantity.scatter))
+                yield found
+
+
+def _because(thesis: float, ours: float, expected: float, scatter: float) -> str:
+    """Whose scatter it is: each cell against what its load and the thesis' mean ratio give."""
+    far = {THESIS: (thesis / expected - 1) / scatter, OURS: (ours / expected - 1) / scatter}
+    whose = [name for name, distance in far.items() if abs(distance) > WITHIN]
+    return (
+        f"{' and '.join(whose) or 'both scatter apart'}: without scatter {expected:.3g}; the thesis"
+        f" {100 * (thesis / expected - 1):+.0f} % ({far[THESIS]:+.1f} of its scatter), ours"
+        f" {100 * (ours / expected - 1):+.0f} % ({far[OURS]:+.1f})"
+    )
 
 
 def _average(design: Design, swept: SweepResult, sample: str) -> Row:
@@ -110,37 +137,56 @@ def _quantities(design: Design) -> list[Quantity]:
     """What a point has of the columns of the design's tables, by the thesis' numbers of its films."""
     rigid = [film for film in design.films if film.kind == FILM_KINDS[0]]
     total = [film for film in design.films if film.kind == FILM_KINDS[1]]
+    rigid_mV, total_mV = ([1e3 * film.sensitivity for film in films] for films in (rigid, total))
 
     def load(scatter: float) -> float:
         return math.hypot(scatter, LOAD_SCATTER)
 
+    def tooth(scale: float = 1.0) -> Callable[[float, float], float]:
+        return lambda force, ratio: scale * ratio * force / len(rigid)
+
+    def base(scale: float = 1.0) -> Callable[[float, float], float]:
+        return lambda force, _: scale * force / len(total)
+
     found = [
-        Quantity("force_ratio", lambda p: p.force_ratio, design.ratio_scatter),
+        Quantity("force_ratio", lambda p: p.force_ratio, design.ratio_scatter, lambda _, ratio: ratio),
         Quantity("meter_reading_mV", lambda p: p.indicator_mV, 0.0),
     ]
     if len(rigid) == 1:
         found += [
-            Quantity("pvdf2_rigid_mV", lambda p: 1e3 * p.voltage_rigid_V, load(rigid[0].scatter)),
-            Quantity("force_rigid_N", lambda p: p.force_rigid_N, load(rigid[0].scatter)),
-            Quantity("pvdf1_total_mV", lambda p: 1e3 * p.voltage_total_V, load(total[0].scatter)),
+            Quantity(
+                "pvdf2_rigid_mV",
+                lambda p: 1e3 * p.voltage_rigid_V,
+                load(rigid[0].scatter),
+                tooth(rigid_mV[0]),
+            ),
+            Quantity("force_rigid_N", lambda p: p.force_rigid_N, load(rigid[0].scatter), tooth()),
+            Quantity("pvdf1_total_mV", lambda p: 1e3 * p.voltage_total_V, load(total[0].scatter), base(total_mV[0])),
         ]
     else:
         own, bases = (("1", "3"), ("2_total_left", "4_total_right")) if len(total) > 1 else (("1", "2"), ("", ""))
-        for tooth, film in enumerate(rigid):
+        for n, film in enumerate(rigid):
             found += [
-                Quantity(f"pvdf{own[tooth]}_mV", _tooth(tooth, "voltage_V", 1e3), load(film.scatter)),
-                Quantity(f"force{own[tooth]}_N", _tooth(tooth, "force_N"), load(film.scatter)),
+                Quantity(f"pvdf{own[n]}_mV", _tooth(n, "voltage_V", 1e3), load(film.scatter), tooth(rigid_mV[n])),
+                Quantity(f"force{own[n]}_N", _tooth(n, "force_N"), load(film.scatter), tooth()),
             ]
             if len(total) > 1:
-                scatter = load(total[tooth].scatter)
+                scatter = load(total[n].scatter)
                 found += [
-                    Quantity(f"pvdf{bases[tooth]}_mV", _tooth(tooth, "base_voltage_V", 1e3), scatter),
-                    Quantity(f"force{bases[tooth]}_N", _tooth(tooth, "base_force_N"), scatter),
+                    Quantity(f"pvdf{bases[n]}_mV", _tooth(n, "base_voltage_V", 1e3), scatter, base(total_mV[n])),
+                    Quantity(f"force{bases[n]}_N", _tooth(n, "base_force_N"), scatter, base()),
                 ]
         if len(total) == 1:
-            found.append(Quantity("pvdf3_total_mV", lambda p: 1e3 * p.voltage_total_V, load(total[0].scatter)))
+            found.append(
+                Quantity(
+                    "pvdf3_total_mV",
+                    lambda p: 1e3 * p.voltage_total_V,
+                    load(total[0].scatter),
+                    base(total_mV[0]),
+                )
+            )
     if len(total) == 1:
-        found.append(Quantity("force_total_N", lambda p: p.force_total_N, load(total[0].scatter)))
+        found.append(Quantity("force_total_N", lambda p: p.force_total_N, load(total[0].scatter), base()))
     return found
 
 

@@ -30,7 +30,7 @@ img { max-width: 100%; }
 """
 HEADER = (
     "row", "quantity", "printed", "thesis", "ours", "difference", "% of theory", "% of experiment", "scatter u",
-    "within 2 u",
+    "within 2 u", "outside, because",
 )  # fmt: skip
 
 
@@ -70,6 +70,7 @@ def summary_lines(done: Everything) -> list[str]:
         f"experiments: {found['experimental_within']} of {found['experimental_cells']} cells within two standard"
         f" uncertainties of their scatter{'' if share is None else f', {share:.1%}'}; {LEAST_SHARE:.0%} are asked for",
     ]
+    lines.append(f"experiments: {found['experimental_by_chance']}")
     lines += [
         f"softness order, design {design}: {'right' if right else 'WRONG'}" for design, right in done.orders.items()
     ]
@@ -96,7 +97,7 @@ def _row(row: Row) -> str:
     verdict = "-" if row.within is None else "yes" if row.within else "NO"
     cells = (
         row.row, row.quantity, row.cell.printed, number(row.cell.value), number(row.ours), number(row.difference),
-        of_theory, of_experiment, number(row.u), verdict,
+        of_theory, of_experiment, number(row.u), verdict, row.because or ("not known" if row.within is False else ""),
     )  # fmt: skip
     return f'<tr class="{kind}" title="{escape(row.cell.reason)}">{_cells("td", cells)}</tr>'
 

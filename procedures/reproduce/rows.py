@@ -26,6 +26,7 @@ class Row:
         ours: measured on the simulated bench, or calculated.
         u: standard uncertainty of the difference by the stated scatter of both; None: nothing is stated.
         measured: the thesis' number is an experiment and ours stands for the theory, or the other way round.
+        because: where the difference comes from, of a row outside; "" where nothing is known.
     """
 
     row: str
@@ -34,6 +35,7 @@ class Row:
     ours: float
     u: float | None
     measured: bool = True
+    because: str = ""
 
     @property
     def difference(self) -> float:
@@ -65,6 +67,7 @@ class Row:
             "error_percent_of_experiment": of_experiment,
             "scatter_u": self.u,
             "within": self.within,
+            "outside_because": self.because,
         }
 
 
@@ -112,6 +115,21 @@ class RowTable:
             "within": self.inside,
             "said": list(self.said),
         }
+
+
+def by_chance(rows: Iterable[Row]) -> str:
+    """How many of normal differences would lie outside, and how far the farthest, beside what is found."""
+    from scipy.special import ndtr, ndtri
+
+    distances = [abs(row.difference) / row.u for row in rows if row.u]
+    if not distances:
+        return "nothing is judged"
+    outside, farthest = 2 * float(ndtr(-WITHIN)), float(ndtri(1 - 1 / (4 * len(distances))))
+    return (
+        f"{sum(d > WITHIN for d in distances)} outside, the farthest by {max(distances):.1f} standard uncertainties; of"
+        f" {len(distances)} normal ones chance puts {outside * len(distances):.0f} outside, the farthest at some"
+        f" {farthest:.1f}"
+    )
 
 
 def counted(tables: Iterable[RowTable]) -> tuple[int, int]:
