@@ -129,7 +129,8 @@ def _play(cell: Cell, right: Found, middle: float) -> Outcome:
             return Outcome("stopped" if clear else "WRONG", incidents, f"{type(result).__name__}: {result}")
         if said := wrong(result, right):
             return Outcome("WRONG", incidents, said)
-        return Outcome("right" if all(value.valid for value in result.values()) else "marked", incidents)
+        whole = result.keys() == right.keys() and all(value.valid for value in result.values())
+        return Outcome("right" if whole else "marked", incidents)
 
 
 def _done(procedure: str, of: Scene, folder: Path) -> tuple[Found | PalpateError, Run, float]:
