@@ -11,7 +11,7 @@ import hashlib
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,10 +82,10 @@ class Results:
     outcomes: Sequence[Outcome]
 
     def digest(self) -> str:
-        """SHA-256 over all cells, hex: the same whatever computed them, in whatever order."""
+        """SHA-256 over the points of all cells, hex: the same whatever computed them, in whatever order."""
         total = hashlib.sha256()
-        for outcome in self.outcomes:
-            total.update(as_json(astuple(outcome)).encode() + b"\n")
+        for outcome in self.outcomes:  # a reason may name an address that is another each time
+            total.update(as_json((outcome.cell, bool(outcome.reason), outcome.data)).encode() + b"\n")
         return total.hexdigest()
 
     def means(self) -> list[CellMean]:

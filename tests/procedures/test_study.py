@@ -94,11 +94,12 @@ def whole(tmp_path: Path) -> Results:
 
 
 def test_a_grid_has_every_combination_and_the_last_axis_goes_fastest() -> None:
-    study = study_from(GRID)
-    assert len(study) == 12
+    study = study_from(GRID.replace('sample = ["1", "2"]', 'sample = "1-4"'))
+    assert len(study) == 24
     assert study.cell(0) == {"scene": "near", "seed": 1, "sample": "1"}
-    assert study.cell(7) == {"scene": "far", "seed": 1, "sample": "2"}
-    assert len({tuple(study.varied(i).items()) for i in range(12)}) == 12
+    assert study.cell(7) == {"scene": "near", "seed": 2, "sample": "4"}
+    assert study.cell(12) == {"scene": "far", "seed": 1, "sample": "1"}
+    assert len({tuple(study.varied(i).items()) for i in range(24)}) == 24
 
 
 def test_draws_lie_in_their_ranges_and_do_not_depend_on_how_many_there_are() -> None:
