@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 
+import click
+
+from procedures.cli import palpate
 from procedures.policy import POLICIES
 
 README = Path(__file__).parents[2] / "README.md"
@@ -18,3 +24,25 @@ def table(heading: str) -> list[tuple[str, ...]]:
 
 def test_its_table_of_incidents_is_that_of_the_policies() -> None:
     assert table("When something fails") == [(p.incident, p.does, str(p.attempts)) for p in POLICIES]
+
+
+def commands(group: click.Group, path: str = "palpate") -> Iterator[str]:
+    for name, command in group.commands.items():
+        if not isinstance(command, click.Group) or command.invoke_without_command:
+            yield f"{path} {name}"
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{path} {name}")
+
+
+def named(cell: str) -> Iterator[str]:
+    """Commands in a cell such as "`palpate runs list`, `show RUN`"."""
+    group: list[str] = []
+    for text in re.findall("`([^`]*)`", cell):
+        words = list(takewhile(re.compile("[a-z][a-z-]*").fullmatch, text.split()))
+        words = words if words[0] == "palpate" else [*group, *words]
+        group = words[:-1]
+        yield " ".join(words)
+
+
+def test_its_table_of_commands_has_each_once() -> None:
+    assert sorted(name for cell, _ in table("Commands") for name in named(cell)) == sorted(commands(palpate))
