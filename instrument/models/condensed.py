@@ -119,22 +119,8 @@ def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
     pressure = np.zeros(elements.dilatation.shape[:2])
     spread = elements.dilatation.transpose(0, 2, 1)
     magnitude = np.abs(elements.stiffness)
-    best = math.inf
+    right, gap, best = load, np.zeros_like(pressure), math.inf
     for step in range(STEPS):
-        strained = elements.strained(displacement, rest)
-        internal = elements.internal_forces(strained, pressure)
-        gap = elements._multiply(elements.dilatation, strained[elements.mixed])
-        gap -= elements.compliance[:, None] * pressure
-        lacking = internal.copy()
-        lacking[elements.mixed] += elements._multiply(spread, gap / bounded[:, None])
-        right = load - elements.gather(lacking)
-        residual = max(
-            _relative(load - elements.gather(internal), elements._multiply(magnitude, np.abs(strained))),
-            _relative(gap, elements._multiply(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))),
-        )
-        if step > 1 and residual > 0.1 * best:
-            break
-        best = residual
         change = solver(right)
         moved = elements.strained(change, np.zeros_like(change))[elements.mixed]
         pressure += (elements._multiply(elements.dilatation, moved) + gap) / bounded[:, None]
@@ -142,11 +128,25 @@ def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
         kept = total - displacement
         rest += (displacement - (total - kept)) + (change - kept)
         displacement = total
+        strained = elements.strained(displacement, rest)
+        internal = elements.internal_forces(strained, pressure)
+        gap = elements._multiply(elements.dilatation, strained[elements.mixed])
+        gap -= elements.compliance[:, None] * pressure
+        residual = max(
+            _relative(load - elements.gather(internal), elements._multiply(magnitude, np.abs(strained))),
+            _relative(gap, elements._multiply(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))),
+        )
+        if step > 0 and residual > 0.1 * best:
+            break
+        best = residual
+        lacking = internal.copy()
+        lacking[elements.mixed] += elements._multiply(spread, gap / bounded[:, None])
+        right = load - elements.gather(lacking)
     return Solved(displacement, nodal(internal), residual)
 
 
 def _relative(remainder: Array, terms: Array) -> float:
-    """Norm of what is left over that of the terms it is the sum of; 0 before anything moves."""
+    """Norm of what is left over that of the terms it is the sum of; 0 where there are none."""
     size = float(np.linalg.norm(terms))
     return float(np.linalg.norm(remainder)) / size if size else 0.0
 
@@ -163,20 +163,22 @@ class _Factorised:
             elements.dilatation.transpose(0, 2, 1), elements.dilatation / bounded[:, None, None]
         )
         matrix = nodal(nodal(matrix, axis=1), axis=2)
-        inner, outer = np.flatnonzero(elements.inner), np.flatnonzero(~elements.inner)
+        # The inside first, so that all blocks are slices.
+        order, inner = np.argsort(~elements.inner, kind="stable"), int(elements.inner.sum())
+        matrix = matrix.take(order, axis=1).take(order, axis=2)
+        unknowns = elements.unknowns[:, order].astype(np.int32)
         self._elements = elements
-        self._inner, self._outer = elements.unknowns[:, inner], elements.unknowns[:, outer]
-        coupling = matrix[:, inner[:, None], outer]
-        self._inverse = np.linalg.inv(matrix[:, inner[:, None], inner]).astype(np.float64, copy=False)
+        self._inner, self._outer = unknowns[:, :inner], unknowns[:, inner:]
+        coupling = matrix[:, :inner, inner:]
+        self._inverse = np.linalg.inv(matrix[:, :inner, :inner]).astype(np.float64, copy=False)
         self._eliminated: Array = self._inverse @ coupling
-        condensed: Array = matrix[:, outer[:, None], outer] - coupling.transpose(0, 2, 1) @ self._eliminated
+        condensed: Array = matrix[:, inner:, inner:] - coupling.transpose(0, 2, 1) @ self._eliminated
         condensed = (condensed + condensed.transpose(0, 2, 1)) / 2
 
-        rows = np.repeat(self._outer, len(outer), axis=1).ravel()
-        columns = np.tile(self._outer, (1, len(outer))).ravel()
+        rows, columns = np.broadcast_arrays(self._outer[:, :, None], self._outer[:, None, :])
         free = (rows < elements.size) & (columns < elements.size)
         shape = (elements.shared, elements.shared)
-        assembled = coo_array((condensed.ravel()[free], (rows[free], columns[free])), shape=shape).tocsc()
+        assembled = coo_array((condensed[free], (rows[free], columns[free])), shape=shape).tocsc()
         self._scale = 1 / np.sqrt(assembled.diagonal())
         assembled.data *= self._scale[assembled.indices] * np.repeat(self._scale, np.diff(assembled.indptr))
         self._lu: Any = splu(
