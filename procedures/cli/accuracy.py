@@ -33,11 +33,11 @@ accuracy.add_command(dwell_command, "dwell")
 
 @accuracy.command(
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
-    "\n\n  palpate accuracy models --store"
+    "\n\n  palpate accuracy models --store\n\n  palpate accuracy models --design single --store"
 )
 @click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
 @click.option("--measure", "anew", is_flag=True, help="Measure on this machine: half an hour for all designs.")
-@click.option("--store", is_flag=True, help="Measure all, and keep it as the list that models are chosen by.")
+@click.option("--store", is_flag=True, help="Measure, and keep it in the list that models are chosen by.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
 @output_options
 def models(design: str | None, anew: bool, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
@@ -47,9 +47,11 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     greatest distance from a converged reference, whose own uncertainty is counted in, for objects like the thesis'
     rubber samples.
     """
-    from instrument.errors import UnknownName, UsageError
+    from instrument.errors import UnknownName
     from instrument.models import price_list
+    from procedures.accuracy.machine import this_machine
     from procedures.accuracy.measure import DESIGNS, UNPRICED, measure
+    from procedures.accuracy.meshes import MODULI
     from procedures.accuracy.plot import PLOT, plot_prices
     from procedures.run import storing
 
@@ -57,9 +59,9 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     known = (*DESIGNS, *UNPRICED)
     if design is not None and design not in known:
         raise UnknownName("design with prices", design, known)
-    if store and design is not None:
-        raise UsageError("--store keeps the prices of all designs; leave out --design, or take --measure")
     asked = list(known) if design is None else [design]
+    if store and design is not None:
+        price_list.stored().require_like(this_machine(), MODULI)  # before anything is measured
     if out is not None:
         with storing(out):  # before anything is measured
             out.mkdir(parents=True, exist_ok=True)
@@ -67,7 +69,8 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
         with output.progress() as progress:
             prices = measure(asked, progress)
         if store:
-            keep(prices.model_dump_json(indent=1) + "\n", price_list.STORED)
+            kept = prices if design is None else price_list.stored().replaced(prices)
+            keep(kept.model_dump_json(indent=1) + "\n", price_list.STORED)
     else:
         prices = price_list.stored() if design is None else price_list.stored().of(asked)
     designs = list(dict.fromkeys(price.design for price in prices.prices))

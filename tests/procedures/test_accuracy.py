@@ -19,8 +19,8 @@ from instrument.models.parameters import SolidParameters
 from instrument.models.price import Price
 from instrument.models.price_list import PriceList, stored
 from instrument.models.response import MODELS, response
+from procedures.accuracy import machine, meshes
 from procedures.accuracy import measure as measuring
-from procedures.accuracy import meshes
 from procedures.accuracy.measure import BEAM_ELEMENTS, measure
 from procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Solved
 from procedures.accuracy.plot import plot_prices
@@ -253,11 +253,37 @@ def test_measuring_keeps_nothing_unless_told_to(
     assert stored.__wrapped__() == measured
 
 
+def test_prices_of_one_design_take_the_place_of_its_stored_ones(
+    measured: PriceList, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old, fresh = stored(), measured.of(["single"]).model_copy(update={"machine": stored().machine})
+    monkeypatch.setattr(machine, "this_machine", lambda: old.machine.model_copy(update={"date": "today"}))
+    monkeypatch.setattr(measuring, "measure", lambda *_: fresh)
+    monkeypatch.setattr(price_list, "STORED", tmp_path / "prices.json")
+    palpate(*MODELS_COMMAND, "--design", "single", "--store", "--quiet")
+    kept = stored.__wrapped__()
+    assert kept.of(["single"]) == fresh != old.of(["single"])
+    others = list(dict.fromkeys(price.design for price in old.prices if price.design != "single"))
+    assert kept.of(others) == old.of(others)
+    assert [reference.design for reference in kept.references] == [reference.design for reference in old.references]
+
+
+def test_prices_of_another_machine_are_refused_before_anything_is_measured(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    abacus = stored().machine.model_copy(update={"cpu": "abacus"})
+    monkeypatch.setattr(machine, "this_machine", lambda: abacus)
+    monkeypatch.setattr(measuring, "measure", lambda *_: pytest.fail("measured"))
+    said = palpate(*MODELS_COMMAND, "--design", "single", "--store")
+    assert said.status == 2
+    assert f"are of {stored().machine.cpu}" in said.complaint and "this is abacus" in said.complaint
+    assert "measure all designs anew: palpate accuracy models --store" in said.complaint
+
+
 @pytest.mark.parametrize(
     "options, part",
     [
         (("models", "--design", "singel"), "unknown design with prices 'singel' (did you mean 'single'?)"),
-        (("models", "--design", "single", "--store"), "--store keeps the prices of all designs"),
         (("surfaces", "--design", "array"), "unknown design with a surface 'array'"),
     ],
 )
