@@ -81,8 +81,8 @@ def unpacked(data: bytes) -> can.Message:
 class BusLog:
     """A context manager, entered before the bench is; messages are stamped with its `clock` after `started`.
 
-    What the program does stands in the order in which it was done: what it sends, and each time that it was told. A
-    reply comes after its request, a CAN frame where it was heard.
+    What the program does stands in the order in which it was done: what it sends, each reply, and each time that it was
+    told. A CAN frame stands before what is done about it.
     """
 
     def __init__(self, bench: Bench, clock: Clock, path: Path, started: datetime) -> None:
@@ -93,7 +93,6 @@ class BusLog:
         self._lock = threading.RLock()  # held from the stamp on: both files in one order, and in that of time
         self._stack = ExitStack()
         self._failure: Exception | None = None
-        self._came: dict[ModbusLink, Packet] = {}
 
     def __enter__(self) -> Self:
         frames, whole = self.files
@@ -114,7 +113,6 @@ class BusLog:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Raises RecordError: something could not be written, so that the log ends before the run."""
-        self._write_replies()
         with self._lock:
             try:
                 self._stack.close()
@@ -134,24 +132,14 @@ class BusLog:
             nonlocal asked
             if sending:
                 asked = whom(data)
-                with self._lock:
-                    self._write_replies()
-                    self._write(self._whole.write, Packet(self._now_ns(), asked, kind, sending, data))
-            else:  # all of the reply that has come, and more of it may
-                self._came[link] = Packet(self._now_ns(), asked, kind, sending, data)
+            with self._lock:
+                self._write(self._whole.write, Packet(self._now_ns(), asked, kind, sending, data))
 
         link.tap(heard)
-
-    def _write_replies(self) -> None:
-        for reply in self._came.values():
-            self._write(self._whole.write, reply)
-        self._came.clear()
 
     def _heard_frame(self, sending: bool, frame: can.Message) -> None:
         stamped = unpacked(packed(frame))
         with self._lock:
-            if sending:
-                self._write_replies()
             now = self._now_ns()
             self._write(self._whole.write, Packet(now, NODES, Link.CAN, sending, packed(frame)))
             stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, 0
@@ -162,7 +150,6 @@ class BusLog:
 
     def _note(self, what: str, text: str) -> None:
         with self._lock:
-            self._write_replies()
             self._write(self._whole.write, Packet(self._now_ns(), what, Link.NOTE, True, text.encode()))
 
     def _now_ns(self) -> int:

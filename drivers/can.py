@@ -135,7 +135,7 @@ class CanLink:
         self._network = canopen.Network(bus)
         self._listener = _Listener(self._network)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
-        self._network.listeners = [self._listener, *taps]  # type: ignore[list-item]
+        self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
         self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # would be kept for ever
         self._network.connect()
 

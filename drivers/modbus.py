@@ -81,6 +81,8 @@ class ModbusLink:
         self._client = client
         self._lock = threading.Lock()
         self._reply_due = False
+        self._heard: Callable[[bool, bytes], object] = lambda _sent, _data: None
+        self._came = b""
         client.transaction.framer.decoder = _StrictDecoder(is_server=False)
         client.transaction.trace_packet = _bounded
 
@@ -89,13 +91,17 @@ class ModbusLink:
         """Whether it is a serial line."""
         return isinstance(self._client, ModbusSerialClient)
 
-    def tap(self, heard: Callable[[bool, bytes], None]) -> None:
-        """From now on call `heard` with what is sent (True), and with all that has come for it so far (False)."""
+    def tap(self, heard: Callable[[bool, bytes], object]) -> None:
+        """From now on call `heard` with what is sent (True), before it is, and with all that has come for it."""
 
         def trace(sending: bool, data: bytes) -> bytes:
-            heard(sending, data)
+            if sending:
+                heard(True, data)
+            else:
+                self._came = data
             return _bounded(sending, data)
 
+        self._heard = heard
         self._client.transaction.trace_packet = trace
 
     @classmethod
@@ -185,6 +191,10 @@ class ModbusLink:
                 ) from error
             except (ModbusException, OSError) as error:
                 raise LinkError(f"{who}: {self.name} failed: {error}; check cable and power") from error
+            finally:
+                if came := self._came:
+                    self._came = b""
+                    self._heard(False, came)
             self._reply_due = False
         if reply.isError():
             code = getattr(reply, "exception_code", 0)
