@@ -123,17 +123,11 @@ class Results:
         """
         import pandas as pd
 
-        frame = pd.DataFrame(
-            [
-                {"cell": outcome.cell, "simulated": True, **point}
-                for outcome in self.outcomes
-                for point in outcome.points
-            ]
-        )
-        numbers = [int(cell) for cell in frame.get("cell", ())]
-        for place, (name, values, unit) in enumerate(self.coordinates(numbers)):
-            frame.insert(2 + place if len(frame.columns) else 0, f"{name}_{unit}" if unit else name, values)
-        return frame
+        points = [(outcome.cell, point) for outcome in self.outcomes for point in outcome.points]
+        cells = [cell for cell, _ in points]
+        axes = {f"{name}_{unit}" if unit else name: values for name, values, unit in self.coordinates(cells)}
+        head = pd.DataFrame({"cell": cells, "simulated": [True] * len(cells), **axes})
+        return head.join(pd.DataFrame([point for _, point in points]))
 
     def dataset(self) -> xr.Dataset:
         """Values over the axes of a grid, or over `cell` where cells were drawn, and over `load_N`; NaN where none is.

@@ -10,40 +10,16 @@ from typing import Any
 
 import pytest
 
-from instrument.config import parse
-from instrument.errors import BenchError, ConfigError, RangeError, RecordError, UsageError
-from procedures.study.description import MOST_CELLS, Study, StudyFile, Value, read_study, study_of
-from procedures.study.results import Results, coordinate, read_results
+from instrument.errors import BenchError, RangeError, RecordError, UsageError
+from procedures.report.study import plot_study
+from procedures.study.description import Value
+from procedures.study.results import Results, read_results
 from procedures.study.run import run
 from procedures.study.store import DATABASE, Store
 from tests.procedures.conftest import silent
+from tests.procedures.studies import GRID, RANDOM, study_from
 
 Cell = Mapping[str, Value]
-
-GRID = """
-name = "grid"
-loads = "1 N, 2 N"
-
-[axes]
-scene = ["near", "far"]
-seed = "1-3"
-sample = ["1", "2"]
-"""
-RANDOM = """
-name = "random"
-random = { cells = 40, seed = 5 }
-
-[axes]
-seed = "1-1000"
-modulus = { low = "10 kPa", high = "1000 kPa", scale = "log" }
-effects.white_noise.density = { low = "1 µV/√Hz", high = "2 µV/√Hz" }
-effects.glue_clamping.factor = { low = 0.25, high = 0.5 }
-model = ["column", "beam"]
-"""
-
-
-def study_from(text: str) -> Study:
-    return study_of(parse(text.encode(), StudyFile, "study.toml"), "study.toml")
 
 
 def evaluate(cell: Cell) -> Iterator[dict[str, Any]]:
@@ -91,29 +67,6 @@ def done(folder: Path, executor: Executor, asked: str = GRID, evaluate: Callable
 @pytest.fixture
 def whole(tmp_path: Path) -> Results:
     return done(tmp_path / "whole", ThreadPoolExecutor(1))
-
-
-def test_a_grid_has_every_combination_and_the_last_axis_goes_fastest() -> None:
-    study = study_from(GRID.replace('sample = ["1", "2"]', 'sample = "1-4"'))
-    assert len(study) == 24
-    assert study.cell(0) == {"scene": "near", "seed": 1, "sample": "1"}
-    assert study.cell(7) == {"scene": "near", "seed": 2, "sample": "4"}
-    assert study.cell(12) == {"scene": "far", "seed": 1, "sample": "1"}
-    assert len({tuple(study.varied(i).items()) for i in range(24)}) == 24
-
-
-def test_draws_lie_in_their_ranges_and_do_not_depend_on_how_many_there_are() -> None:
-    study, fewer = study_from(RANDOM), study_from(RANDOM.replace("cells = 40", "cells = 4"))
-    assert [fewer.cell(i) for i in range(4)] == [study.cell(i) for i in range(4)]
-    assert study.cell(0) != study_from(RANDOM.replace("seed = 5", "seed = 6")).cell(0)
-    cells = [study.varied(i) for i in range(40)]
-    moduli, unit = coordinate([cell["modulus"] for cell in cells])
-    numbers = [float(value) for value in moduli]
-    assert unit == "kPa"
-    assert all(10 <= value <= 1000 for value in numbers)
-    assert 10 < sum(value < 100 for value in numbers) < 30  # half of them, by the logarithm
-    assert all(0.25 <= float(cell["effects.glue_clamping.factor"]) <= 0.5 for cell in cells)
-    assert {cell["model"] for cell in cells} == {"column", "beam"}
 
 
 def test_the_results_are_the_same_bytes_whatever_computes_them(whole: Results, tmp_path: Path) -> None:
@@ -195,6 +148,15 @@ def test_a_damaged_study_is_told(at: str, whole: Results, tmp_path: Path) -> Non
         read_results(tmp_path / "whole")
 
 
+def test_a_study_whose_cells_all_fail_has_an_empty_table(tmp_path: Path) -> None:
+    results = done(tmp_path, ThreadPoolExecutor(1), GRID.replace('"near", "far"', '"far"').replace('"1-3"', "[2]"))
+    assert [mean.force_ratio for mean in results.means()] == [None, None]
+    for to in ("csv", "parquet"):
+        assert results.export(to, tmp_path).exists()
+    assert plot_study(results, tmp_path).exists()
+    assert results.dataset().reason.sel(sample="1").item() == "the far scene is too far; go nearer"
+
+
 def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="holds no study"):
         read_results(tmp_path)
@@ -247,51 +209,6 @@ def test_the_dataset_of_draws_goes_by_cells(tmp_path: Path) -> None:
     assert found.modulus.attrs == {"units": "kPa"}
     assert found.force_ratio.isel(load_N=0).values.tolist() == found.modulus.values.tolist()
     assert "modulus_kPa" in results.table().columns
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "complaint"),
-    [
-        ('name = "grid"', "", "name: is missing"),
-        ("loads", "load", r"load: unknown key \(did you mean 'loads'\?\)"),
-        ('"1 N, 2 N"', '"10 N"', "load 10 N peak to peak takes a peak force"),
-        ("sample =", "smaple =", r"axes.smaple: unknown axis 'smaple' \(did you mean 'sample'\?\)"),
-        ('sample = ["1", "2"]', 'sample = ["1", "7"]', "axes.sample: unknown sample '7'"),
-        ('sample = ["1", "2"]', 'design = ["singel"]', r"axes.design: unknown design 'singel' \(did you mean 'single'"),
-        ('sample = ["1", "2"]', "sample = []", r"axes.sample: \[\] is no list of values"),
-        ('sample = ["1", "2"]', 'sample = ["1", "1"]', "axes.sample: a value is given twice"),
-        ('sample = ["1", "2"]', 'modulus = ["-1 kPa"]', "axes.modulus: '-1 kPa' is no modulus"),
-        ('sample = ["1", "2"]', 'modulus = { low = "1 kPa", high = "2 kPa" }', "axes.modulus: a range is drawn from"),
-        ('"1-3"', '"3-1"', "axes.seed: seeds '3-1' run backwards"),
-        ('"1-3"', '"1-100000"', f"400000 cells of 2 loads are more than the {MOST_CELLS} cells"),
-        ('"1-3"', "[-1]", "axes.seed: -1 is no seed"),
-        ('name = "grid"', 'name = "g"\nhow = "fast"', "how: Input should be 'closed form' or 'bench'"),
-    ],
-)  # fmt: skip
-def test_what_is_no_study_is_refused(old: str, new: str, complaint: str) -> None:
-    assert old in GRID
-    with pytest.raises(ConfigError, match=f"^study.toml: {complaint}"):
-        study_from(GRID.replace(old, new))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "complaint"),
-    [
-        ('low = "10 kPa"', 'low = "2000 kPa"', "does not increase"),
-        ('low = "10 kPa"', 'low = "10 Pa"', "has two units"),
-        ('low = "10 kPa"', 'lwo = "10 kPa"', r"lwo: unknown key \(did you mean 'low'\?\)"),
-        ('low = "10 kPa"', 'low = "0 kPa"', "above 0 where its scale is 'log'"),
-        ('["column", "beam"]', '{ low = "a", high = "b" }', "has no range to draw from"),
-    ],
-)
-def test_what_cannot_be_drawn_from_is_refused(old: str, new: str, complaint: str) -> None:
-    assert old in RANDOM
-    with pytest.raises(ConfigError, match=complaint):
-        study_from(RANDOM.replace(old, new))
-
-
-def test_the_example_is_a_study() -> None:
-    assert len(read_study(Path(__file__).parents[1] / "examples" / "study.toml")) == 120
 
 
 def test_what_cannot_be_stored_is_told(tmp_path: Path) -> None:
