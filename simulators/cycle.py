@@ -1,131 +1,239 @@
-"""Transitions that recur: what a piecewise linear system does in every period once its guards see the same again.
+"""Transitions that recur, as phases of the drive: what a piecewise linear system does in every period.
 
-Behind what the guards see there can be slow states that only listen, such as amplifiers. They need not have settled:
-from one period to the next they change by the same linear map, whose powers are known.
+Samples of many periods are found together, each in closed form: by the stay that its phase belongs to. Slow states
+that only listen, such as amplifiers, need not have settled: what they are off goes on by itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import functools
+import itertools
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-from simulators.lti import Floats, Periodic, StateSpace
+from simulators.lti import CYCLE, HERTZ, SECOND, Complexes, Floats, Periodic, Rows, StateSpace, Steady, Times
 
 if TYPE_CHECKING:
-    from simulators.path import Mode, Stretch
+    from simulators.path import Guard, Mode
 
-REPEATED = 1e-13  # of the largest that each state has been: so close it is the same one period later
-KEPT = 200  # periods whose stretches are kept
+STEPS = 8  # of Newton, to a root that is known to the nanosecond
+CLOSE = 10.0  # ns: so far from the nanosecond at which it was found a root may be
+LOST = 1e-17  # of the size of an output
+LEAST = -100.0  # exponent of what is left of a mode
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
-    """A moment at which the drive has repeated, in the stretch that holds it."""
+class Leg:
+    """A stay of each period, from a phase [cycles after the drive's first] and a state (s,) on, until a guard fails."""
 
-    time_ns: int
-    stay: Stretch
+    begin: float
+    mode: Mode
+    steady: Steady
+    state: Floats
+    failed: Guard | None
 
-    def state(self) -> Floats:
-        """(s,)."""
-        return self.stay.moment(self.time_ns)
+    @functools.cached_property
+    def modes(self) -> tuple[Complexes, Complexes, Complexes]:
+        """Rates (m,), shapes (s, m) and their inverse (m, s) of modes that turn forward, which come first and count
+        for both of a pair, or not at all."""
+        modes = self.mode.system.motion.modes
+        assert modes is not None
+        rates, shapes, inverse = modes
+        order = np.lexsort((rates.real, -rates.imag))
+        order = order[rates.imag[order] >= 0]
+        return rates[order], shapes[:, order] * np.where(rates.imag[order] > 0, 2.0, 1.0), inverse[order]
+
+    def moment(self, cycles: float) -> Floats:
+        """The state (s,) at a phase."""
+        gap = self.state - periodic(self.steady, self.begin)
+        elapsed_ns = (cycles - self.begin) * period_of(self.steady.inputs)
+        state: Floats = periodic(self.steady, cycles) + self.mode.system.motion.moment(gap, elapsed_ns)
+        return state
+
+    def end(self, near: float) -> float | None:
+        """The phase at which its guard fails, from one within nanoseconds of it; None if it is not there."""
+        assert self.failed is not None
+        (row,), (inputs,) = self.failed.row
+        system, period_ns = self.mode.system, period_of(self.steady.inputs)
+        cycles = near
+        at_once = abs(self.begin - near) <= CLOSE / period_ns
+        if at_once and float(row @ self.state + inputs @ inputs_at(self.steady.inputs, self.begin)[0]) < 0:
+            return self.begin
+        for _ in range(STEPS):
+            state, (u, rates) = self.moment(cycles), inputs_at(self.steady.inputs, cycles)
+            slope = float(row @ (system.a @ state + system.b @ u) + inputs @ rates) * period_ns / SECOND
+            if not slope:
+                return None
+            step = float(row @ state + inputs @ u) / slope
+            cycles -= step
+            if not abs(cycles - near) <= CLOSE / period_ns:
+                return None
+            if abs(step) <= 1e-16:
+                break
+        return max(cycles, self.begin)
+
+
+def period_of(inputs: tuple[Periodic, ...]) -> float:
+    """[ns]."""
+    return SECOND * HERTZ / inputs[0].frequency
+
+
+def _turn(base: Periodic, cycles: float) -> Complexes:
+    turn: Complexes = np.exp(2j * np.pi * ((base.start_phase / CYCLE + cycles) * base.order))
+    return turn
+
+
+def inputs_at(inputs: tuple[Periodic, ...], cycles: float) -> tuple[Floats, Floats]:
+    """Values and rates (m,)."""
+    values, rates = [], []
+    for u in inputs:
+        waves = u.amplitude * _turn(u, cycles)
+        values.append(u.mean + float(waves.sum().real))
+        rates.append(float((2j * np.pi * (u.frequency / HERTZ) * u.order * waves).sum().real))
+    return np.array(values), np.array(rates)
+
+
+def periodic(steady: Steady, cycles: float) -> Floats:
+    """The state (s,) without the transient."""
+    state = steady.mean.copy()
+    for u, waves in zip(steady.inputs, steady.waves, strict=True):
+        state += (waves @ _turn(u, cycles)).real
+    return state
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Functions of time: their means in all legs (p, l), and their weights (p, l) on waves, by the waves' numbers."""
+
+    means: Floats
+    waves: dict[int, Floats]
+
+
+class Moments:
+    """Times, and the waves then: cosines and sines of the drive, then two for each of the legs' modes.
+
+    legs: the leg of each time (n,).
+    """
+
+    def __init__(self, legs: npt.NDArray[np.int64], since: Floats, turns: Floats, rates: Sequence[Complexes]) -> None:
+        self.legs = legs
+        self._since, self._rates, self._turns = since, rates, len(turns)
+        self._waves = dict(enumerate(turns))
+
+    def wave(self, number: int) -> Floats:
+        """(n,)."""
+        if number not in self._waves:
+            mode, sine = divmod(number - self._turns, 2)
+            rates = self._rates[mode]
+            wave: Floats = np.exp(np.maximum(rates.real[self.legs] * self._since, LEAST))
+            if rates.imag.any():
+                angle = rates.imag[self.legs] * self._since
+                wave *= np.sin(angle) if sine else np.cos(angle)
+            self._waves[number] = wave
+        found: Floats = self._waves[number]
+        return found
 
 
 class Cycle:
-    """What recurs from a section on.
+    """What recurs from a moment on, `start_ns`.
 
     Args:
-        stays: of one period, the first and the last cut at its ends.
-        state: (s,) at the beginning of the recurrence.
-        listeners: the states that no guard sees. gain: how they are by themselves. lag: how far they are, where the
-            recurrence begins, from where they will settle.
+        legs: of one period, with listeners as they will settle.
+        listeners: the states that no guard sees. alone: how they are by themselves. lag: how far they are at the start
+            from how they will settle.
     """
 
     def __init__(
-        self,
-        start_ns: int,
-        period_ns: int,
-        stays: Sequence[Stretch],
-        inputs: tuple[Periodic, ...],
-        state: Floats,
-        listeners: list[int],
-        alone: StateSpace,
-        lag: Floats,
+        self, start_ns: int, legs: Sequence[Leg], listeners: list[int], alone: StateSpace, lag: Floats
     ) -> None:
         self.start_ns = start_ns
-        self._period, self._stays, self._inputs = period_ns, stays, inputs
-        self._state, self._listeners, self._alone, self._lag = state, listeners, alone, lag
-        self._found: dict[int, list[Stretch]] = {}
+        self._legs, self._listeners, self._alone, self._lag = legs, listeners, alone, lag
+        self._begins = np.array([leg.begin for leg in legs])
+        self._inputs = legs[0].steady.inputs
+        # (l,) of the first mode in each leg, of the second, ...; 0 where there are no more
+        own = itertools.zip_longest(*(leg.modes[0].tolist() for leg in legs), fillvalue=0j)
+        self._rates = [np.array(rates) for rates in own]
+        self._tables: dict[tuple[str, int, int], Table] = {}
+        self._last: dict[tuple[int, int, int, int], Moments] = {}
 
-    def between(self, first_ns: int, last_ns: int) -> list[Stretch]:
-        """Stretches of all periods that hold any of the times."""
-        first = max((first_ns - self.start_ns) // self._period, 0)
-        stays = []
-        for number in range(first, (last_ns - self.start_ns) // self._period + 1):
-            if number not in self._found:
-                self._found[number] = self._live(number)
-            stays += self._found[number]
-        for number in sorted(self._found)[:-KEPT]:
-            del self._found[number]
-        return stays
+    def at(self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int) -> Floats:
+        """Some of the system's outputs or of what is made of them, (p, n), at times from the start on."""
+        table, moments = self._table((name, rows.start, rows.stop), row), self._moments(time_ns, step_ns)
+        value = table.means.take(moments.legs, axis=1)
+        for number, weights in table.waves.items():
+            value += weights.take(moments.legs, axis=1) * moments.wave(number)
+        listened = row(self._legs[0].mode.system)[0][:, self._listeners]
+        value -= self._alone.motion.seen(listened, self._lag, time_ns - self.start_ns, step_ns)
+        return value
 
-    def _live(self, number: int) -> list[Stretch]:
-        """The stretches of one period, whatever others were asked for."""
-        elapsed_ns = number * self._period
-        begin_ns = self.start_ns + elapsed_ns
-        state = self._state.copy()
-        if number:
-            state[self._listeners] += self._lag - self._alone.motion.moment(self._lag, elapsed_ns)
-        lived = []
-        for stay in self._stays:
-            end_ns = min(stay.end_ns + self._period + elapsed_ns, begin_ns + self._period)
-            start_ns = max(stay.start_ns + self._period + elapsed_ns, begin_ns)
-            lived.append(replace(stay, start_ns=start_ns, end_ns=end_ns, state=state))
-            _, state = lived[-1].after(self._inputs)
-        return lived
+    def state(self, time_ns: int) -> Floats:
+        """The state (s,) at a time from the start on."""
+        cycles = self._cycles(time_ns)
+        state = self._leg(cycles).moment(cycles)
+        state[self._listeners] -= self._alone.motion.moment(self._lag, time_ns - self.start_ns)
+        return state
+
+    def mode_at(self, time_ns: int) -> Mode:
+        """The mode at a time from the start on."""
+        return self._leg(self._cycles(time_ns)).mode
+
+    def modes(self, first_ns: int, last_ns: int) -> list[Mode]:
+        """All modes from one time to another, one after the other."""
+        drive = self._inputs[0]
+        first, last = (drive.frequency * (time - drive.start_ns) / CYCLE for time in (first_ns, last_ns))
+        periods = range(int(first), int(last) + 1)
+        all_legs = [(period + leg.begin, leg.mode) for period in periods for leg in self._legs]
+        begins = [begin for begin, _ in all_legs]
+        return [mode for _, mode in all_legs[bisect_right(begins, first) - 1 : bisect_right(begins, last)]]
+
+    def _cycles(self, time_ns: int) -> float:
+        drive = self._inputs[0]
+        return (drive.frequency * (time_ns - drive.start_ns)) % CYCLE / CYCLE
+
+    def _leg(self, cycles: float) -> Leg:
+        return self._legs[bisect_right(self._begins.tolist(), cycles) - 1]
+
+    def _moments(self, time_ns: Times, step_ns: int) -> Moments:
+        """What all functions of time share; kept, as voltages and their rates are asked for one after the other."""
+        key = (int(time_ns[0]), int(time_ns[-1]), len(time_ns), step_ns)
+        if not step_ns or key not in self._last:
+            drive = self._inputs[0]
+            cycles = ((drive.phase(time_ns) - drive.start_phase) % CYCLE) / CYCLE
+            legs = np.searchsorted(self._begins, cycles, side="right") - 1
+            since = (cycles - self._begins[legs]) * (period_of(self._inputs) / SECOND)
+            one = np.eye(len(drive.order))
+            turns = drive.summed(np.concatenate([one, -1j * one]), time_ns, step_ns)
+            self._last = {key: Moments(legs, since, turns, self._rates)}
+        return self._last[key]
+
+    def _table(self, key: tuple[str, int, int], row: Callable[[StateSpace], Rows]) -> Table:
+        if key not in self._tables:
+            means, weights = zip(*(self._seen(leg, row(leg.mode.system)) for leg in self._legs), strict=True)
+            waves = enumerate(np.array(weights).transpose(1, 2, 0).copy())
+            self._tables[key] = Table(np.array(means).T, {number: wave for number, wave in waves if wave.any()})
+        return self._tables[key]
+
+    def _seen(self, leg: Leg, rows: Rows) -> tuple[Floats, Floats]:
+        """Mean (p,) of rows @ state and inputs in a leg, and weights (w, p) of the waves; 0 where lost in rounding."""
+        inputs, gap = leg.steady.inputs, leg.state - periodic(leg.steady, leg.begin)
+        mean, _ = leg.steady.harmonics(rows)
+        phasors = np.zeros((len(mean), len(inputs[0].order)), complex)
+        for number, (u, waves) in enumerate(zip(inputs, leg.steady.waves, strict=True)):
+            if len(u.order):
+                phasors += rows[0] @ waves + np.outer(rows[1][:, number], u.amplitude)
+        rates, shapes, inverse = leg.modes
+        modes = np.zeros((len(self._rates), len(mean)), complex)
+        modes[: len(rates)] = ((rows[0] @ shapes) * (inverse @ gap)).T
+        weights = np.concatenate([phasors.real.T, -phasors.imag.T, _split(modes)])
+        weights[np.abs(weights) < LOST * (np.abs(mean) + np.abs(weights).sum(axis=0))] = 0.0
+        return mean, weights
 
 
-def recurrence(
-    before: Section, now: Section, stays: Sequence[Stretch], largest: Floats, inputs: tuple[Periodic, ...]
-) -> Cycle | None:
-    """What recurs after two sections one period apart, or None where something is not yet as it was.
-
-    Args:
-        stays: from the one that holds the first section to the one that holds the second.
-        largest: that each state (s,) has been.
-    """
-    if before.stay.mode is not now.stay.mode:
-        return None
-    modes = [stay.mode for stay in stays]
-    seen = seen_states(modes)
-    was, state = before.state(), now.state()
-    if (np.abs(state - was) > REPEATED * largest)[seen].any():
-        return None
-    listeners = [k for k in range(len(state)) if k not in seen]
-    alone = modes[0].system.part(listeners)
-    if any((mode.system.part(listeners).a != alone.a).any() for mode in modes):
-        return None
-    period_ns = now.time_ns - before.time_ns
-    once = np.array([alone.motion.moment(column, period_ns) for column in np.eye(len(listeners))]).T
-    change = alone.motion.moment((state - was)[listeners], period_ns)
-    try:
-        lag = np.linalg.solve(np.eye(len(listeners)) - once, change) if listeners else change
-    except np.linalg.LinAlgError:  # a listener that forgets nothing has no state to settle at
-        return None
-    return Cycle(now.time_ns, period_ns, stays, inputs, state, listeners, alone, lag)
-
-
-def seen_states(modes: Sequence[Mode]) -> list[int]:
-    """The states that guards of these modes depend on, now or later."""
-    size = modes[0].system.order
-    linked = np.zeros((size, size), bool)
-    seen = np.zeros(size, bool)
-    for mode in modes:
-        linked |= mode.system.a != 0
-        for guard in mode.guards:
-            seen |= guard.row[0][0] != 0
-    for _ in range(size):
-        seen = seen | (seen @ linked)
-    return [int(k) for k in np.flatnonzero(seen)]
+def _split(modes: Complexes) -> Floats:
+    """Weights (2 m, p) of the cosines and sines of modes (m, p)."""
+    return np.stack([modes.real, -modes.imag], axis=1).reshape(2 * len(modes), -1)

@@ -65,10 +65,10 @@ class FreeMotion:
         """exp(A t) x, shape (s, n)."""
         return self.seen(np.eye(len(x)), x, elapsed_ns, 0)
 
-    def moment(self, x: Floats, elapsed_ns: int) -> Floats:
+    def moment(self, x: Floats, elapsed_ns: float) -> Floats:
         """exp(A t) x at one time, (s,)."""
         if self.modes is None:
-            return self.decay(x, np.array([elapsed_ns]))[:, 0]
+            return self.decay(x, np.array([round(elapsed_ns)]))[:, 0]
         rates, shapes, inverse = self.modes
         return np.asarray((shapes @ (np.exp(rates * (1e-9 * elapsed_ns)) * (inverse @ x))).real)
 

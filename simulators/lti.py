@@ -7,6 +7,7 @@ decays with the system's own modes; both are known at any time without stepping.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -66,6 +67,10 @@ class Periodic:
         """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
         if not step_ns:
             return real_product(phasors, self.turns(time_ns))
+        repeat = CYCLE // math.gcd(self.frequency * step_ns, CYCLE)  # after so many times the phases are the same again
+        if repeat <= BLOCK:
+            sums = real_product(phasors, self.turns(time_ns[:repeat]))
+            return np.tile(sums, -(-len(time_ns) // sums.shape[1]))[:, : len(time_ns)]
 
         def heads(begin_ns: Times) -> Floats:
             turned = phasors * self.turns(begin_ns).T[:, np.newaxis]

@@ -4,13 +4,12 @@ A mode is a linear system with guards: outputs that stay at or above zero while 
 next mode begins with the state that the last one left. Inside a mode everything is known in closed form, and so
 is the guarantee that a guard never fails; only where it may fail is its first failure looked for.
 
-A drive that repeats to the nanosecond brings the same transitions in each period, once what the guards see repeats:
-from then on nothing is looked for, and any later moment is reached without living through what lies before it.
+The drive brings the same transitions in each of its periods, once what the guards see repeats: from then on nothing is
+looked for, and any later moment is reached without living through what lies before it.
 """
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,10 +20,11 @@ import numpy as np
 
 from instrument.errors import UnreachableError
 from simulators.crossing import NEVER, Watch
-from simulators.cycle import Cycle, Section, recurrence, seen_states
+from simulators.cycle import Cycle
 from simulators.lti import CYCLE, HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times, Trace
+from simulators.recurrence import Recurrence, Section, recurrence, seen_states
 
-LONGEST = 100 * SECOND  # a drive that repeats later, or not at all, is followed from transition to transition
+LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most
 MOST = 4000  # transitions in one period of the drive
 
@@ -111,9 +111,9 @@ class Path:
         self.start_ns = start_ns
         frequency = inputs[0].frequency
         self._period = SECOND * HERTZ // frequency if frequency else LONGEST
-        self._repeat = CYCLE // math.gcd(frequency, CYCLE) if frequency else NEVER
         self._largest = np.abs(state)
         self._section: Section | None = None
+        self._recurrence: Recurrence | None = None
         self._cycle: Cycle | None = None
         self._crowd = (start_ns, 0)
         self._stretches: list[Stretch] = []
@@ -125,7 +125,7 @@ class Path:
         def row(system: StateSpace) -> Rows:
             return system.c[rows], system.d[rows]
 
-        return self._collect(time_ns, lambda stay, times: stay.trace("outputs", rows, row).at(times, step_ns))
+        return self._collect("outputs", rows, row, time_ns, step_ns)
 
     def rates(self, time_ns: Times, rows: slice, step_ns: int = 0) -> Floats:
         """Rates of some of the outputs (rows, n) [1/s] at ascending times from the change on, all `step_ns` apart."""
@@ -135,42 +135,59 @@ class Path:
             direct = np.outer(system.d[rows, 0], [0.0] * (len(self._inputs) - 1) + [1.0])
             return system.c[rows] @ system.a, system.c[rows] @ system.b + direct
 
-        return self._collect(time_ns, lambda stay, times: stay.trace("rates", rows, row).at(times, step_ns))
+        return self._collect("rates", rows, row, time_ns, step_ns)
 
     def state(self, time_ns: int) -> Floats:
         """The state (s,) at a time from the change on."""
-        return self._between(time_ns, time_ns)[-1].moment(time_ns)
+        cycle = self._recurring(time_ns)
+        return cycle.state(time_ns) if cycle else self._between(time_ns, time_ns)[-1].moment(time_ns)
 
     def mode_at(self, time_ns: int) -> Mode:
         """The mode at a time from the change on."""
-        return self._between(time_ns, time_ns)[-1].mode
+        cycle = self._recurring(time_ns)
+        return cycle.mode_at(time_ns) if cycle else self._between(time_ns, time_ns)[-1].mode
 
     def modes_until(self, time_ns: int) -> list[Mode]:
         """Modes of the last 12 s up to a time, one after the other."""
-        stays = self._between(max(self.start_ns, time_ns - KEPT_NS), time_ns)
-        return [stays[0].mode, *(after.mode for before, after in pairwise(stays) if after.mode is not before.mode)]
+        first_ns = max(self.start_ns, time_ns - KEPT_NS)
+        cycle, modes = self._recurring(time_ns), []
+        if cycle is None or first_ns < cycle.start_ns:
+            last_ns = time_ns if cycle is None else cycle.start_ns - 1
+            modes += [stay.mode for stay in self._between(first_ns, last_ns)]
+        if cycle is not None:
+            modes += cycle.modes(max(first_ns, cycle.start_ns), time_ns)
+        return [modes[0], *(after for before, after in pairwise(modes) if after is not before)]
 
-    def _collect(self, time_ns: Times, of: Callable[[Stretch, Times], Floats]) -> Floats:
-        stays = self._between(int(time_ns[0]), int(time_ns[-1]))
-        if len(stays) == 1:
-            return of(stays[0], time_ns)
-        pieces = np.split(time_ns, np.searchsorted(time_ns, [stay.start_ns for stay in stays[1:]]))
-        return np.concatenate(
-            [of(stay, piece) for stay, piece in zip(stays, pieces, strict=True) if len(piece)], axis=1
+    def _collect(
+        self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int
+    ) -> Floats:
+        cycle, pieces = self._recurring(int(time_ns[-1])), []
+        followed, recurring = np.split(
+            time_ns, [len(time_ns) if cycle is None else time_ns.searchsorted(cycle.start_ns)]
         )
+        if len(followed):
+            stays = self._between(int(followed[0]), int(followed[-1]))
+            parts = np.split(followed, np.searchsorted(followed, [stay.start_ns for stay in stays[1:]]))
+            for stay, part in zip(stays, parts, strict=True):
+                if len(part):
+                    pieces.append(stay.trace(name, rows, row).at(part, step_ns))
+        if len(recurring) and cycle is not None:
+            pieces.append(cycle.at(name, rows, row, recurring, step_ns))
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)
 
-    def _between(self, first_ns: int, last_ns: int) -> list[Stretch]:
-        """The stretches that hold the times from the first to the last."""
+    def _recurring(self, last_ns: int) -> Cycle | None:
+        """What recurs at a time, if anything does then."""
         while self._cycle is None and self._stretches[-1].end_ns <= last_ns:
             self._follow()
+        return self._cycle if self._cycle is not None and last_ns >= self._cycle.start_ns else None
+
+    def _between(self, first_ns: int, last_ns: int) -> list[Stretch]:
+        """The stretches that hold the times from the first to the last, which have been followed."""
         kept_ns = min(first_ns, last_ns - KEPT_NS)
         if self._section is not None:
             kept_ns = min(kept_ns, self._section.time_ns)
-        del self._stretches[: max(bisect_right(self._stretches, kept_ns, key=_start) - 1, 0)]
         stays = self._stretches
-        if self._cycle is not None and last_ns >= self._cycle.start_ns:
-            recurring = self._cycle.between(first_ns, last_ns)
-            stays = stays + recurring if first_ns < self._cycle.start_ns else recurring
+        del stays[: max(bisect_right(stays, kept_ns, key=_start) - 1, 0)]
         low = max(bisect_right(stays, first_ns, key=_start) - 1, 0)
         return stays[low : max(bisect_right(stays, last_ns, key=_start), low + 1)]
 
@@ -197,7 +214,7 @@ class Path:
         end_ns, failed = known.watch.first_failure(start_ns, state[known.seen])
         guard = None if failed is None else mode.guards[failed]
         self._stretches.append(Stretch(start_ns, end_ns, mode, known.steady, state, guard))
-        if self._repeat <= LONGEST:
+        if self._inputs[0].frequency:
             self._look_for_repeat(self._stretches[-1])
 
     def _know(self, mode: Mode) -> _Known:
@@ -213,17 +230,28 @@ class Path:
 
     def _look_for_repeat(self, stay: Stretch) -> None:
         """Compare the state whenever the drive has repeated; a stretch is looked at once, when it is found."""
-        passed = -(-(stay.start_ns - self.start_ns) // self._repeat)
-        time_ns = self.start_ns + passed * self._repeat
+        frequency = self._inputs[0].frequency
+        number = -(-(stay.start_ns - self.start_ns) * frequency // CYCLE)
+        time_ns = self._repeated_ns(number)
         if time_ns >= stay.end_ns:
             return
-        before, now = self._section, Section(time_ns, stay)
-        if before is not None and before.time_ns + self._repeat == time_ns and before.stay is not stay:
+        before, now = self._section, Section(number, time_ns, stay)
+        if self._recurrence is not None and number >= self._recurrence.number:
+            self._cycle, self._recurrence = self._recurrence.begun(now), None
+        elif self._recurrence is None and before and before.number + 1 == number and before.stay is not stay:
             within = self._stretches[self._stretches.index(before.stay) :]
-            self._cycle = recurrence(before, now, within, self._largest, self._inputs)
+            self._recurrence = recurrence(before, now, within, self._largest, self._watch)
         if self._cycle is None and stay.end_ns < NEVER:
-            time_ns += (stay.end_ns - 1 - time_ns) // self._repeat * self._repeat
-            self._section = Section(time_ns, stay)
+            number = (stay.end_ns - 1 - self.start_ns) * frequency // CYCLE
+            self._section = Section(number, self._repeated_ns(number), stay)
+
+    def _repeated_ns(self, number: int) -> int:
+        """The first nanosecond after so many periods of the drive."""
+        return self.start_ns - (-number * CYCLE // self._inputs[0].frequency)
+
+    def _watch(self, mode: Mode) -> tuple[Watch, list[int]]:
+        known = self._know(mode)
+        return known.watch, known.seen
 
 
 def _start(stay: Stretch) -> int:

@@ -20,6 +20,7 @@ from instrument.sample import get_sample
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS
 from simulators.lti import HERTZ, SECOND, Periodic, first_order_high_pass
+from simulators.plan import Question, driven
 from simulators.rig import Rig
 from simulators.scene import Scene, read_scene, shipped
 from simulators.sensor_node import SensorNode
@@ -120,13 +121,9 @@ def _stepped() -> Iterator[Row]:
 
 
 def _lived(scene: Scene, seconds: int) -> None:
-    """Samples of all films from the moment the drive is set."""
-    clock = VirtualClock()
-    rig = Rig(scene, clock)
-    rig.mount(get_sample("2"))
-    rig.set_position(scene.rig.sensor_position)
-    rig.set_voltage(_sine(1.0))
-    node = SensorNode(clock, 1, 1, rig, lambda: None)
+    """Samples of all films from the moment the drive is set to 3 N peak to peak."""
+    rig = driven(scene, Question())
+    node = SensorNode(VirtualClock(), 1, 1, rig, lambda: None)
     count = seconds * SECOND // SAMPLE_NS
     for first in range(1, count + 1, BLOCK):
         time_ns = np.arange(first, min(first + BLOCK, count + 1)) * SAMPLE_NS

@@ -89,8 +89,10 @@ def test_the_closed_form_of_a_linear_scene_is_what_stepping_gives(names: tuple[s
 def integral(rig: Rig, first_ns: int) -> Complexes:
     """Fundamentals of the films over a period, by Gauss' rule between the transitions."""
     period = SECOND * HERTZ // rig.coil_voltage().frequency
-    stays = rig._paths[-1]._between(first_ns, first_ns + period)
-    cuts = [first_ns, *(s.start_ns for s in stays[1:]), first_ns + period]
+    rig.film_voltages(np.array([first_ns]))
+    cycle = rig._paths[-1]._cycle
+    assert cycle is not None and cycle._cycles(first_ns) == 0
+    cuts = [first_ns, *(first_ns + math.ceil(begin * period) for begin in cycle._begins[1:]), first_ns + period]
     total = np.zeros(len(rig.scene.design.films), complex)
     nodes, weights = np.polynomial.legendre.leggauss(24)
     for start, end in itertools.pairwise(cuts):
