@@ -1,0 +1,102 @@
+"""The CAN bus of a served bench on UDP multicast, for a plain master of another process."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import can
+import pytest
+
+from drivers.can import CanLink
+from instrument.contract import PROBE
+from instrument.multicast import MULTICAST, keep_to_group
+from procedures.cli.serving import Wish, serving
+from simulators.bench import Place
+from simulators.scene import Scene
+
+
+@pytest.fixture
+def wish(scene: Scene, nothing_left_behind: None) -> Wish:
+    return Wish(scene, Place(interface=MULTICAST), None, 1.0, 1.0, (), None)
+
+
+@contextmanager
+def plain_bus(channel: str) -> Iterator[can.BusABC]:
+    with can.Bus(interface=MULTICAST, channel=channel, hop_limit=0) as bus:
+        keep_to_group(bus.fileno())
+        yield bus
+
+
+def test_a_plain_can_master_on_multicast_sees_each_sync_sampled_once(wish: Wish) -> None:
+    """The server's own SYNC comes back to it there, and is none of the master's."""
+    with serving(wish) as served:
+        channel = served.description.can.channel
+        with plain_bus(channel) as bus:
+            answers = _Answers(bus)
+            answers.ask(0x601, "2f 00 00 00 00 00 00 00", 0x581)  # no such object
+            bus.send(_frame(0x000, "01 01"))
+            answers.ask(0x601, "23 05 10 00 80 00 00 40", 0x581)  # produces SYNC
+            served.sim.clock.wait(3e-3)
+            answers.ask(0x601, "23 05 10 00 80 00 00 00", 0x581)
+            bus.send(_frame(0x080, ""))
+            answers.until(0x281)
+            counters = [int.from_bytes(m.data[:4], "little") for m in answers.heard if m.arbitration_id == 0x281]
+            while counters[-1] < 4:
+                counters.append(int.from_bytes(answers.until(0x281).data[:4], "little"))
+    assert counters == [1, 2, 3, 4]
+
+
+def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
+    with serving(wish) as served:
+        channel = served.description.can.channel
+        with plain_bus(channel) as bus:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as rude:
+                rude.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+                for data in (b"", b"\xc1\xc1", b"\x93\x01"):
+                    rude.sendto(data, (channel, 43113))
+            for data in ("", "01", "40 00 10"):
+                bus.send(_frame(0x000, data[:2]))
+                bus.send(_frame(0x601, data))
+            answer = _Answers(bus).ask(0x601, "40 00 20 00 00 00 00 00", 0x581)
+    assert answer == f"43002000{PROBE.to_bytes(4, 'little').hex()}"
+
+
+def test_benches_side_by_side_on_multicast_do_not_hear_each_other(wish: Wish) -> None:
+    heard: list[int] = []
+    with serving(wish) as one, serving(wish) as other:
+        link = CanLink(one.description.can)
+        link.tap(lambda _sent, frame: heard.append(frame.arbitration_id))
+        link.open()
+        with plain_bus(other.description.can.channel) as of_theirs, plain_bus(one.description.can.channel) as of_own:
+            assert _Answers(of_theirs).ask(0x601, "40 00 10 00 00 00 00 00", 0x581).startswith("430010")
+            assert _Answers(of_own).ask(0x601, "40 00 20 00 00 00 00 00", 0x581).startswith("430020")
+        link.upload("it", link.add_node(1), 0x2000, 0)
+        link.close()
+    assert sorted(heard) == [0x581, 0x581, 0x601, 0x601]
+
+
+class _Answers:
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self.heard: list[can.Message] = []
+
+    def until(self, cob_id: int) -> can.Message:
+        while True:
+            try:
+                message = self._bus.recv(10)
+            except can.CanOperationError:  # no frame
+                continue
+            assert message is not None
+            self.heard.append(message)
+            if message.arbitration_id == cob_id:
+                return message
+
+    def ask(self, cob_id: int, data: str, answer: int) -> str:
+        self._bus.send(_frame(cob_id, data))
+        return bytes(self.until(answer).data).hex()
+
+
+def _frame(cob_id: int, data: str) -> can.Message:
+    return can.Message(arbitration_id=cob_id, is_extended_id=False, data=bytes.fromhex(data))
