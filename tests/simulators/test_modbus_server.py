@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import tty
 from collections.abc import Iterator
@@ -14,6 +15,8 @@ from pymodbus.framer import FramerRTU
 from instrument.contract import PROBE
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene
+
+LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 
 
 def framed(pdu: bytes, transaction: int = 7, unit: int = 1) -> bytes:
@@ -188,3 +191,19 @@ def test_a_broadcast_is_carried_out_by_all_and_answered_by_none(line: int, serve
     assert on_line(line, f"02 03 {probe:04x} 0002", 7) == f"020304{PROBE:08x}"
     assert before != 2e-3
     assert served.positioner.settings["target"] == 2e-3
+
+
+@pytest.mark.parametrize("rubbish", ["ff" * 300, "01 03 00"])
+def test_rubbish_on_the_line_is_passed_over_in_the_end(line: int, served: SimulatedBench, rubbish: str) -> None:
+    """Nothing marks a frame's beginning, so the requests that follow may be lost with it, but not many of them."""
+    os.write(line, bytes.fromhex(rubbish))
+    probe = served.positioner.contract["probe"].address
+    answer = checked(f"02 03 04 {PROBE:08x}")
+    heard = b""
+    for _ in range(LOST):
+        os.write(line, checked(f"02 03 {probe:04x} 0002"))
+        while select.select([line], [], [], 0.2)[0]:
+            heard += os.read(line, 256)
+        if answer in heard:
+            return
+    raise AssertionError(f"only {heard.hex(' ')} is heard")
