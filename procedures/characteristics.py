@@ -139,9 +139,12 @@ def _film(
         np.array(values) for values in zip(*((p.load_measured_N, p.voltages_V[number]) for p in up), strict=True)
     )
     noise_u = float(np.mean([p.voltages_u[number] for p in up]))
-    line = interpolate(loads, volts, noise_u)
+    # The indicator's steps are in the loads, and over a short span they are most of what the slope may be off by.
+    load_u = float(np.mean([p.load_measured_u for p in up]))
+    reading_u = math.hypot(noise_u, load_u * float(volts.mean() / loads.mean()))
+    line = interpolate(loads, volts, reading_u)
     slope = float(line.coefficients[1])
-    scatter, span = max(line.residual_sd, noise_u), slope * float(np.ptp(loads))
+    scatter, span = max(line.residual_sd, reading_u), slope * float(np.ptp(loads))
     top = up[-1]
     signal, noise = top.voltages_V[number] / math.sqrt(8), top.noise_V[number]
     resolution = SEEN * noise_u / slope
