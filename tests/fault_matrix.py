@@ -33,7 +33,7 @@ from simulators.scene import Scene
 from tests.fault_procedures import PROCEDURES, Found, scene, wrong
 
 PROCESSES_A_CORE = 4
-HASTY = "0.3 s"  # of the wall: where it is too short for a busy machine, one more thing fails, and the verdict holds
+HASTY = "0.5 s"  # of the wall: where it is too short for a busy machine, one more thing fails, and the verdict holds
 ONCE, STAYS = "once", "stays"
 LONG = "100000 s"
 A_WHILE = "1 s"  # a single frame is a heartbeat as often as a sample
