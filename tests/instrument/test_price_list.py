@@ -1,4 +1,4 @@
-"""The cheapest model that meets a tolerance: on a list made up for it, and on the one that comes with palpate."""
+"""The cheapest model that meets a tolerance, on a list made up for it; `test_stored_prices.py` has the real one."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 from instrument.design import Design
-from instrument.designs import DESIGNS, get_design
+from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError
 from instrument.load import Load
 from instrument.models import axisymmetric, price_list, solid
-from instrument.models.axisymmetric import solve
 from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters
+from instrument.models.parameters import RoundParameters, SolidParameters
 from instrument.models.price import Machine, Price, Reference
 from instrument.models.price_list import (
     AUTO_TOLERANCE,
@@ -24,8 +23,7 @@ from instrument.models.price_list import (
     fingerprint,
     stored,
 )
-from instrument.models.response import MODELS, response
-from instrument.sample import SAMPLES
+from instrument.models.response import response
 
 Values = tuple[float | None, ...]
 ROUND = get_design("single_round")
@@ -221,84 +219,7 @@ def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: py
     assert (given.model, given.error_estimate) == ("solid", 1e-3)
 
 
-# --- the list that comes with palpate ------------------------------------------------------------------
-
-PRICED = ("single_round", "single", "common_base", "different_base")
-
-
-def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:
-    prices = stored()
-    assert tuple(reference.design for reference in prices.references) == PRICED
-    for design in PRICED:
-        assert {price.model for price in prices.prices if price.design == design} == set(MODELS)
-    assert prices.machine.cpu and prices.machine.date
-    for entry in prices.prices:
-        assert len(entry.errors) == len(entry.estimates) == len(prices.moduli_Pa) - 1
-        assert entry.failure or None not in entry.errors
-
-
-@pytest.mark.parametrize("design", PRICED)
-def test_the_stored_list_was_measured_with_the_designs_as_they_are(design: str) -> None:
-    loads = [PHYSICAL.load(sample.modulus) for sample in SAMPLES.values()]
-    assert stored().vouches(DESIGNS[design], loads)
-
-
-def test_estimates_in_the_stored_list_are_not_optimistic() -> None:
-    references = {reference.design: max(reference.uncertainties) for reference in stored().references}
-    checked = 0
-    for entry in stored().prices:
-        # Of the single sensor the round model has an error that its estimate does not know of: the outline.
-        if entry.model == "axisymmetric" and entry.design != "single_round":
-            continue
-        for error, estimate in zip(entry.errors, entry.estimates, strict=True):
-            if error is not None and estimate is not None:
-                assert error <= estimate + 2 * references[entry.design]
-                checked += 1
-    assert checked > 30
-
-
-def test_more_elements_or_nodes_have_smaller_errors_in_the_stored_list() -> None:
-    for design, model in (("single_round", "axisymmetric"), ("single_round", "surface"), ("single", "solid")):
-        errors = [p.errors[1] for p in stored().prices if (p.design, p.model) == (design, model)]
-        assert len(errors) >= 4 and None not in errors
-        assert errors == sorted(errors, key=lambda error: -float(error or 0))
-
-
-def test_a_stored_error_is_met_now() -> None:
-    """The finite elements' at one modulus and refinement."""
-    prices = stored()
-    reference = next(reference for reference in prices.references if reference.design == "single_round")
-    modulus, true = prices.moduli_Pa[2], reference.force_ratios[2]
-    now = abs(solve(round_parameters(ROUND, PHYSICAL.load(modulus)), 2).force_ratio - true)
-    (entry,) = (
-        p for p in prices.prices if (p.design, p.model, p.refinement) == (ROUND.name, "axisymmetric", "refinement 2")
-    )
-    uncertainty = reference.uncertainties[2]
-    assert entry.errors[1] is not None and now + uncertainty <= entry.errors[1] * (1 + 1e-6)
-    assert now + uncertainty == pytest.approx(max(entry.errors[1], 0.0), rel=0.5)
-
-
-@pytest.mark.parametrize("design", PRICED)
-def test_closed_forms_are_as_far_from_the_surface_as_their_price_says(design: str) -> None:
-    checked = DESIGNS[design]
-    for sample in SAMPLES.values():
-        load = Load(1.0, sample)
-        true = response(checked, load, "surface")
-        for model in ("column", "beam", "experiment"):
-            if not checked.thesis_force_ratio and model == "experiment":
-                continue
-            (promise,) = (
-                p.promise(slice(1, 2)) for p in stored().prices
-                if (p.design, p.model) == (design, model) and p.answer_s is not None
-            )  # fmt: skip
-            apart = abs(response(checked, load, model).force_ratio - true.force_ratio)
-            assert promise is not None and apart <= promise
-
-
-def test_prices_of_another_version_of_the_models_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(price_list, "CODE_VERSION", price_list.CODE_VERSION + 1)
-    assert not stored().vouches(ROUND, [LOAD])
-    assert "no prices were measured" in choose(ROUND, [LOAD], 0.1).why
+# --- its file ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
