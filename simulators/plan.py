@@ -34,6 +34,7 @@ from simulators.steady import POINTS, SETTLED, SteadyState, followed, phasors, s
 PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement
 LOOKED_AT = 2.0  # s of a scene that are searched for transitions
+FOLLOWED = 10.0  # periods of the drive, after which transitions recur as a rule [M]
 RATE = 250.0  # samples a second
 THESIS_RIG = RigParameters()
 THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
@@ -205,6 +206,7 @@ def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -
     if question.steady and path != TRANSITIONS:
         return {**costs, "": A_STEADY_STATE}
     over = SETTLED + 1 / question.frequency if question.steady else question.dwell
+    over = min(over, FOLLOWED / question.frequency)
     samples = (POINTS if question.steady else question.dwell * RATE) * len(scene.design.films)
 
     def states(effects: Mapping[str, Effect]) -> int:
