@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 
 from drivers.bench import Bench
@@ -23,18 +22,16 @@ from procedures.characteristics import (
     evaluate,
 )
 from procedures.film_point import FilmPoint, measure
-from procedures.films import Films, check_nodes
+from procedures.films import check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_loads
+from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, press, withdraw
+from procedures.servo import LoadServo, finish, press
 
 PROCEDURE = "characterise"
 LARGEST_DRIFT_TIME = 86_400.0  # s
 DRIFT_POINTS = 10
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +84,7 @@ def run(
         EstimateError: too few points are valid.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_loads(settings.loads, calibration, extrapolate=False)
-    films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
-    withdraw(bench)
-    check_zero(bench, calibration)
+    films = begin(bench, design, calibration, settings.loads, settings.frequency)
     preloaded = press(bench, calibration, get_sample(settings.sample), preload_for(settings.loads))
     servo = LoadServo(bench, calibration, settings.frequency, preloaded)
     middle = settings.loads[len(settings.loads) // 2]
@@ -100,11 +94,11 @@ def run(
         *((UNLOADING, load) for load in settings.loads[::-1]),
         *((HOLDING, middle) for _ in range(DRIFT_POINTS + 1)),
     ]
-    points: list[FilmsPoint] = []
+    points = Points[FilmsPoint](films, record, progress, len(steps))
     held_ns = 0
     for direction, load in steps:
         what = f"{direction}, {show(load, 'N')}"
-        progress(len(points), len(steps), what)
+        points.tell(what)
         if direction != HOLDING or not held_ns:
             carry_out(bench, what, partial(servo.set, load))
         if direction == HOLDING:
@@ -113,11 +107,9 @@ def run(
             held_ns = held_ns or bench.clock.now_ns()
         measured = measure(films, servo, load, settings.dwell, record, what)
         point = _point(direction, load, 1e-9 * (bench.clock.now_ns() - held_ns) if held_ns else 0.0, measured)
-        record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
-        points.append(point)
-        progress(len(points), len(steps), what)
+        points.keep(point, measured, what)
     finish(bench, calibration)
-    return evaluate(points, design, calibration, settings.dwell, bench.force_limit)
+    return evaluate(points.taken, design, calibration, settings.dwell, bench.force_limit)
 
 
 def _point(direction: str, load: float, time: float, measured: FilmPoint) -> FilmsPoint:

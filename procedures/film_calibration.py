@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
@@ -18,17 +17,15 @@ from instrument.errors import DeviceError, RangeError
 from instrument.estimate import SineFit
 from instrument.film_calibration import FEWEST, FilmCalibration, FilmReading, calibrate_films
 from procedures.film_point import measure
-from procedures.films import Films, check_nodes
+from procedures.films import check_nodes
 from procedures.load_cell import LONGEST_VALIDITY
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_loads
+from procedures.point_by_point import Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, lower, withdraw
+from procedures.servo import LoadServo, finish, lower, withdraw
 
 PROCEDURE = "calibrate-films"
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +92,10 @@ def run(
         UnreachableError, SafetyError, LinkError, EstimateError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_loads(settings.loads, calibration, settings.extrapolate)
-    films = Films(bench, design, settings.frequencies[0], preload_for(settings.loads) + max(settings.loads) / 2)
+    films = begin(bench, design, calibration, settings.loads, settings.frequencies[0], settings.extrapolate)
     total = len(design.teeth) * len(settings.frequencies) * len(settings.loads)
     points: list[dict[str, Any]] = []
     readings: list[FilmReading] = []
-    withdraw(bench)
-    check_zero(bench, calibration)
     for tooth in range(len(design.teeth)):
         progress(len(points), total, f"press tooth {tooth + 1}")
         withdraw(bench)

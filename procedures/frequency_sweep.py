@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -18,21 +18,19 @@ from instrument.frequency_response import TACTILE, Corner, Resonance, fit_corner
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from procedures.film_point import FilmPoint, measure
-from procedures.films import Films, check_nodes
+from procedures.films import check_nodes
 from procedures.load_plan import FREQUENCY_STEP, check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_loads
-from procedures.pause import NOBODY, Pause, pause_here
+from procedures.pause import NOBODY, Pause
 from procedures.plan import FIRST_STEPS, Plan, Step, point_seconds
+from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, press, withdraw
+from procedures.servo import LoadServo, finish, press
 
 PROCEDURE = "sweep-frequency"
 RANGE = (0.1, 100.0)  # Hz
 FEWEST, MOST = 3, 200
 CYCLES = 3  # at least, in a dwell
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,29 +180,21 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_loads((settings.load,), calibration, settings.extrapolate)
     steps = plan(settings, design).steps
-    static = preload_for((settings.load,))
-    films = Films(bench, design, steps[0].frequency_Hz, static + settings.load / 2)
-    withdraw(bench)
-    check_zero(bench, calibration)
-    progress(0, len(steps), f"mount sample {settings.sample}")
-    preloaded = press(bench, calibration, get_sample(settings.sample), static)
-    points = record.finished(FrequencyPoint)
-    for step in steps[len(points) :]:
+    films = begin(bench, design, calibration, (settings.load,), steps[0].frequency_Hz, settings.extrapolate)
+    points = Points(films, record, progress, len(steps), pause, record.finished(FrequencyPoint))
+    points.tell(f"mount sample {settings.sample}")
+    preloaded = press(bench, calibration, get_sample(settings.sample), preload_for((settings.load,)))
+    for step in steps[len(points.taken) :]:
         what = show(step.frequency_Hz, "Hz")
-        progress(len(points), len(steps), what)
-        pause_here(pause, bench, record)
+        points.next(what)
         films.set_frequency(step.frequency_Hz)
         servo = LoadServo(bench, calibration, step.frequency_Hz, preloaded)
         carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, dwell_at(step.frequency_Hz, settings.dwell), record, what)
-        point = _point(design, step.frequency_Hz, measured, servo.amplitude)
-        record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
-        points.append(point)
-        progress(len(points), len(steps), what)
+        points.keep(_point(design, step.frequency_Hz, measured, servo.amplitude), measured, what)
     finish(bench, calibration)
-    return evaluate(points, design)
+    return evaluate(points.taken, design)
 
 
 def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: float) -> FrequencyPoint:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import groupby
@@ -13,23 +13,18 @@ from drivers.bench import Bench
 from instrument.calibration import LoadCellCalibration
 from instrument.design import Design
 from instrument.dwell import Dwell, dwell_of
-from instrument.errors import UnreachableError
 from instrument.estimate import SineFit
 from instrument.film_forces import ToothPoint, film_forces
 from instrument.quantity import show
 from instrument.sample import get_sample
 from instrument.uncertainty import Budget, Component
 from procedures.film_point import DwellChoice, FilmPoint, measure
-from procedures.films import Films
 from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
-from procedures.pause import NOBODY, Pause, pause_here
+from procedures.pause import NOBODY, Pause
+from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, press, withdraw
-
-SMALLEST_LOAD = 2.0  # steps of the indicator
-
-Progress = Callable[[int, int, str], None]
+from procedures.servo import LoadServo, finish, press
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,46 +123,21 @@ def run(
         RangeError: the noise of a point asks for too long a dwell; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_loads(settings.loads, calibration, settings.extrapolate)
     steps = plan(settings, design).steps
-    points = record.finished(LoadPoint)
-    films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
-    withdraw(bench)
-    check_zero(bench, calibration)
-    for name, of_sample in groupby(steps[len(points) :], lambda step: step.sample):
-        progress(len(points), len(steps), f"mount sample {name}")
+    films = begin(bench, design, calibration, settings.loads, settings.frequency, settings.extrapolate)
+    points = Points(films, record, progress, len(steps), pause, record.finished(LoadPoint))
+    for name, of_sample in groupby(steps[len(points.taken) :], lambda step: step.sample):
+        points.tell(f"mount sample {name}")
         preloaded = press(bench, calibration, get_sample(name), preload_for(settings.loads))
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
         for step in of_sample:
             what = f"sample {name}, {show(step.load_N, 'N')}"
-            progress(len(points), len(steps), what)
-            pause_here(pause, bench, record)
+            points.next(what)
             carry_out(bench, what, partial(servo.set, step.load_N))
             measured = measure(films, servo, step.load_N, _dwell(settings, design), record, what)
-            point = _point(design, calibration, step, measured)
-            record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
-            points.append(point)
-            progress(len(points), len(steps), what)
+            points.keep(_point(design, calibration, step, measured), measured, what)
     finish(bench, calibration)
-    return evaluate(points, design)
-
-
-def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
-    """Refuse loads [N, peak to peak] that the load cell does not tell.
-
-    Raises:
-        UnreachableError: below what the indicator resolves.
-        RangeError: outside the calibrated range, and not allowed to `extrapolate`.
-    """
-    smallest = SMALLEST_LOAD * calibration.resolution()
-    if min(loads) < smallest:
-        raise UnreachableError(
-            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
-            f"ask for {show(smallest, 'N', 3)} or more"
-        )
-    if not extrapolate:
-        for load in loads:
-            calibration.check_range(load)
+    return evaluate(points.taken, design)
 
 
 def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:

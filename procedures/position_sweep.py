@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,14 +19,14 @@ from instrument.quantity import show
 from instrument.sample import get_sample
 from instrument.thesis import read_table
 from procedures.film_point import FilmPoint, measure
-from procedures.films import Films, check_nodes
+from procedures.films import check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_loads
-from procedures.pause import NOBODY, Pause, pause_here
+from procedures.pause import NOBODY, Pause
 from procedures.plan import Plan, Step, point_seconds
+from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, lower, withdraw
+from procedures.servo import LoadServo, finish, lower, withdraw
 
 PROCEDURE = "sweep-position"
 FEWEST = 2
@@ -35,8 +35,6 @@ DOUBT = (
     "Table A2.7 prints neither the object nor the shape of its load, and its force hardly depends on the place of a"
     " load beside a tooth, which an elastic object's does: it is shown beside, not to be met"
 )
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,31 +145,22 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_loads((settings.load,), calibration, settings.extrapolate)
-    static = preload_for((settings.load,))
-    films = Films(bench, design, settings.frequency, static + settings.load / 2)
-    withdraw(bench)
-    check_zero(bench, calibration)
-    total = len(settings.positions)
-    progress(0, total, f"mount sample {settings.sample}")
+    films = begin(bench, design, calibration, (settings.load,), settings.frequency, settings.extrapolate)
+    points = Points[PositionPoint](films, record, progress, len(settings.positions), pause)
+    points.tell(f"mount sample {settings.sample}")
     bench.operator.mount(get_sample(settings.sample))
-    points: list[PositionPoint] = []
     for position in settings.positions:
         what = show(position, "m")
-        progress(len(points), total, what)
-        pause_here(pause, bench, record)
+        points.next(what)
         withdraw(bench)
         bench.operator.place_probe(*_at(design, position))
-        preloaded = lower(bench, calibration, static, f"sample {settings.sample} at {what}")
+        preloaded = lower(bench, calibration, preload_for((settings.load,)), f"sample {settings.sample} at {what}")
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
         carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, settings.dwell, record, what)
-        point = _point(design, settings, position, measured)
-        record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
-        points.append(point)
-        progress(len(points), total, what)
+        points.keep(_point(design, settings, position, measured), measured, what)
     finish(bench, calibration)
-    return evaluate(points)
+    return evaluate(points.taken)
 
 
 def _at(design: Design, position: float) -> tuple[float, float]:
@@ -206,7 +195,7 @@ def _point(design: Design, settings: PositionSettings, position: float, measured
         found_low_mm=1e3 * found.low,
         found_high_mm=1e3 * found.high,
         found_force_N=forces.force_total_N,
-        found_force_u=forces.force_total_N * base.scatter,
+        found_force_u=forces.force_total_u,
         valid=measured.valid,
         settling_s=measured.settling,
         attempts=measured.attempts,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -20,19 +20,16 @@ from instrument.quantity import show
 from instrument.sample import Sample
 from instrument.uncertainty import Budget, Component, Kind
 from procedures.film_point import CLIPPED, measure
-from procedures.films import Films
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_loads
 from procedures.model_modulus import COVERAGE, estimate
+from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, press, withdraw
+from procedures.servo import LoadServo, finish, press
 
 PROCEDURE = "softness"
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
 APART = 1.96  # standard uncertainties of a difference, beyond which an order is sure by 95 %
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,19 +151,15 @@ def run(
         SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit)
-    check_loads(settings.loads, calibration, extrapolate=False)
-    points: list[SoftnessPoint] = []
-    total = len(settings.objects) * len(settings.loads)
-    films = Films(bench, design, settings.frequency, preload_for(settings.loads) + max(settings.loads) / 2)
-    withdraw(bench)
-    check_zero(bench, calibration)
+    films = begin(bench, design, calibration, settings.loads, settings.frequency)
+    points = Points[SoftnessPoint](films, record, progress, len(settings.objects) * len(settings.loads))
     for sample in settings.objects:
-        progress(len(points), total, f"mount {sample.name}")
+        points.tell(f"mount {sample.name}")
         preloaded = press(bench, calibration, sample, preload_for(settings.loads))
         servo = LoadServo(bench, calibration, settings.frequency, preloaded)
         for load in settings.loads:
             what = f"{sample.name}, {show(load, 'N')}"
-            progress(len(points), total, what)
+            points.tell(what)
             carry_out(bench, what, partial(servo.set, load))
             measured = measure(films, servo, load, settings.dwell, record, what)
             forces = film_forces(design, measured.fit)
@@ -174,11 +167,9 @@ def run(
                 sample.name, load, measured.load_N, measured.load_u, forces.force_ratio, forces.force_ratio_u,
                 forces.noise_u, measured.valid, measured.flags,
             )  # fmt: skip
-            record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
-            points.append(point)
-            progress(len(points), total, what)
+            points.keep(point, measured, what)
     finish(bench, calibration)
-    return evaluate(points, settings, design)
+    return evaluate(points.taken, settings, design)
 
 
 def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design: Design) -> SoftnessResult:

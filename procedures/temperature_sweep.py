@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -21,22 +21,20 @@ from instrument.interpolation import interpolate
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from procedures.film_point import FilmPoint, measure
-from procedures.films import Films, check_nodes
+from procedures.films import check_nodes
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
-from procedures.load_sweep import check_loads
-from procedures.pause import NOBODY, Pause, pause_here
+from procedures.pause import NOBODY, Pause
 from procedures.plan import Plan, Step, point_seconds
+from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, check_zero, finish, press, withdraw
+from procedures.servo import LoadServo, finish, press
 
 PROCEDURE = "sweep-temperature"
 RANGE = (-20.0, 40.0)  # K against the start; PVDF loses its polarisation from about 80 °C on [S]
 FEWEST, MOST = 3, 50
 LONGEST_SOAK = 86400.0  # s
 SETTING = 60.0  # s, for a person to set a temperature [A]
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,33 +189,24 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    check_loads((settings.load,), calibration, settings.extrapolate)
     steps = plan(settings, design).steps
-    static = preload_for((settings.load,))
-    films = Films(bench, design, settings.frequency, static + settings.load / 2)
-    withdraw(bench)
-    check_zero(bench, calibration)
-    progress(0, len(steps), f"mount sample {settings.sample}")
-    servo = LoadServo(
-        bench, calibration, settings.frequency, press(bench, calibration, get_sample(settings.sample), static)
-    )
-    points: list[TemperaturePoint] = []
+    films = begin(bench, design, calibration, (settings.load,), settings.frequency, settings.extrapolate)
+    points = Points[TemperaturePoint](films, record, progress, len(steps), pause)
+    points.tell(f"mount sample {settings.sample}")
+    preloaded = press(bench, calibration, get_sample(settings.sample), preload_for((settings.load,)))
+    servo = LoadServo(bench, calibration, settings.frequency, preloaded)
     for step in steps:
         what = show(step.temperature_K, "K")
-        progress(len(points), len(steps), what)
-        pause_here(pause, bench, record)
+        points.next(what)
         carry_out(bench, "outputs off", bench.rest)
         bench.clock.wait(settings.soak)
         bench.operator.set_temperature(step.temperature_K)
         carry_out(bench, "outputs on", bench.drive)
         carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, settings.dwell, record, what)
-        point = _point(design, step, measured)
-        record.point(asdict(point), measured.waveforms(design), bench.clock.now_ns())
-        points.append(point)
-        progress(len(points), len(steps), what)
+        points.keep(_point(design, step, measured), measured, what)
     finish(bench, calibration)
-    return evaluate(points, design)
+    return evaluate(points.taken, design)
 
 
 def _point(design: Design, step: TemperatureStep, measured: FilmPoint) -> TemperaturePoint:

@@ -15,7 +15,7 @@ from instrument.design import Design
 from instrument.errors import ConfigError, PalpateError
 from instrument.film_calibration import FilmCalibration
 from procedures.cli.options import store
-from procedures.load_sweep import check_loads
+from procedures.point_by_point import check_loads
 from procedures.run import storing
 
 if TYPE_CHECKING:

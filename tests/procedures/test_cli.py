@@ -17,7 +17,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from procedures.cli import palpate as root
-from procedures.load_sweep import Progress
+from procedures.point_by_point import Progress
 from procedures.record import Recorder
 from procedures.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, outputs

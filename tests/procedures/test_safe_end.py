@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from procedures.load_sweep import Progress
+from procedures.point_by_point import Progress
 from procedures.run import Run
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Benches, Palpate, outputs

@@ -18,7 +18,7 @@ from instrument.errors import DeviceError, PalpateError, SafetyError, Unreachabl
 from instrument.sample import SAMPLES
 from procedures import films
 from procedures.films import SHORT_RECORD
-from procedures.load_sweep import Progress
+from procedures.point_by_point import Progress
 from procedures.run import Run
 from procedures.servo import LoadServo, preload
 from simulators.bench import SimulatedBench
@@ -41,8 +41,9 @@ def mount(bench: Bench, sample: str = "2", force: float = PRELOAD) -> LoadServo:
 def stiffen(sim: SimulatedBench, factor: float = 100.0) -> None:
     """The stack becomes much stiffer: a part has come loose and jams."""
     rig = sim.rig
-    assert rig._response is not None
-    rig._response = replace(rig._response, stiffness=factor * rig._response.stiffness)
+    found = rig._mounted.response
+    assert found is not None
+    rig._mounted = replace(rig._mounted, response=replace(found, stiffness=factor * found.stiffness))
     rig._begin()
 
 
