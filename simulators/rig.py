@@ -15,33 +15,24 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.calibration import STANDARD_GRAVITY
-from instrument.design import Film
-from instrument.errors import RangeError
 from instrument.load import Load
-from instrument.models.influence import tooth_shares
-from instrument.models.response import Response, response
+from instrument.models.response import response
 from instrument.sample import Sample
-from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
+from simulators.assembly import chain_of, film_signals
+from simulators.chain import Chain, Touch
 from simulators.clock import NEVER, VirtualClock
 from simulators.effects import EFFECTS
 from simulators.effects.effect import (
-    AmplifierEffect,
     DriveEffect,
-    FilmsEffect,
-    HysteresisEffect,
     LeakEffect,
-    ShakerEffect,
-    SourceEffect,
-    StackEffect,
 )
-from simulators.lti import HERTZ, Floats, Periodic, StateSpace, constant, gain
+from simulators.lti import HERTZ, Floats, Periodic, StateSpace, constant
+from simulators.mounted import Mounted
 from simulators.path import KEPT_NS, Path
 from simulators.randomness import Stream
 from simulators.scene import Scene
 
 BRIDGE_TAU = 0.1  # s, of the indicator's filter as it comes
-SUPPORT_STIFFNESS = 1e6  # N/m, of the rigid support with the load cell below it [A]
-PIN_STIFFNESS = 1e3  # N/m, of the rubber tip of the pin that presses one tooth [A]
 
 
 class Rig:
@@ -54,11 +45,7 @@ class Rig:
         self._films = scene.design.films
         self._streams = {name: Stream(scene.seed, name) for name in scene.effects}
         self._bridge_tau = BRIDGE_TAU
-        self._sample: Sample | None = None
-        self._response: Response | None = None
-        self._on_support = False
-        self._tooth: int | None = None
-        self._probe_at: tuple[float, float] | None = None
+        self._mounted = Mounted(scene.design)
         self.position = 0.0
         self.cell_position = 0.0  # degrees
         self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
@@ -95,9 +82,9 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        self._sample, self._on_support, self._tooth, self._probe_at = sample, False, None, None
         scene = self.scene
-        self._response = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
+        found = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
+        self._mounted = Mounted(scene.design, sample, response=found)
         self._begin()
 
     def place_probe(self, x: float, y: float) -> None:
@@ -105,21 +92,17 @@ class Rig:
 
         Raises RangeError: nothing is mounted, or no model knows what the teeth take there.
         """
-        if self._sample is None or self._on_support:
-            raise RangeError("no sample lies on the sensor: mount one before the point probe is placed")
-        tooth_shares(self.scene.design, self._sample, (x, y))
-        self._probe_at = (x, y)
+        self._mounted = self._mounted.probed(x, y)
         self._begin()
 
     def lay_on_support(self, sample: Sample | None) -> None:
         """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
-        self._sample, self._on_support, self._response = sample, True, None
-        self._tooth = self._probe_at = None
+        self._mounted = Mounted(self.scene.design, sample, on_support=True)
         self._begin()
 
     def press_tooth(self, tooth: int) -> None:
         """A pin stands on one tooth of the sensor, by its number from 0, which takes all the force."""
-        self._sample, self._on_support, self._response, self._tooth = None, False, None, tooth
+        self._mounted = Mounted(self.scene.design, tooth=tooth)
         self._begin()
 
     def place_weight(self, mass: float) -> None:
@@ -244,92 +227,18 @@ class Rig:
             self._paths.popleft()
 
     def _chain(self) -> Chain:
-        rig, effects = self.scene.rig, self.scene.effects.values()
-        armature, limits = Armature(rig.force_constant, rig.coil_resistance, rig.suspension_stiffness), Limits()
-        stack = self._springs()
-        yielding = stack.elastic()
-        plays = Plays(ring=False, radii=(), weights=())
-        for effect in effects:
-            if isinstance(effect, ShakerEffect):
-                armature, limits = effect.shaker(armature, limits)
-            if isinstance(effect, StackEffect):
-                yielding = effect.stack(stack)
-            if isinstance(effect, HysteresisEffect):
-                plays = effect.plays()
-        thickness = self._sample.thickness if self._sample else 0.0
-        return Chain(
-            armature,
-            limits,
-            yielding,
-            advance=self.position - (rig.sensor_position - thickness),
-            plays=plays,
-            before=self._film_signals(),
-            amplifiers=self._amplifiers(),
-            offsets=self._offsets(),
-            bridge_tau=self._bridge_tau,
-            weight=self._weight,
+        return chain_of(
+            self.scene,
+            self._mounted,
+            self._film_signals(),
+            self._leakage(),
+            self.position,
+            self._bridge_tau,
+            self._weight,
         )
 
-    def _springs(self) -> Stack:
-        """The stack's stiffness comes from the column model, its share on the tooth from the scene's model.
-
-        On the rigid support the sample takes the ring's branch, as no film lies below either.
-        """
-        if self._on_support:
-            pad = self._sample
-            compliance = 0.0 if pad is None else pad.thickness / (pad.modulus * pad.area)
-            whole = compliance + 1 / SUPPORT_STIFFNESS
-            return Stack(0.0, 1 / whole, object_share=compliance / whole)
-        if self._tooth is not None:
-            return Stack(PIN_STIFFNESS, 0.0, object_share=1.0)
-        if self._response is None or self._sample is None:
-            return Stack(0.0, 0.0, 0.0)
-        ring = self.scene.design.ring
-        hardness = self._sample.modulus * ring.height / (ring.material.modulus * self._sample.thickness)
-        ratio, stiffness = self._response.force_ratio, self._response.stiffness
-        return Stack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
-
     def _film_signals(self) -> StateSpace:
-        """From tooth force, ring force, the plays' force and 1 to the films' voltages before their amplifiers."""
-        hysteresis = next((e for e in self.scene.effects.values() if isinstance(e, HysteresisEffect)), None)
-        shares = np.zeros((len(self._films), 4))
-        for number, film in enumerate(self._films):
-            part = self._part(film)
-            played = part if hysteresis is not None and film.kind == hysteresis.path else 0.0
-            both = film.kind == "total" or self._probe_at is not None
-            shares[number] = (part, part if both else 0.0, played, 0.0)
-        matrix = np.diag([film.sensitivity for film in self._films])
-        for name, effect in self.scene.effects.items():
-            if isinstance(effect, FilmsEffect):
-                matrix = effect.matrix(self.scene.design, self._streams[name], self._set_at_ns) @ matrix
-        signals = gain(matrix @ shares)
-        for effect in self.scene.effects.values():
-            if isinstance(effect, SourceEffect):
-                signals = signals.plus(effect.source(self.scene.design, self._ambient))
-        return signals
-
-    def _part(self, film: Film) -> float:
-        """Of the force on all teeth, what those of a film take; under a point probe, of the whole force."""
-        if self._on_support:
-            return 0.0
-        if self._tooth is not None:
-            return float(self._tooth in film.teeth)
-        if self._probe_at is not None and self._sample is not None and film.kind != "total":
-            return tooth_shares(self.scene.design, self._sample, self._probe_at)[film.teeth[0]]
-        return len(film.teeth) / len(self.scene.design.teeth)
-
-    def _amplifiers(self) -> list[StateSpace]:
-        """One for each film."""
-        amplifier = next((e for e in self.scene.effects.values() if isinstance(e, AmplifierEffect)), None)
-        if amplifier is None:
-            return [gain(np.eye(1)) for _ in self._films]
-        return [amplifier.system(film, self.scene.design, self._leakage()) for film in self._films]
-
-    def _offsets(self) -> Floats:
-        amplifier = next((e for e in self.scene.effects.values() if isinstance(e, AmplifierEffect)), None)
-        if amplifier is None:
-            return np.zeros(len(self._films))
-        return np.array([amplifier.offset(film, self.scene.design, self._leakage()) for film in self._films])
+        return film_signals(self.scene, self._mounted, self._streams, self._set_at_ns, self._ambient)
 
     def _leak(self) -> LeakEffect | None:
         return next((e for e in self.scene.effects.values() if isinstance(e, LeakEffect)), None)

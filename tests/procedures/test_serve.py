@@ -78,14 +78,14 @@ def test_the_changer_lays_the_next_sample_as_the_probe_comes_home(wish: Wish) ->
         for position, under in ((0.0, first), (2e-3, first), (1e-3, first), (0.0, second), (1e-3, second), (0, second)):
             sim.positioner.write({"target": position, "command": 1.0})
             sim.clock.wait(10.0)
-            assert sim.rig._sample is under
+            assert sim.rig._mounted.sample is under
 
 
 @pytest.mark.parametrize(
     ("line", "seen"),
     [
-        ("mount 3", lambda sim: sim.rig._sample == get_sample("3")),
-        ("lay none", lambda sim: sim.rig._on_support),
+        ("mount 3", lambda sim: sim.rig._mounted.sample == get_sample("3")),
+        ("lay none", lambda sim: sim.rig._mounted.on_support),
         ("weight 240 g", lambda sim: sim.rig._weight == pytest.approx(0.24 * STANDARD_GRAVITY)),
         ("turn 90", lambda sim: sim.rig.cell_position == 90.0),
     ],

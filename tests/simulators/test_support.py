@@ -9,7 +9,8 @@ from instrument.errors import BenchError
 from instrument.sample import SAMPLES
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
-from simulators.rig import SUPPORT_STIFFNESS, Rig
+from simulators.mounted import SUPPORT_STIFFNESS
+from simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, scene
 
 SUSPENSION = 1000.0  # N/m
