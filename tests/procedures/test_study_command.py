@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -119,9 +120,11 @@ seed = "1-2"
 """
 
 
-def threads(*_: object) -> AbstractContextManager[tuple[Executor, int]]:
+@contextmanager
+def threads(*_: object) -> Iterator[tuple[Executor, int]]:
     """In place of processes, which take a second to begin."""
-    return nullcontext((ThreadPoolExecutor(2), 2))
+    with ThreadPoolExecutor(2) as executor:
+        yield executor, 2
 
 
 def told(palpate: Palpate, out: str, *options: str) -> dict[str, Any]:
