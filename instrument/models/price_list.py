@@ -143,7 +143,7 @@ class PriceList(Config):
         )
 
     def require_like(self, machine: Machine, moduli: tuple[float, ...]) -> None:
-        """Raises RangeError: prices of that machine and at those moduli [Pa] do not go with these, whatever the dates."""
+        """Raises RangeError: prices of that machine and at those moduli [Pa] do not go with these; dates may."""
         if machine.model_copy(update={"date": self.machine.date}) != self.machine:
             raise RangeError(
                 f"the stored prices are of {self.machine.described}, and this is {machine.described}; {MEASURE_ALL}"
