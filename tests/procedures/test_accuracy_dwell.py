@@ -105,8 +105,10 @@ def test_the_command_gives_a_table_a_plot_and_json(
     assert {p["estimator"] for p in said["points"]} == set(ESTIMATORS)
     by = {(p["estimator"], p["dwell_s"]): p for p in said["points"]}
     assert by["RMS", 2.0]["bias"] > 0.2  # hum
-    assert by[LEAST_SQUARES, 2.0]["bias"] == pytest.approx(0.02, abs=0.005)  # cables that move with the load
-    assert said["floor"][COHERENT] == pytest.approx(0.02, abs=0.002)
+    found = by[LEAST_SQUARES, 2.0]  # cables move with the load
+    assert 0 < found["bias_u"] < 0.003
+    assert found["bias"] == pytest.approx(0.02, abs=3 * found["bias_u"])
+    assert said["floor"][COHERENT] == pytest.approx(0.02, abs=3 * found["bias_u"])
 
 
 def test_people_see_bound_bias_floor_and_stamp(palpate: Palpate) -> None:
