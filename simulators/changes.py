@@ -32,7 +32,8 @@ from simulators.effects.effect import (
     StackEffect,
 )
 from simulators.fits import fitted, leaks, left_over, transient
-from simulators.lti import HERTZ, StateSpace
+from simulators.lti import StateSpace
+from simulators.periodic import HERTZ
 from simulators.pickup import Additive, bound, largest_within, rounding, signal
 from simulators.randomness import Stream
 

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from simulators.lti import CYCLE, HERTZ, SECOND, Complexes, Floats, Periodic, Rows, StateSpace, Steady, Times
+from simulators.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
+from simulators.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 if TYPE_CHECKING:
     from simulators.path import Guard, Mode

@@ -16,7 +16,8 @@ from instrument.load import Load
 from instrument.models.response import response
 from instrument.sample import Sample
 from simulators.clock import VirtualClock
-from simulators.lti import HERTZ, Floats, Periodic
+from simulators.lti import Floats
+from simulators.periodic import HERTZ, Periodic
 from simulators.plan import CLOSED_FORM, PRELOAD, moves, path_of
 from simulators.rig import Rig
 from simulators.scene import Scene

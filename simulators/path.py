@@ -21,7 +21,8 @@ import numpy as np
 from instrument.errors import UnreachableError
 from simulators.crossing import NEVER, Watch
 from simulators.cycle import Cycle
-from simulators.lti import CYCLE, HERTZ, SECOND, Floats, Periodic, Rows, StateSpace, Steady, Times, Trace
+from simulators.lti import Floats, Rows, StateSpace, Steady, Times, Trace
+from simulators.periodic import CYCLE, HERTZ, SECOND, Periodic
 from simulators.recurrence import Recurrence, Section, recurrence, seen_states
 
 LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted

@@ -26,7 +26,7 @@ from simulators.chain import Touch
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Bound, Case, Effect
-from simulators.lti import HERTZ, Periodic
+from simulators.periodic import HERTZ, Periodic
 from simulators.rig import Rig
 from simulators.scene import RigParameters, Scene, SceneFile
 from simulators.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state

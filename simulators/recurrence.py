@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulators.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
-from simulators.lti import CYCLE, HERTZ, Floats, Periodic, StateSpace
+from simulators.lti import Floats, StateSpace
+from simulators.periodic import CYCLE, HERTZ, Periodic
 
 if TYPE_CHECKING:
     from simulators.crossing import Watch

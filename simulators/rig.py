@@ -26,9 +26,10 @@ from simulators.effects.effect import (
     DriveEffect,
     LeakEffect,
 )
-from simulators.lti import HERTZ, Floats, Periodic, StateSpace, constant
+from simulators.lti import Floats, StateSpace
 from simulators.mounted import Mounted
 from simulators.path import KEPT_NS, Path
+from simulators.periodic import HERTZ, Periodic, constant
 from simulators.randomness import Stream
 from simulators.scene import Scene
 

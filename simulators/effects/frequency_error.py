@@ -12,7 +12,7 @@ from instrument.quantity import Hertz
 from simulators.changes import BEYOND, Change, bound_of, diluted, gains, nonlinear
 from simulators.effects.effect import Bound, Case, DriveEffect, HysteresisEffect, Kind
 from simulators.fits import fitted, left_over
-from simulators.lti import HERTZ
+from simulators.periodic import HERTZ
 from simulators.pickup import Additive
 
 

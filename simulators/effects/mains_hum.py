@@ -12,7 +12,8 @@ from instrument.design import Film
 from instrument.quantity import Hertz, Volts
 from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
-from simulators.lti import CYCLE, HERTZ, Periodic, Times
+from simulators.lti import Times
+from simulators.periodic import CYCLE, HERTZ, Periodic
 from simulators.pickup import largest_tone
 from simulators.randomness import Stream
 

@@ -19,7 +19,8 @@ from instrument.contracts.sensor_node import CHANNELS
 from instrument.sample import get_sample
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS
-from simulators.lti import HERTZ, SECOND, Periodic, first_order_high_pass
+from simulators.lti import first_order_high_pass
+from simulators.periodic import HERTZ, SECOND, Periodic
 from simulators.plan import Question, driven
 from simulators.rig import Rig
 from simulators.scene import Scene, read_scene, shipped

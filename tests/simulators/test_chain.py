@@ -14,8 +14,9 @@ from scipy.integrate import solve_ivp
 from simulators import path as path_module
 from simulators.chain import INPUTS, Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.effects.viscoelastic import Viscoelastic
-from simulators.lti import HERTZ, SECOND, Floats, Periodic, constant, gain
+from simulators.lti import Floats, gain
 from simulators.path import Path
+from simulators.periodic import HERTZ, SECOND, Periodic, constant
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())

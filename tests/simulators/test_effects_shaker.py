@@ -22,7 +22,8 @@ from simulators.effects.frequency_error import FrequencyError
 from simulators.effects.hysteresis import Hysteresis
 from simulators.effects.shaker_dynamics import ShakerDynamics
 from simulators.effects.viscoelastic import PRONY, Viscoelastic
-from simulators.lti import HERTZ, Floats
+from simulators.lti import Floats
+from simulators.periodic import HERTZ
 from simulators.plan import Question
 from simulators.plan import driven as measured
 from simulators.rig import Rig

@@ -25,17 +25,9 @@ from simulators.clock import VirtualClock
 from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.crosstalk import Crosstalk
 from simulators.integrators import _first_order_hold
-from simulators.lti import (
-    HERTZ,
-    SECOND,
-    Floats,
-    Periodic,
-    StateSpace,
-    constant,
-    first_order_low_pass,
-    gain,
-)
+from simulators.lti import Floats, StateSpace, first_order_low_pass, gain
 from simulators.path import Path
+from simulators.periodic import HERTZ, SECOND, Periodic, constant
 from simulators.randomness import Stream
 
 MS = 1_000_000

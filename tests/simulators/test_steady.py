@@ -14,7 +14,8 @@ from instrument.designs import get_design
 from simulators.effects import EFFECTS
 from simulators.effects.effect import Effect
 from simulators.effects.hysteresis import Hysteresis
-from simulators.lti import HERTZ, SECOND, Complexes, Floats
+from simulators.lti import Complexes, Floats
+from simulators.periodic import HERTZ, SECOND
 from simulators.plan import Question, driven
 from simulators.rig import Rig
 from simulators.scene import Scene
