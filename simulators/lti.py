@@ -7,128 +7,19 @@ decays with the system's own modes; both are known at any time without stepping.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from simulators.free_motion import BLOCK, FreeMotion, free_motion, on_grid, real_product
+from simulators.free_motion import FreeMotion, free_motion
+from simulators.periodic import HERTZ, Periodic
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
 Rows = tuple[Floats, Floats]  # over states (p, s) and inputs (p, m)
-
-POINTS = 1024  # of a period, where a waveform is sampled
-CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
-HERTZ = 10**9  # one hertz in units of frequency
-SECOND = 10**9  # one second in nanoseconds
-KEPT = 16  # tables of a block's turns
-
-
-@dataclass(frozen=True)
-class Periodic:
-    """mean + sum over k of Re(amplitude[k] exp(i 2 pi order[k] phase)), the phase in cycles.
-
-    frequency: integer nHz, so that the phase after any time is an exact integer count of 1e-18 cycles.
-    start_ns, start_phase: the phase is `start_phase` (1e-18 cycles) at `start_ns`.
-    order: (k,) integers. amplitude: (k,) complex.
-    """
-
-    mean: float
-    frequency: int
-    start_ns: int
-    start_phase: int
-    order: npt.NDArray[np.int64]
-    amplitude: Complexes
-
-    def phase(self, time_ns: Times) -> Times:
-        """Phase in 1e-18 cycles, exact for 30 days of any frequency up to 20 kHz. Shape of `time_ns`."""
-        whole, part = divmod(self.frequency, HERTZ)
-        seconds, rest = np.divmod(time_ns - self.start_ns, SECOND)
-        billionths = (part * seconds + whole * rest) % HERTZ
-        phase: Times = (billionths * HERTZ + part * rest + self.start_phase) % CYCLE
-        return phase
-
-    def turns(self, time_ns: Times) -> Complexes:
-        """exp(i 2 pi order phase), shape (k, n)."""
-        turns: Complexes = np.exp(2j * np.pi * np.outer(self.order, self.phase(time_ns) / CYCLE))
-        return turns
-
-    def turn(self, time_ns: int) -> Complexes:
-        """The same at one time, (k,)."""
-        phase = (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
-        turn: Complexes = np.exp(2j * np.pi * (phase / CYCLE) * self.order)
-        return turn
-
-    def summed(self, phasors: Complexes, time_ns: Times, step_ns: int = 0) -> Floats:
-        """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
-        if not step_ns:
-            return real_product(phasors, self.turns(time_ns))
-        repeat = CYCLE // math.gcd(self.frequency * step_ns, CYCLE)  # after so many times the phases are the same again
-        if repeat <= BLOCK:
-            sums = real_product(phasors, self.turns(time_ns[:repeat]))
-            return np.tile(sums, -(-len(time_ns) // sums.shape[1]))[:, : len(time_ns)]
-
-        def heads(begin_ns: Times) -> Floats:
-            turned = phasors * self.turns(begin_ns).T[:, np.newaxis]
-            return np.concatenate([turned.real, -turned.imag], axis=2)
-
-        within = _turns_within(self.frequency, self.order.tobytes(), step_ns)
-        return on_grid(heads, within, int(time_ns[0]), len(time_ns), step_ns)
-
-    def restarted(self, time_ns: int) -> Periodic:
-        """The same function of time, counted from `time_ns`."""
-        phase = (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
-        return Periodic(self.mean, self.frequency, time_ns, phase, self.order, self.amplitude)
-
-    def scaled(self, factor: float, offset: float = 0.0) -> Periodic:
-        """offset + factor * self."""
-        return Periodic(
-            offset + factor * self.mean, self.frequency, self.start_ns, self.start_phase, self.order,
-            factor * self.amplitude,
-        )  # fmt: skip
-
-    def held(self) -> Periodic:
-        """A function of 0 Hz as what it is: its value at the start, for ever."""
-        return constant(self.now(self.start_ns), self)
-
-    def derivative(self) -> Periodic:
-        """Its derivative, 1/s."""
-        rates = 2j * np.pi * (self.frequency / HERTZ) * self.order
-        return Periodic(0.0, self.frequency, self.start_ns, self.start_phase, self.order, rates * self.amplitude)
-
-    def extremes(self) -> tuple[float, float]:
-        """Least and greatest value; of several harmonics at 1024 points of a period."""
-        if len(self.order) == 1:
-            swing = float(np.abs(self.amplitude[0]))
-            return self.mean - swing, self.mean + swing
-        turns = np.arange(POINTS) / POINTS
-        wave = self.mean + real_product(self.amplitude, np.exp(2j * np.pi * np.outer(self.order, turns)))
-        return float(wave.min()), float(wave.max())
-
-    def at(self, time_ns: Times) -> Floats:
-        """Values, shape (n,)."""
-        return self.mean + real_product(self.amplitude, self.turns(time_ns))
-
-    def now(self, time_ns: int) -> float:
-        """The value at one time."""
-        return self.mean + float((self.amplitude @ self.turn(time_ns)).real)
-
-
-@functools.lru_cache(maxsize=KEPT)
-def _turns_within(frequency: int, order: bytes, step_ns: int) -> Floats:
-    """Cosines and sines of the harmonics in a block of samples, (2 k, BLOCK)."""
-    orders = np.frombuffer(order, np.int64)
-    turns = Periodic(0.0, frequency, 0, 0, orders, np.zeros(len(orders), complex)).turns(step_ns * np.arange(BLOCK))
-    return np.concatenate([turns.real, turns.imag])
-
-
-def constant(value: float, like: Periodic) -> Periodic:
-    """A constant on the time of another function."""
-    return Periodic(value, like.frequency, like.start_ns, like.start_phase, like.order[:0], like.amplitude[:0])
 
 
 Parts = tuple[tuple[Periodic, Complexes], ...]  # time bases with phasors (p, k)
