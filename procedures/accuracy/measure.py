@@ -27,9 +27,7 @@ from procedures.accuracy.references import truth_of
 
 Array = NDArray[np.float64]
 
-DESIGNS = ("single_round", "single", "common_base", "different_base")
-# Without a surface there is no reference between the moduli: of twelve teeth it would take SuperLU half an hour.
-UNPRICED = ("array",)
+DESIGNS = ("single_round", "single", "common_base", "different_base", "array")
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 STRIDES = (8, 4, 2, 1)  # every eighth node of a surface, and so on
 BETWEEN = 100  # moduli in each interval, where looking costs nothing
@@ -53,12 +51,12 @@ class Case:
 
 
 def measure(designs: Sequence[str], progress: Progress) -> PriceList:
-    """Measure every model of some designs; of those UNPRICED say what is missing.
+    """Measure every model of some designs.
 
     Raises:
         RangeError: a design has no response surface that fits it, which is what errors between moduli need.
     """
-    chosen = [get_design(name) for name in designs if name not in UNPRICED]
+    chosen = [get_design(name) for name in designs]
     surfaces = [surface.find(design, PHYSICAL.load(TIMED)) for design in chosen]
     solved = solve_all(chosen, progress)
     prices: list[Price] = []
@@ -71,11 +69,9 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
         found.append(truth.reference)
         prices += _closed_forms(case)
         if len(design.teeth) > 1:
-            prices.append(_refused(design, "axisymmetric"))
+            prices.append(_refused(design))
         prices += element_prices(design, truth, case.surface_ratio, errors.tolist(), solved)
         prices += _surfaces(case)
-    missing = [get_design(name) for name in designs if name in UNPRICED]
-    prices += [_refused(design, model) for design in missing for model in ("axisymmetric", "surface")]
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
@@ -155,15 +151,15 @@ def _surfaces(case: Case) -> Iterator[Price]:
         )
 
 
-def _refused(design: Design, model: str) -> Price:
-    """A model that does not know the design, with its own words."""
+def _refused(design: Design) -> Price:
+    """The axisymmetric model of a design that it does not know, with its own words."""
     nothing = (None,) * (len(MODULI) - 1)
     try:
-        _ask(design, model, TIMED)
+        _ask(design, "axisymmetric", TIMED)
     except RangeError as error:
         return Price(
             design=design.name,
-            model=model,
+            model="axisymmetric",
             refinement="-",
             errors=nothing,
             estimates=nothing,
@@ -173,7 +169,7 @@ def _refused(design: Design, model: str) -> Price:
             answer_s=None,
             failure=str(error),
         )
-    raise AssertionError(f"model {model!r} answers for {design.name!r} after all")
+    raise AssertionError(f"model 'axisymmetric' answers for {design.name!r} after all")
 
 
 def _ask(design: Design, model: str, modulus: float) -> float:

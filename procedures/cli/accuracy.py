@@ -36,7 +36,7 @@ accuracy.add_command(dwell_command, "dwell")
     "\n\n  palpate accuracy models --store\n\n  palpate accuracy models --design single --store"
 )
 @click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: half an hour for all designs.")
+@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: an hour for all designs.")
 @click.option("--store", is_flag=True, help="Measure, and keep it in the list that models are chosen by.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
 @output_options
@@ -50,16 +50,15 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from instrument.errors import UnknownName
     from instrument.models import price_list
     from procedures.accuracy.machine import this_machine
-    from procedures.accuracy.measure import DESIGNS, UNPRICED, measure
+    from procedures.accuracy.measure import DESIGNS, measure
     from procedures.accuracy.meshes import MODULI
     from procedures.accuracy.plot import PLOT, plot_prices
     from procedures.run import storing
 
     output = Output(as_json, quiet)
-    known = (*DESIGNS, *UNPRICED)
-    if design is not None and design not in known:
-        raise UnknownName("design with prices", design, known)
-    asked = list(known) if design is None else [design]
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with prices", design, DESIGNS)
+    asked = list(DESIGNS) if design is None else [design]
     if store and design is not None:
         price_list.stored().require_like(this_machine(), MODULI)  # before anything is measured
     if out is not None:
@@ -89,11 +88,11 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @accuracy.command(
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
-@click.option("--design", help="single_round, single, common_base or different_base (default: all).")
+@click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
 @click.option("--store", is_flag=True, help='Build them anew, and keep them as those of model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
-    """Response surfaces that model "surface" answers by, with their bounds; building all takes some minutes."""
+    """Response surfaces that model "surface" answers by, with their bounds; building all takes a quarter of an hour."""
     from instrument.designs import get_design
     from instrument.errors import UnknownName
     from instrument.models import surface

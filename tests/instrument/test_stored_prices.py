@@ -16,7 +16,7 @@ from instrument.sample import SAMPLES
 
 ROUND = get_design("single_round")
 LOAD = PHYSICAL.load(50e3)
-PRICED = ("single_round", "single", "common_base", "different_base")
+PRICED = ("single_round", "single", "common_base", "different_base", "array")
 
 
 def test_the_stored_list_prices_every_model_of_every_priced_design() -> None:

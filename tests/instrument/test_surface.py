@@ -182,7 +182,7 @@ def test_a_corrupt_file_is_refused(built: ResponseSurface, tmp_path: Path, damag
 
 # --- those that come with palpate -----------------------------------------------------------------------
 
-SHIPPED = ("single_round", "single", "common_base", "different_base")
+SHIPPED = ("single_round", "single", "common_base", "different_base", "array")
 
 
 @pytest.mark.parametrize("design", ["single_round", "single"])
@@ -210,7 +210,6 @@ def test_model_surface_answers_for_each_shipped_design_with_its_bound(design: st
 @pytest.mark.parametrize(
     "design, load, model",
     [
-        ("array", PHYSICAL.load(1e5), "solid"),
         ("single", replace(PHYSICAL, sensed_thickness=2e-3).load(1e5), "solid"),
         ("single", replace(PHYSICAL, interface="frictionless").load(1e5), "solid"),
         ("single_round", replace(PHYSICAL, sensed_poisson=0.4).load(1e5), "axisymmetric"),
