@@ -47,7 +47,6 @@ PARTS = {
     "peers": peers.measure,
     "records": records.measure,
     "reproduce": reproduce.measure,
-    "faults": faults.measure,
     "fixture": fixture.measure,
     "scenes": scenes.measure,
     "serve": serve.measure,
@@ -55,7 +54,7 @@ PARTS = {
     "study": study.measure,
     "start_up": start_up.measure,
 }
-LONG = {"kills": kills.measure, "soak": soak.measure}  # a quarter of an hour and more: only by name
+LONG = {"faults": faults.measure, "kills": kills.measure, "soak": soak.measure}  # a quarter of an hour and more: only by name
 
 
 def main(names: list[str]) -> int:
