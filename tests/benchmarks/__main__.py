@@ -54,7 +54,8 @@ PARTS = {
     "study": study.measure,
     "start_up": start_up.measure,
 }
-LONG = {"faults": faults.measure, "kills": kills.measure, "soak": soak.measure}  # a quarter of an hour and more: only by name
+# A quarter of an hour and more: only by name.
+LONG = {"faults": faults.measure, "kills": kills.measure, "soak": soak.measure}
 
 
 def main(names: list[str]) -> int:
