@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instrument.errors import EstimateError
 from instrument.models.elements import differences, nodal
+from instrument.models.linear_solver import factorised
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -156,7 +156,6 @@ class _Factorised:
 
     def __init__(self, elements: Elements, bounded: Array) -> None:
         from scipy.sparse import coo_array
-        from scipy.sparse.linalg import splu
 
         matrix = elements.stiffness.copy()
         matrix[elements.mixed] += np.matmul(
@@ -181,9 +180,7 @@ class _Factorised:
         assembled = coo_array((condensed[free], (rows[free], columns[free])), shape=shape).tocsc()
         self._scale = 1 / np.sqrt(assembled.diagonal())
         assembled.data *= self._scale[assembled.indices] * np.repeat(self._scale, np.diff(assembled.indptr))
-        self._lu: Any = splu(
-            assembled, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        self._factor = factorised(assembled)
 
     def __call__(self, right: Array) -> Array:
         elements, shared = self._elements, self._elements.shared
@@ -192,7 +189,7 @@ class _Factorised:
         local = elements._multiply(self._eliminated.transpose(0, 2, 1), inside)
         carried += np.bincount(self._outer.ravel(), weights=local.ravel(), minlength=len(right))
         answer = np.zeros_like(right)
-        answer[:shared] = self._scale * self._lu.solve(self._scale * (right - carried)[:shared])
+        answer[:shared] = self._scale * self._factor(self._scale * (right - carried)[:shared])
         answer[self._inner] = elements._multiply(self._inverse, inside) - elements._multiply(
             self._eliminated, answer[self._outer]
         )

@@ -42,9 +42,7 @@ class SymmetricSolver:
     """
 
     def __init__(self, matrix: sparse.csc_array, backend: str = "") -> None:
-        name = backend or next(iter(available()))
-        if name not in available():
-            raise UnknownName("solver", name, available())
+        name = chosen(backend)
         diagonal = matrix.diagonal()
         if not (diagonal > 0).all():
             raise EstimateError("a stiffness on the diagonal is not positive: a part is not held; hold every part")
@@ -54,13 +52,7 @@ class SymmetricSolver:
         scaled = matrix.copy()
         scaled.data *= self._scale[scaled.indices] * np.repeat(self._scale, np.diff(scaled.indptr))
         self._norm = float(abs(scaled).sum(axis=1).max())
-        try:
-            self._factor = BACKENDS[name](scaled)
-        except MemoryError:
-            raise EstimateError(
-                f"the factors of {matrix.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
-                " tolerance, or install the extra 'fast'"
-            ) from None
+        self._factor = factorised(scaled, name)
 
     def __call__(self, load: Vector) -> tuple[Vector, float]:
         """Solve, and refine once.
@@ -89,6 +81,34 @@ class SymmetricSolver:
     def _solve(self, load: Vector) -> Vector:
         solution: Vector = self._scale * self._factor(self._scale * load)
         return solution
+
+
+def factorised(scaled: sparse.csc_array, backend: str = "") -> Factor:
+    """Solves with a symmetric positive definite matrix, shape (n, n), of unit diagonal.
+
+    Raises:
+        UnknownName, EstimateError: as SymmetricSolver; of the matrix only that its factors do not fit.
+    """
+    name = chosen(backend)
+    try:
+        return BACKENDS[name](scaled)
+    except MemoryError:
+        raise EstimateError(
+            f"the factors of {scaled.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
+            " tolerance, or install the extra 'fast'"
+        ) from None
+
+
+def chosen(backend: str) -> str:
+    """The fastest backend that is installed, where none is named.
+
+    Raises:
+        UnknownName: no such backend, or it is not installed.
+    """
+    name = backend or next(iter(available()))
+    if name not in available():
+        raise UnknownName("solver", name, available())
+    return name
 
 
 def available() -> dict[str, Callable[[sparse.csc_array], Factor]]:
