@@ -30,6 +30,7 @@ from simulators.faults import inject
 from simulators.faults.fault import parse_faults
 from tests.fault_procedures import scene
 from tests.procedures.conftest import Palpate
+from tests.writes import counted_writes
 
 SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
 
@@ -136,14 +137,7 @@ def test_a_device_that_stays_away_is_broken_and_no_later_step_uses_it() -> None:
 def test_a_write_that_is_not_confirmed_and_reads_back_is_told_and_not_repeated() -> None:
     with attended({"kind": "no_reply", "on": "signal_generator", "at": "1 s"}) as (sim, bench, told):
         sim.clock.wait(1.0)
-        writes: list[object] = []
-        write = sim.generator.write
-
-        def counted(values: dict[str, float]) -> None:
-            writes.append(values)
-            write(values)
-
-        sim.generator.write = counted  # type: ignore[method-assign]
+        writes = counted_writes(sim.generator)
         bench.generator.sine(7.0, 0.25)
         assert len(writes) == 1
         assert len(told) == 1 and told[0].endswith("read back, it was carried out")

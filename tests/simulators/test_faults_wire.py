@@ -20,6 +20,7 @@ from simulators.bench import Place, SimulatedBench
 from simulators.faults import FAULTS
 from simulators.faults.fault import parse_faults
 from simulators.scene import Scene
+from tests.writes import counted_writes
 
 
 @contextmanager
@@ -137,14 +138,7 @@ def test_a_fault_of_the_line_is_an_error_or_does_no_harm_and_the_next_read_is_ri
 def test_a_write_that_is_not_confirmed_was_carried_out_once(scene: Scene) -> None:
     with faulty(scene, {"kind": "no_reply", "on": "signal_generator", "at": "1 s"}) as (sim, bench):
         sim.clock.wait(1.0)
-        writes: list[object] = []
-        write = sim.generator.write
-
-        def counted(values: dict[str, float]) -> None:
-            writes.append(values)
-            write(values)
-
-        sim.generator.write = counted  # type: ignore[method-assign]
+        writes = counted_writes(sim.generator)
         with pytest.raises(LinkTimeout):
             bench.generator.sine(7.0, 0.25)
         assert len(writes) == 1
