@@ -27,7 +27,7 @@ from drivers.modbus import ModbusLink
 from drivers.pcapng import Link, Packet, read_pcapng
 from instrument.bench import BenchDescription
 from instrument.config import parse
-from instrument.errors import ConfigError, RecordError
+from instrument.errors import ConfigError, UsageError
 
 LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes
@@ -45,7 +45,7 @@ class BusReplay:
         description: of the recorded bench; inside, with its addresses of now.
 
     Raises where it is made:
-        RecordError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
+        UsageError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
     """
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
@@ -70,7 +70,7 @@ class BusReplay:
         try:
             return list(read_pcapng(self.path))
         except OSError as error:
-            raise RecordError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
+            raise UsageError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
         except (ValueError, struct.error) as error:
             raise ConfigError(f"{self.path}: damaged: {error}; only a whole log can be replayed") from error
 

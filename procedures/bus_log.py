@@ -13,7 +13,7 @@ from drivers.modbus import EXCEPTIONS
 from drivers.pcapng import Link, Packet, read_pcapng
 from instrument.contract import Contract, sdo
 from instrument.contracts import CONTRACTS, sensor_node
-from instrument.errors import ConfigError, RecordError, UsageError
+from instrument.errors import ConfigError, UsageError
 
 NODE = sensor_node.CONTRACT
 NODE_BITS = 0x7F  # of an identifier
@@ -38,7 +38,7 @@ def read_log(path: Path) -> Iterator[Line]:
     """The messages of a log, in their order.
 
     Raises:
-        UsageError: not the name of a log. RecordError: it cannot be read. ConfigError: it is damaged, says where.
+        UsageError: not the name of a log, or it cannot be read. ConfigError: it is damaged, says where.
     """
     suffix = path.suffix.lower()
     if suffix not in (*CAN_FORMATS, WHOLE_FORMAT):
@@ -49,7 +49,7 @@ def read_log(path: Path) -> Iterator[Line]:
         else:
             yield from map(_frame, read_frames(path))
     except OSError as error:
-        raise RecordError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
+        raise UsageError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
     except (ValueError, struct.error) as error:
         raise ConfigError(f"{path}: damaged: {error}; what stands before it is good") from error
 
