@@ -22,7 +22,7 @@ SEVERAL = ("under the teeth", "under the base")
 
 
 class Waveforms(Protocol):
-    """What `simulators.waveforms` finds, and says what each is."""
+    """What `simulators.planning.waveforms` finds, and says what each is."""
 
     @property
     def time(self) -> Floats: ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simulators.lti import Floats
+from simulators.linear.lti import Floats
 
 FINEST = 16  # bits: those that travel on the bus
 

@@ -18,18 +18,18 @@ from instrument.calibration import STANDARD_GRAVITY
 from instrument.load import Load
 from instrument.models.response import response
 from instrument.sample import Sample
-from simulators.assembly import chain_of, film_signals
-from simulators.chain import Chain, Touch
 from simulators.clock import NEVER, VirtualClock
 from simulators.effects import EFFECTS
 from simulators.effects.effect import (
     DriveEffect,
     LeakEffect,
 )
-from simulators.lti import Floats, StateSpace
-from simulators.mounted import Mounted
-from simulators.path import KEPT_NS, Path
-from simulators.periodic import HERTZ, Periodic, constant
+from simulators.linear.lti import Floats, StateSpace
+from simulators.linear.path import KEPT_NS, Path
+from simulators.linear.periodic import HERTZ, Periodic, constant
+from simulators.physics.assembly import chain_of, film_signals
+from simulators.physics.chain import Chain, Touch
+from simulators.physics.mounted import Mounted
 from simulators.randomness import Stream
 from simulators.scene import Scene
 

@@ -227,7 +227,7 @@ def _called_for(
         if _when(file.effects[name]) == ON:
             called[name] = "called for"
             continue
-        from simulators.plan import needed
+        from simulators.planning.plan import needed
 
         others = {other: effect for other, effect in beside.items() if other != name}
         bound = needed(listed[name], design, model, others, tolerance, file.rig)

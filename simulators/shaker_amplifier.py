@@ -11,7 +11,7 @@ from instrument.contracts import shaker_amplifier
 from instrument.contracts.shaker_amplifier import FAULTS
 from simulators.clock import NEVER, VirtualClock
 from simulators.device import DEVICE_FAILURE, Refused, SimulatedDevice
-from simulators.periodic import Periodic
+from simulators.linear.periodic import Periodic
 
 AMBIENT = 25.0  # degC [A]
 THERMAL_RESISTANCE = 2.0  # K/W of the power in the coil [A]

@@ -10,7 +10,7 @@ from instrument.contracts import signal_generator
 from instrument.contracts.signal_generator import LARGEST_PEAK
 from simulators.clock import VirtualClock
 from simulators.device import ILLEGAL_VALUE, Refused, SimulatedDevice
-from simulators.periodic import HERTZ, Periodic
+from simulators.linear.periodic import HERTZ, Periodic
 
 HARMONICS = 25
 FREQUENCY_STEPS = 1000  # per Hz

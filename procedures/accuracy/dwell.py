@@ -30,7 +30,7 @@ COHERENT, SCATTER = "in step with the drive", "gain scatter"
 
 
 class LongRecord(Protocol):
-    """Two films under a settled load, and what their ratio should be; see `simulators.long_record`."""
+    """Two films under a settled load, and what their ratio should be; see `simulators.planning.long_record`."""
 
     @property
     def time(self) -> Floats: ...

@@ -55,7 +55,7 @@ class Part:
 
 
 class Integrated(Protocol):
-    """One integrator at one setting; see `simulators.integrators`."""
+    """One integrator at one setting; see `simulators.linear.integrators`."""
 
     @property
     def method(self) -> str: ...

@@ -12,7 +12,7 @@ from procedures.cli.options import FILE_NAME, Output, output_options
 
 if TYPE_CHECKING:
     from procedures.accuracy.dwell import DwellPrices
-    from simulators.plan import Question
+    from simulators.planning.plan import Question
 
 DEFAULT_SCENE = "thesis_single"
 RECORD, SHORT_RECORD = 400.0, 40.0  # s; the short one where each transition of a scene must be found
@@ -85,7 +85,7 @@ def price(
 
     from instrument.estimators import ESTIMATORS
     from procedures.accuracy.dwell import DWELLS, FEWEST, check, measure
-    from simulators.long_record import is_followed, long_record
+    from simulators.planning.long_record import is_followed, long_record
     from simulators.scene import read_scene
 
     chosen = read_scene(scene)

@@ -34,8 +34,8 @@ def _collect(output: Output) -> list[Part]:
     from instrument.models.price_list import stored
     from procedures.accuracy import arithmetic
     from procedures.accuracy.page import of_arithmetic, of_dwells, of_integrators, of_models
-    from simulators.integrators import compare
-    from simulators.plan import Question
+    from simulators.linear.integrators import compare
+    from simulators.planning.plan import Question
 
     with output.progress("time integration") as progress:
         integrated = []

@@ -14,7 +14,7 @@ from procedures.cli.options import F, Output, output_options
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from simulators.plan import Plan, Question
+    from simulators.planning.plan import Plan, Question
     from simulators.scene import Scene
 
 
@@ -32,7 +32,7 @@ def question_options(command: F) -> F:
 def asked(sample: str, load: str, frequency: str, dwell: str = "1 s", *, steady: bool = False) -> Question:
     """What the options ask. Raises UsageError."""
     from instrument.quantity import parse
-    from simulators.plan import Question
+    from simulators.planning.plan import Question
 
     return Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"), steady)
 
@@ -62,7 +62,7 @@ def explain(
 ) -> None:
     """What a scene simulates and how, and what leaving the rest out can change."""
     from instrument.quantity import parse
-    from simulators.plan import plan
+    from simulators.planning.plan import plan
     from simulators.scene import read_scene
 
     chosen = read_scene(scene)

@@ -25,8 +25,8 @@ def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
     from dataclasses import asdict
 
     from procedures.accuracy.integrators import plot_integrators, print_integrators
-    from simulators import bouc_wen
-    from simulators.integrators import DURATION, STATES, STIFFNESS, compare
+    from simulators.linear import bouc_wen
+    from simulators.linear.integrators import DURATION, STATES, STIFFNESS, compare
 
     output = Output(as_json, quiet)
     rows = []

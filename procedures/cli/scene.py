@@ -65,9 +65,9 @@ def show(scene: str, as_json: bool, quiet: bool) -> None:
 @output_options
 def check(scene: str, as_json: bool, quiet: bool) -> None:
     """Read a scene and run it for a moment, with sample 2 under 3 N: exit status 0 if it can be simulated."""
-    from simulators.plan import Question
+    from simulators.planning.plan import Question
+    from simulators.planning.waveforms import waveforms
     from simulators.scene import read_scene
-    from simulators.waveforms import waveforms
 
     output = Output(as_json, quiet)
     chosen = read_scene(scene)
@@ -91,8 +91,8 @@ def plot(
 ) -> None:
     """Draw the waveforms at each stage of the chain, from the shaker's coil to what the sensor nodes send."""
     from procedures import model_plot, scene_plot
+    from simulators.planning.waveforms import waveforms
     from simulators.scene import read_scene
-    from simulators.waveforms import waveforms
 
     output = Output(as_json, quiet)
     chosen = read_scene(scene)

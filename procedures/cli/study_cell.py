@@ -25,7 +25,7 @@ from procedures.record import Recorder
 from procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
 from simulators.bench import SimulatedBench
 from simulators.effects import effect_class
-from simulators.load_sets import load_sets
+from simulators.planning.load_sets import load_sets
 from simulators.scene import Scene, SceneFile, read_scene, scene_of
 
 COLUMNS = (

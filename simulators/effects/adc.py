@@ -11,10 +11,10 @@ from pydantic import Field
 
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import Film
-from simulators.changes import of_source
 from simulators.converter import FINEST, convert
 from simulators.effects.effect import Bound, Case, Effect, Floats, Kind
-from simulators.pickup import SIGMAS, largest_within, signal, spread
+from simulators.planning.changes import of_source
+from simulators.planning.pickup import SIGMAS, largest_within, signal, spread
 
 TERMS = 20  # of the Fourier series of a step's error
 MARGIN = 0.5  # of the range, up to which a film's nominal peak is taken for far from the rail

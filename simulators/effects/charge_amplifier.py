@@ -8,9 +8,9 @@ from pydantic import Field
 
 from instrument.design import Design, Film
 from instrument.quantity import Ohms, Seconds, Volts
-from simulators.changes import bound_of_chain
 from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
-from simulators.lti import StateSpace, first_order_high_pass
+from simulators.linear.lti import StateSpace, first_order_high_pass
+from simulators.planning.changes import bound_of_chain
 
 
 class ChargeAmplifier(AmplifierEffect):

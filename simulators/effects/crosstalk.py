@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design
-from simulators.changes import bound_of_gains
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from simulators.planning.changes import bound_of_gains
 from simulators.randomness import Stream
 
 

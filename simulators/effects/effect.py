@@ -22,8 +22,8 @@ from instrument.config import Config
 from instrument.design import Design, Film
 
 if TYPE_CHECKING:
-    from simulators.chain import Armature, Limits, Plays, Stack
-    from simulators.lti import StateSpace, Times
+    from simulators.linear.lti import StateSpace, Times
+    from simulators.physics.chain import Armature, Limits, Plays, Stack
     from simulators.randomness import Stream
     from simulators.rig import Rig
 

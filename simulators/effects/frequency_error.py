@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field
 
 from instrument.quantity import Hertz
-from simulators.changes import BEYOND, Change, bound_of, diluted, gains, nonlinear
 from simulators.effects.effect import Bound, Case, DriveEffect, HysteresisEffect, Kind
-from simulators.fits import fitted, left_over
-from simulators.periodic import HERTZ
-from simulators.pickup import Additive
+from simulators.linear.periodic import HERTZ
+from simulators.planning.changes import BEYOND, Change, bound_of, diluted, gains, nonlinear
+from simulators.planning.fits import fitted, left_over
+from simulators.planning.pickup import Additive
 
 
 class FrequencyError(DriveEffect):

@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from instrument.design import Design
-from simulators.changes import Change, bound_of
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.pickup import SIGMAS
+from simulators.planning.changes import Change, bound_of
+from simulators.planning.pickup import SIGMAS
 from simulators.randomness import Stream
 
 

@@ -8,8 +8,8 @@ from typing import ClassVar
 from pydantic import Field
 
 from instrument.quantity import Ohms, Seconds
-from simulators.changes import bound_of_leak
 from simulators.effects.effect import Bound, Case, Kind, LeakEffect
+from simulators.planning.changes import bound_of_leak
 
 EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by default
 

@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from instrument.quantity import Newtons
-from simulators.chain import Plays
-from simulators.changes import bound_of_plays
 from simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
+from simulators.physics.chain import Plays
+from simulators.planning.changes import bound_of_plays
 
 
 class Hysteresis(HysteresisEffect):

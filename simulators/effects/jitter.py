@@ -10,10 +10,10 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Seconds
-from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, HysteresisEffect, InputEffect, Kind
-from simulators.lti import Times
-from simulators.pickup import SIGMAS, signal, spread
+from simulators.linear.lti import Times
+from simulators.planning.changes import of_source
+from simulators.planning.pickup import SIGMAS, signal, spread
 from simulators.randomness import Stream
 
 if TYPE_CHECKING:

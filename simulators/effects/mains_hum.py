@@ -10,11 +10,11 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Hertz, Volts
-from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
-from simulators.lti import Times
-from simulators.periodic import CYCLE, HERTZ, Periodic
-from simulators.pickup import largest_tone
+from simulators.linear.lti import Times
+from simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from simulators.planning.changes import of_source
+from simulators.planning.pickup import largest_tone
 from simulators.randomness import Stream
 
 

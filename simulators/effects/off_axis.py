@@ -10,8 +10,8 @@ from pydantic import Field
 
 from instrument.design import Design
 from instrument.quantity import Degrees
-from simulators.changes import bound_of_gains
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from simulators.planning.changes import bound_of_gains
 from simulators.randomness import Stream
 
 

@@ -14,10 +14,10 @@ from pydantic import Field
 
 from instrument.design import Film
 from instrument.quantity import Hertz, VoltsPerRootHertz
-from simulators.changes import of_source
 from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
-from simulators.lti import Times
-from simulators.pickup import SIGMAS, correlated_spread
+from simulators.linear.lti import Times
+from simulators.planning.changes import of_source
+from simulators.planning.pickup import SIGMAS, correlated_spread
 from simulators.randomness import BLOCK, Stream, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz

@@ -9,10 +9,10 @@ from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design, Film
 from instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
-from simulators.changes import of_source, warming
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
-from simulators.lti import StateSpace, gain
-from simulators.pickup import SIGMAS, spread
+from simulators.linear.lti import StateSpace, gain
+from simulators.planning.changes import of_source, warming
+from simulators.planning.pickup import SIGMAS, spread
 
 
 class Pyroelectric(SourceEffect):

@@ -8,9 +8,9 @@ from typing import ClassVar
 from pydantic import Field
 
 from instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
-from simulators.chain import Armature, Limits
-from simulators.changes import bound_of_chain
 from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+from simulators.physics.chain import Armature, Limits
+from simulators.planning.changes import bound_of_chain
 
 
 class ShakerDynamics(ShakerEffect):

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from instrument.design import Design, Film
 from instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
-from simulators.changes import following, of_source
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
-from simulators.lti import StateSpace, gain
+from simulators.linear.lti import StateSpace, gain
+from simulators.planning.changes import following, of_source
 
 
 class Triboelectric(SourceEffect):

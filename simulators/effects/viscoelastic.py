@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from instrument.quantity import Seconds
-from simulators.chain import Stack
-from simulators.changes import bound_of_chain
 from simulators.effects.effect import Bound, Case, Kind, StackEffect
-from simulators.lti import StateSpace
+from simulators.linear.lti import StateSpace
+from simulators.physics.chain import Stack
+from simulators.planning.changes import bound_of_chain
 
 # Shares of the fast modulus that relax, and how fast [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {

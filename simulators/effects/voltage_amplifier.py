@@ -9,9 +9,9 @@ from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design, Film
 from instrument.quantity import Farads, Ohms
-from simulators.changes import bound_of_chain
 from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
-from simulators.lti import StateSpace, first_order_high_pass, gain
+from simulators.linear.lti import StateSpace, first_order_high_pass, gain
+from simulators.planning.changes import bound_of_chain
 
 
 class VoltageAmplifier(AmplifierEffect):

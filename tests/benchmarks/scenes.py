@@ -19,9 +19,9 @@ from instrument.contracts.sensor_node import CHANNELS
 from instrument.sample import get_sample
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS
-from simulators.lti import first_order_high_pass
-from simulators.periodic import HERTZ, SECOND, Periodic
-from simulators.plan import Question, driven
+from simulators.linear.lti import first_order_high_pass
+from simulators.linear.periodic import HERTZ, SECOND, Periodic
+from simulators.planning.plan import Question, driven
 from simulators.rig import Rig
 from simulators.scene import Scene, read_scene, shipped
 from simulators.sensor_node import SensorNode

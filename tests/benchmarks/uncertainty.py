@@ -33,10 +33,10 @@ from procedures.load_cell import LOADS, REPEATS
 from procedures.servo import READINGS
 from simulators.clock import VirtualClock
 from simulators.effects.load_cell import LoadCell
-from simulators.plan import Question, driven
+from simulators.planning.plan import Question, driven
+from simulators.planning.waveforms import sampled
 from simulators.randomness import Stream
 from simulators.scene import Scene, read_scene
-from simulators.waveforms import sampled
 from tests.benchmarks.row import Row
 
 SCENE, SAMPLE = "thesis_single", "4"

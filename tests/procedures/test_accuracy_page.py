@@ -11,7 +11,7 @@ from procedures.accuracy import arithmetic, page
 from procedures.accuracy.arithmetic import ArithmeticPrice
 from procedures.accuracy.page import Way, cheapest
 from procedures.cli import accuracy_dwell
-from simulators import integrators
+from simulators.linear import integrators
 from tests.procedures.conftest import Palpate
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from simulators import plan as planning
 from simulators.effects import EFFECTS, effect_class
+from simulators.planning import plan as planning
 from simulators.scene import read_scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 

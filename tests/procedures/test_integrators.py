@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.cli import palpate
-from simulators import integrators
-from simulators.integrators import STATES, STIFFNESS, Measured, chain, compare
+from simulators.linear import integrators
+from simulators.linear.integrators import STATES, STIFFNESS, Measured, chain, compare
 
 
 @pytest.fixture(scope="module")

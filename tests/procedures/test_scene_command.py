@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from instrument.design import Design
 from instrument.designs import get_design
 from procedures import scene_plot
-from simulators.plan import Question
+from simulators.planning.plan import Question
+from simulators.planning.waveforms import Waveforms, waveforms
 from simulators.scene import read_scene, shipped
-from simulators.waveforms import Waveforms, waveforms
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 HEAD = {"scene", "purpose", "design", "model", "seed", "nodes", "effects"}

@@ -22,7 +22,7 @@ from procedures.point_by_point import Progress
 from procedures.run import Run
 from procedures.servo import LoadServo, preload
 from simulators.bench import SimulatedBench
-from simulators.lti import Floats
+from simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep
 
 PRELOAD = 2.4  # N

@@ -8,8 +8,8 @@ from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.estimate import fit_sine
 from simulators.effects.adc import Adc
 from simulators.effects.effect import InputEffect
-from simulators.lti import Floats
-from simulators.plan import RATE, SETTLING, Question, driven
+from simulators.linear.lti import Floats
+from simulators.planning.plan import RATE, SETTLING, Question, driven
 from simulators.randomness import Stream
 from simulators.scene import Scene
 

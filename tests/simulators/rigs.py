@@ -8,7 +8,7 @@ import numpy as np
 
 from instrument.models import springs
 from instrument.sample import SAMPLES
-from simulators.periodic import HERTZ, Periodic
+from simulators.linear.periodic import HERTZ, Periodic
 from simulators.rig import Rig
 from simulators.scene import RigParameters, Scene, read_scene
 

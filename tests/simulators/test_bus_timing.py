@@ -19,7 +19,7 @@ from simulators.bench import SimulatedBench
 from simulators.effects.can_timing import CanTiming
 from simulators.effects.effect import Bound, Case, Effect
 from simulators.effects.serial_timing import SerialTiming
-from simulators.plan import Question, case_of
+from simulators.planning.plan import Question, case_of
 from simulators.scene import Scene
 
 US = 1000  # ns

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulators import path as path_module
-from simulators.chain import INPUTS, Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.effects.viscoelastic import Viscoelastic
-from simulators.lti import Floats, gain
-from simulators.path import Path
-from simulators.periodic import HERTZ, SECOND, Periodic, constant
+from simulators.linear import path as path_module
+from simulators.linear.lti import Floats, gain
+from simulators.linear.path import Path
+from simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
+from simulators.physics.chain import INPUTS, Armature, Chain, Limits, Plays, Stack, Touch
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())

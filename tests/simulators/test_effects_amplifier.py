@@ -16,7 +16,7 @@ from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.effect import Effect
 from simulators.effects.humidity_leak import HumidityLeak
 from simulators.effects.voltage_amplifier import VoltageAmplifier
-from simulators.lti import Floats
+from simulators.linear.lti import Floats
 from simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 

@@ -21,7 +21,7 @@ from simulators.effects.glue_clamping import GlueClamping
 from simulators.effects.off_axis import OffAxis
 from simulators.effects.pyroelectric import Pyroelectric
 from simulators.effects.triboelectric import Triboelectric
-from simulators.lti import Floats
+from simulators.linear.lti import Floats
 from simulators.randomness import Stream
 from simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene

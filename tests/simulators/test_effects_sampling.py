@@ -24,9 +24,9 @@ from simulators.effects.jitter import Jitter
 from simulators.effects.mains_hum import MainsHum
 from simulators.effects.pink_noise import PinkNoise
 from simulators.effects.white_noise import WhiteNoise
-from simulators.lti import Times
-from simulators.pickup import of_films, signal
-from simulators.plan import Question, case_of, driven
+from simulators.linear.lti import Times
+from simulators.planning.pickup import of_films, signal
+from simulators.planning.plan import Question, case_of, driven
 from simulators.randomness import BLOCK, Stream
 from simulators.rig import Rig
 from simulators.scene import Scene

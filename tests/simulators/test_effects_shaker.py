@@ -22,12 +22,12 @@ from simulators.effects.frequency_error import FrequencyError
 from simulators.effects.hysteresis import Hysteresis
 from simulators.effects.shaker_dynamics import ShakerDynamics
 from simulators.effects.viscoelastic import PRONY, Viscoelastic
-from simulators.lti import Floats
-from simulators.periodic import HERTZ
-from simulators.plan import Question
-from simulators.plan import driven as measured
+from simulators.linear.lti import Floats
+from simulators.linear.periodic import HERTZ
+from simulators.planning.plan import Question
+from simulators.planning.plan import driven as measured
+from simulators.planning.steady import phasors as settled
 from simulators.rig import Rig
-from simulators.steady import phasors as settled
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, waveform
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0

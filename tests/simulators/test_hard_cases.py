@@ -19,15 +19,15 @@ from instrument.contracts import sensor_node, strain_indicator
 from instrument.designs import get_design
 from instrument.errors import EstimateError, RangeError
 from instrument.estimate import fit_sine
-from simulators import bouc_wen
-from simulators.chain import Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.clock import VirtualClock
 from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.crosstalk import Crosstalk
-from simulators.integrators import _first_order_hold
-from simulators.lti import Floats, StateSpace, first_order_low_pass, gain
-from simulators.path import Path
-from simulators.periodic import HERTZ, SECOND, Periodic, constant
+from simulators.linear import bouc_wen
+from simulators.linear.integrators import _first_order_hold
+from simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
+from simulators.linear.path import Path
+from simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
+from simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
 from simulators.randomness import Stream
 
 MS = 1_000_000

@@ -15,7 +15,7 @@ from instrument.models.curve import ratio_curve
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.softness import modulus_of_ratio
 from simulators.clock import VirtualClock
-from simulators.periodic import HERTZ, SECOND, Periodic
+from simulators.linear.periodic import HERTZ, SECOND, Periodic
 from simulators.randomness import Stream
 from simulators.rig import Rig
 from simulators.sensor_node import SensorNode

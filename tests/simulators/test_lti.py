@@ -12,8 +12,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from simulators.lti import Floats, StateSpace, first_order_high_pass, first_order_low_pass
-from simulators.periodic import CYCLE, HERTZ, Periodic
+from simulators.linear.lti import Floats, StateSpace, first_order_high_pass, first_order_low_pass
+from simulators.linear.periodic import CYCLE, HERTZ, Periodic
 
 Times = npt.NDArray[np.int64]
 SECOND = 1_000_000_000

@@ -15,7 +15,7 @@ from instrument.designs import DESIGNS
 from instrument.errors import ConfigError
 from instrument.sample import SAMPLES
 from simulators.bench import SimulatedBench
-from simulators.plan import Question, driven
+from simulators.planning.plan import Question, driven
 from simulators.scene import Scene, read_scene
 from tests.simulators.rigs import SECOND
 

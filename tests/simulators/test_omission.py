@@ -14,7 +14,7 @@ from instrument.sample import SAMPLES
 from simulators.effects import EFFECTS
 from simulators.effects.effect import Bound, Effect
 from simulators.effects.white_noise import WhiteNoise
-from simulators.plan import Question, case_of
+from simulators.planning.plan import Question, case_of
 from simulators.scene import Scene, read_scene
 from tests.simulators.measured import force_and_ratio
 from tests.simulators.strong import STRONG

@@ -11,11 +11,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from instrument.errors import UnreachableError
-from simulators import path as path_module
-from simulators.crossing import NEVER, Watch
-from simulators.lti import Floats, StateSpace, Times, first_order_low_pass
-from simulators.path import Guard, Mode, Path
-from simulators.periodic import CYCLE, HERTZ, SECOND, Periodic
+from simulators.linear import path as path_module
+from simulators.linear.crossing import NEVER, Watch
+from simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
+from simulators.linear.path import Guard, Mode, Path
+from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 MS = 1_000_000
 DAY = 86_400 * SECOND

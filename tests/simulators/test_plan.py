@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulators import plan as planning
 from simulators.effects import EFFECTS
 from simulators.effects.adc import Adc
 from simulators.effects.amplifier_clip import AmplifierClip
@@ -19,9 +18,10 @@ from simulators.effects.hysteresis import Hysteresis
 from simulators.effects.mains_hum import MainsHum
 from simulators.effects.shaker_dynamics import ShakerDynamics
 from simulators.effects.white_noise import WhiteNoise
-from simulators.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, Plan, Question, plan
+from simulators.planning import plan as planning
+from simulators.planning.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, Plan, Question, plan
+from simulators.planning.steady import phasors
 from simulators.scene import read_scene
-from simulators.steady import phasors
 from tests.simulators.rigs import scene
 
 

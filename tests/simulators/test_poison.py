@@ -9,7 +9,7 @@ import pytest
 from simulators import effects
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
-from simulators.plan import Question
+from simulators.planning.plan import Question
 from simulators.scene import read_scene, shipped
 from tests.simulators.measured import volts
 

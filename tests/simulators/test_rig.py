@@ -17,8 +17,8 @@ from instrument.models import experiment
 from instrument.sample import SAMPLES
 from simulators.clock import VirtualClock
 from simulators.effects import effect_class
-from simulators.lti import Floats
-from simulators.periodic import CYCLE, HERTZ
+from simulators.linear.lti import Floats
+from simulators.linear.periodic import CYCLE, HERTZ
 from simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
 

@@ -9,7 +9,7 @@ import pytest
 
 from instrument.sample import SAMPLES
 from simulators.clock import VirtualClock
-from simulators.lti import Floats
+from simulators.linear.lti import Floats
 from simulators.rig import Rig
 from simulators.strain_indicator import IDEAL_SENSITIVITY, StrainIndicator
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform

@@ -11,12 +11,12 @@ import pytest
 
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS, effect_class
-from simulators.lti import Floats
-from simulators.plan import Question, driven
+from simulators.linear.lti import Floats
+from simulators.planning.plan import Question, driven
+from simulators.planning.waveforms import Waveforms, waveforms
 from simulators.rig import Rig
 from simulators.scene import Scene, read_scene, shipped
 from simulators.sensor_node import Samples, SensorNode
-from simulators.waveforms import Waveforms, waveforms
 
 SCENES = (
     "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "thesis_common_base",

@@ -14,12 +14,12 @@ from instrument.designs import get_design
 from simulators.effects import EFFECTS
 from simulators.effects.effect import Effect
 from simulators.effects.hysteresis import Hysteresis
-from simulators.lti import Complexes, Floats
-from simulators.periodic import HERTZ, SECOND
-from simulators.plan import Question, driven
+from simulators.linear.lti import Complexes, Floats
+from simulators.linear.periodic import HERTZ, SECOND
+from simulators.planning.plan import Question, driven
+from simulators.planning.steady import describing_function, followed, phasors, steady_state
 from simulators.rig import Rig
 from simulators.scene import Scene
-from simulators.steady import describing_function, followed, phasors, steady_state
 from tests.simulators.rigs import scene
 from tests.simulators.strong import STRONG
 

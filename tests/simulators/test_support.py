@@ -9,7 +9,7 @@ from instrument.errors import BenchError
 from instrument.sample import SAMPLES
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
-from simulators.mounted import SUPPORT_STIFFNESS
+from simulators.physics.mounted import SUPPORT_STIFFNESS
 from simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, scene
 

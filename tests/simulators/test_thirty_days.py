@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simulators.clock import VirtualClock
-from simulators.periodic import HERTZ
+from simulators.linear.periodic import HERTZ
 from simulators.rig import Rig
 from simulators.scene import read_scene
 from simulators.sensor_node import SensorNode

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import FILM_KINDS, Film
-from simulators.chain import Touch
 from simulators.effects import EFFECTS
 from simulators.effects.effect import (
     AmplifierEffect,
@@ -31,10 +30,11 @@ from simulators.effects.effect import (
     ShakerEffect,
     StackEffect,
 )
-from simulators.fits import fitted, leaks, left_over, transient
-from simulators.lti import StateSpace
-from simulators.periodic import HERTZ
-from simulators.pickup import Additive, bound, largest_within, rounding, signal
+from simulators.linear.lti import StateSpace
+from simulators.linear.periodic import HERTZ
+from simulators.physics.chain import Touch
+from simulators.planning.fits import fitted, leaks, left_over, transient
+from simulators.planning.pickup import Additive, bound, largest_within, rounding, signal
 from simulators.randomness import Stream
 
 if TYPE_CHECKING:

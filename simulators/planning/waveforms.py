@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
-from simulators.chain import Armature, Limits
 from simulators.clock import VirtualClock
 from simulators.effects.effect import AmplifierEffect, ShakerEffect
-from simulators.lti import Floats, Times
-from simulators.plan import Question, driven
+from simulators.linear.lti import Floats, Times
+from simulators.physics.chain import Armature, Limits
+from simulators.planning.plan import Question, driven
 from simulators.rig import Rig
 from simulators.scene import Scene
 from simulators.sensor_node import SensorNode

@@ -18,9 +18,9 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from simulators.lti import Floats, Rows, StateSpace, first_order_low_pass, gain
-from simulators.mechanics import INPUTS, Mechanics
-from simulators.path import Guard, Mode
+from simulators.linear.lti import Floats, Rows, StateSpace, first_order_low_pass, gain
+from simulators.linear.path import Guard, Mode
+from simulators.physics.mechanics import INPUTS, Mechanics
 
 
 @dataclass(frozen=True)

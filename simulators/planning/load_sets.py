@@ -16,13 +16,13 @@ from instrument.load import Load
 from instrument.models.response import response
 from instrument.sample import Sample
 from simulators.clock import VirtualClock
-from simulators.lti import Floats
-from simulators.periodic import HERTZ, Periodic
-from simulators.plan import CLOSED_FORM, PRELOAD, moves, path_of
+from simulators.linear.lti import Floats
+from simulators.linear.periodic import HERTZ, Periodic
+from simulators.planning.plan import CLOSED_FORM, PRELOAD, moves, path_of
+from simulators.planning.steady import SETTLED
+from simulators.planning.waveforms import SAMPLES_PER_CYCLE, sampled
 from simulators.rig import Rig
 from simulators.scene import Scene
-from simulators.steady import SETTLED
-from simulators.waveforms import SAMPLES_PER_CYCLE, sampled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

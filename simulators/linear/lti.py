@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from simulators.free_motion import FreeMotion, free_motion
-from simulators.periodic import HERTZ, Periodic
+from simulators.linear.free_motion import FreeMotion, free_motion
+from simulators.linear.periodic import HERTZ, Periodic
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simulators.chain import Armature, Chain, Limits, Plays
 from simulators.effects.effect import (
     AmplifierEffect,
     FilmsEffect,
@@ -15,8 +14,9 @@ from simulators.effects.effect import (
     SourceEffect,
     StackEffect,
 )
-from simulators.lti import StateSpace, gain
-from simulators.mounted import Mounted
+from simulators.linear.lti import StateSpace, gain
+from simulators.physics.chain import Armature, Chain, Limits, Plays
+from simulators.physics.mounted import Mounted
 from simulators.randomness import Stream
 from simulators.scene import Scene
 

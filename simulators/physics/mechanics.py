@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulators.lti import Floats, StateSpace
+from simulators.linear.lti import Floats, StateSpace
 
 if TYPE_CHECKING:
-    from simulators.chain import Armature, Limits, Touch
+    from simulators.physics.chain import Armature, Limits, Touch
 
 INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
 

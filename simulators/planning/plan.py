@@ -22,14 +22,14 @@ from instrument.errors import RangeError
 from instrument.load import Load
 from instrument.models.response import response
 from instrument.sample import SAMPLES, get_sample
-from simulators.chain import Touch
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Bound, Case, Effect
-from simulators.periodic import HERTZ, Periodic
+from simulators.linear.periodic import HERTZ, Periodic
+from simulators.physics.chain import Touch
+from simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from simulators.rig import Rig
 from simulators.scene import RigParameters, Scene, SceneFile
-from simulators.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 
 PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement

@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from simulators.lti import Complexes, Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
-from simulators.periodic import HERTZ, SECOND, Periodic
+from simulators.linear.lti import Complexes, Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
+from simulators.linear.periodic import HERTZ, SECOND, Periodic
 
 DURATION = 10.0  # s, of the record
 STATES = 9

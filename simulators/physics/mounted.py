@@ -9,7 +9,7 @@ from instrument.errors import RangeError
 from instrument.models.influence import tooth_shares
 from instrument.models.response import Response
 from instrument.sample import Sample
-from simulators.chain import Stack
+from simulators.physics.chain import Stack
 
 SUPPORT_STIFFNESS = 1e6  # N/m, of the rigid support with the load cell below it [A]
 PIN_STIFFNESS = 1e3  # N/m, of the rubber tip of the pin that presses one tooth [A]

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from instrument.errors import UnreachableError
-from simulators.crossing import NEVER, Watch
-from simulators.cycle import Cycle
-from simulators.lti import Floats, Rows, StateSpace, Steady, Times, Trace
-from simulators.periodic import CYCLE, HERTZ, SECOND, Periodic
-from simulators.recurrence import Recurrence, Section, recurrence, seen_states
+from simulators.linear.crossing import NEVER, Watch
+from simulators.linear.cycle import Cycle
+from simulators.linear.lti import Floats, Rows, StateSpace, Steady, Times, Trace
+from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
+from simulators.linear.recurrence import Recurrence, Section, recurrence, seen_states
 
 LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most

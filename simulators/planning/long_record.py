@@ -11,10 +11,10 @@ import numpy as np
 
 from instrument.design import FILM_KINDS
 from simulators.effects.effect import StackEffect
-from simulators.lti import Floats
-from simulators.plan import LOOKED_AT, Question, driven
+from simulators.linear.lti import Floats
+from simulators.planning.plan import LOOKED_AT, Question, driven
+from simulators.planning.waveforms import SETTLING, sampled
 from simulators.scene import Scene
-from simulators.waveforms import SETTLING, sampled
 
 SCATTER = "gain_scatter"
 

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.lti import Complexes, Floats, Rows, Steady
-from simulators.periodic import CYCLE, HERTZ, SECOND, Periodic
+from simulators.linear.lti import Complexes, Floats, Rows, Steady
+from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 NEVER = 2**63 - 1
 AHEAD = 16  # periods of the drive that are searched at once

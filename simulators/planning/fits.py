@@ -15,8 +15,8 @@ import numpy.typing as npt
 from instrument.errors import EstimateError
 from instrument.estimate import fit_sine
 from simulators.effects.effect import Case, Floats
-from simulators.lti import StateSpace
-from simulators.periodic import HERTZ
+from simulators.linear.lti import StateSpace
+from simulators.linear.periodic import HERTZ
 
 if TYPE_CHECKING:
     from simulators.rig import Rig

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulators.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
-from simulators.lti import Floats, StateSpace
-from simulators.periodic import CYCLE, HERTZ, Periodic
+from simulators.linear.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
+from simulators.linear.lti import Floats, StateSpace
+from simulators.linear.periodic import CYCLE, HERTZ, Periodic
 
 if TYPE_CHECKING:
-    from simulators.crossing import Watch
-    from simulators.path import Mode, Stretch
+    from simulators.linear.crossing import Watch
+    from simulators.linear.path import Mode, Stretch
 
 REPEATED = 1e-13  # of the largest that each state has been: so close it is the same one period later
 NEAR = 1e-6  # of the same, beside what a drive changes in 100 ns: from here on the fixed point is looked for

@@ -13,8 +13,8 @@ import numpy as np
 
 from instrument.design import FILM_KINDS
 from simulators.effects.effect import HysteresisEffect
-from simulators.lti import Complexes
-from simulators.periodic import HERTZ, SECOND
+from simulators.linear.lti import Complexes
+from simulators.linear.periodic import HERTZ, SECOND
 from simulators.rig import Rig
 
 POINTS = 4096  # of a period, where it is followed

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from simulators.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
-from simulators.periodic import CYCLE, HERTZ, SECOND, Periodic
+from simulators.linear.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
+from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 if TYPE_CHECKING:
-    from simulators.path import Guard, Mode
+    from simulators.linear.path import Guard, Mode
 
 STEPS = 8  # of Newton, to a root that is known to the nanosecond
 CLOSE = 10.0  # ns: so far from the nanosecond at which it was found a root may be

@@ -1,0 +1,1 @@
+"""Piecewise linear systems under periodic inputs, in closed form: mathematics that knows nothing of a bench."""
