@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from instrument.errors import RangeError
 from instrument.models import elements as el
-from instrument.models.axisymmetric_fields import FacePressure, Field, displacements, face_pressure
-from instrument.models.condensed import Elements, Solved
+from instrument.models.axisymmetric_fields import FacePressure, Field, OnMesh, displacements, face, on
+from instrument.models.condensed import Elements
 from instrument.models.condensed import solve as solve_elements
-from instrument.models.mesh import Grid, grid, inside
+from instrument.models.mesh import Grid, grid
 from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, under_tooth
 from instrument.models.parameters import RoundParameters
 
@@ -55,7 +55,8 @@ class Film:
     normal_stress: float
 
 
-@dataclass(frozen=True, slots=True)
+# Without slots: it keeps its fields.
+@dataclass(frozen=True)
 class AxisymmetricSolution:
     """What the sensor does under 1 N, spread evenly over the object. Compression counts positive in forces.
 
@@ -66,11 +67,10 @@ class AxisymmetricSolution:
         ring_force: force below the ring [N].
         base_force: force through the base [N].
         films: "tooth" and "base"; none on a rigid support.
-        fields: body name -> displacements.
-        face: pressure of the object on tooth and ring.
         unknowns: displacements and pressures.
         residual: of the linear system, relative to the size of its terms.
-        seconds: of the processor, to build the element matrices, to solve, and to evaluate.
+        seconds: of the processor, to build the element matrices, to solve, and to evaluate the forces.
+        on_mesh: what `fields` and `face` are worked out from.
     """
 
     force_ratio: float
@@ -79,11 +79,20 @@ class AxisymmetricSolution:
     ring_force: float
     base_force: float
     films: dict[str, Film]
-    fields: dict[str, Field]
-    face: FacePressure
     unknowns: int
     residual: float
     seconds: tuple[float, float, float]
+    on_mesh: OnMesh
+
+    @functools.cached_property
+    def fields(self) -> dict[str, Field]:
+        """Body name -> displacements."""
+        return displacements(self.on_mesh)
+
+    @functools.cached_property
+    def face(self) -> FacePressure:
+        """Pressure of the object on tooth and ring."""
+        return face(self.on_mesh)
 
     @property
     def imbalance(self) -> float:
@@ -161,11 +170,15 @@ def solve_on(
     elements = assemble(parameters, mesh, r, z, bodies, mixed_poisson)
     built = time.process_time()
     load = np.zeros_like(elements.unknowns, dtype=np.float64)
-    top = _on(load, bodies[0], r)[:, -1, AXIAL]
+    top = on(load, bodies[0])[:, -1, AXIAL]
     # The first shape function is 1: these are ∫ r φ.
     top[:, :, :2] -= r.value_value[bodies[0].columns][:, :, :1] / (math.pi * parameters.sensed_radius**2)
     solved = solve_elements(elements, elements.gather(load))
-    return _evaluate(parameters, mesh, r, z, bodies, elements, solved, (start, built, time.process_time()))
+    done = time.process_time()
+    found = OnMesh(
+        parameters, mesh, r, {p.body.name: p for p in bodies}, solved.displacement[elements.unknowns], solved.internal
+    )
+    return _evaluate(found, elements, solved.residual, (start, built, done))
 
 
 def assemble(
@@ -204,41 +217,23 @@ def assemble(
     )
 
 
-def _on(local: Array, part: Part, r: el.Line) -> Array:
-    """Element vectors of a body as (columns, rows, axis, radial shape, axial shape)."""
-    shapes = r.dofs.shape[1]
-    return local[part.elements].reshape(len(part.columns), len(part.rows), 2, shapes, shapes)
-
-
 def _evaluate(
-    parameters: RoundParameters,
-    mesh: Grid,
-    r: el.Line,
-    z: el.Line,
-    bodies: list[Part],
-    elements: Elements,
-    solved: Solved,
-    marks: tuple[float, float, float],
+    at: OnMesh, elements: Elements, residual: float, marks: tuple[float, float, float]
 ) -> AxisymmetricSolution:
     start, built, done = marks
-    internal = solved.internal
-    displacement = solved.displacement[elements.unknowns]
-    by_name = {part.body.name: part for part in bodies}
+    parameters = at.parameters
 
     def below(name: str) -> Array:
         """Forces on the vertices below a body: (columns, 2)."""
-        forces: Array = 2 * math.pi * _on(internal, by_name[name], r)[:, 0, AXIAL, :2, 0]
-        return forces
+        return at.forces(name)[:, 0, AXIAL, :2, 0]
 
-    vertices = r.dofs[by_name["object"].columns][:, :2]
-    above = float(below("object")[np.isin(vertices, under_tooth(parameters, mesh, r))].sum())
+    vertices = at.r.dofs[at.parts["object"].columns][:, :2]
+    above = float(below("object")[np.isin(vertices, under_tooth(parameters, at.mesh, at.r))].sum())
     ring = float(below("ring").sum())
     films: dict[str, Film] = {}
     if parameters.support == "elastic":
-        for name, body in (("tooth", "tooth film"), ("base", "base film")):
-            part = by_name[body]
-            film = _film(mesh, part, _on(internal, part, r), float(below(body).sum()))
-            films[name] = film
+        for name in ("tooth", "base"):
+            films[name] = _film(at, f"{name} film", float(below(f"{name} film").sum()))
         tooth, base = films["tooth"].force, films["base"].force
     else:
         tooth, base = above, above + ring
@@ -251,37 +246,21 @@ def _evaluate(
         ring_force=ring,
         base_force=base,
         films=films,
-        fields={
-            part.body.name: displacements(mesh, part, r.dofs.shape[1] - 1, _on(displacement, part, r))
-            for part in bodies
-        },
-        face=_face(parameters, mesh, r, by_name["object"], internal),
         unknowns=elements.size + elements.dilatation.shape[0] * elements.dilatation.shape[1],
-        residual=solved.residual,
+        residual=residual,
         seconds=(built - start, done - built, time.process_time() - done),
+        on_mesh=at,
     )
 
 
-def _film(mesh: Grid, part: Part, internal: Array, force: float) -> Film:
+def _film(at: OnMesh, name: str, force: float) -> Film:
     """Mean stresses by virtual work: of the displacement r along the radius, and z along the axis."""
+    mesh, part, forces = at.mesh, at.parts[name], at.forces(name)
     low, high = part.body.heights
     inner, outer = part.body.radii
     volume = math.pi * (outer**2 - inner**2) * (high - low)
     radius = np.stack([mesh.radii[part.columns], mesh.radii[part.columns + 1]], axis=1)
     height = np.stack([mesh.heights[part.rows], mesh.heights[part.rows + 1]], axis=1) - low
-    plane = np.einsum("xyab,xa->", internal[:, :, RADIAL, :2, :2], radius)
-    normal = np.einsum("xyab,yb->", internal[:, :, AXIAL, :2, :2], height)
-    work = 2 * math.pi / volume
-    return Film(force, plane_stress=float(plane) * work / 2, normal_stress=float(normal) * work)
-
-
-def _face(parameters: RoundParameters, mesh: Grid, r: el.Line, body: Part, internal: Array) -> FacePressure:
-    """Pressure of the object, from its forces on the shape functions of its lower side."""
-    forces = 2 * math.pi * _on(internal, body, r)[:, 0, AXIAL, :, 0]
-    outer = min(parameters.ring_outer_radius, parameters.sensed_radius)
-    touching = np.concatenate(
-        [inside(mesh.radii, part) for part in ((0.0, parameters.tooth_radius), (parameters.ring_inner_radius, outer))]
-    )
-    by_shape = np.zeros(r.dofs.max() + 1)
-    np.add.at(by_shape, r.dofs[body.columns], forces)
-    return face_pressure(mesh, r.dofs, touching, by_shape, parameters.tooth_radius)
+    plane = np.einsum("xyab,xa->", forces[:, :, RADIAL, :2, :2], radius)
+    normal = np.einsum("xyab,yb->", forces[:, :, AXIAL, :2, :2], height)
+    return Film(force, plane_stress=float(plane) / volume / 2, normal_stress=float(normal) / volume)

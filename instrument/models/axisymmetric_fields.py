@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.models import elements as el
-from instrument.models.mesh import Grid
-from instrument.models.numbering import Part
+from instrument.models.mesh import Grid, inside
+from instrument.models.numbering import AXIAL, Part
+from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -63,16 +64,57 @@ class FacePressure:
         return float((self.pressure * self.area).sum())
 
 
-def displacements(mesh: Grid, part: Part, degree: int, displacement: Array) -> Field:
-    """Of a body, from its element displacements (columns, rows, axis, radial shape, axial shape)."""
+@dataclass(frozen=True, slots=True)
+class OnMesh:
+    """What was solved for: displacements, and forces on nodes per radian, of each element (elements, 2 (p + 1)^2)."""
+
+    parameters: RoundParameters
+    mesh: Grid
+    r: el.Line
+    parts: dict[str, Part]
+    displacements: Array
+    internal: Array
+
+    def forces(self, body: str) -> Array:
+        """Of a body [N], all round: (columns, rows, axis, radial shape, axial shape)."""
+        return 2 * math.pi * on(self.internal, self.parts[body])
+
+
+def on(local: Array, part: Part) -> Array:
+    """Element vectors of a body as (columns, rows, axis, radial shape, axial shape)."""
+    shapes = math.isqrt(local.shape[1] // 2)
+    return local[part.elements].reshape(len(part.columns), len(part.rows), 2, shapes, shapes)
+
+
+def displacements(at: OnMesh) -> dict[str, Field]:
+    """Of every body, by its name."""
     points = np.linspace(0, 1, POINTS)
-    shapes = el.shape_functions(degree, points)
-    sampled = np.einsum("xyckl,ki,lj->cxiyj", displacement, shapes, shapes, optimize=True)
-    radius = mesh.radii[part.columns][:, None] + np.diff(mesh.radii)[part.columns][:, None] * points
-    height = mesh.heights[part.rows][:, None] + np.diff(mesh.heights)[part.rows][:, None] * points
-    grid_r, grid_z = np.meshgrid(radius.ravel(), height.ravel(), indexing="ij")
-    radial, axial = sampled.reshape(2, *grid_r.shape)
-    return Field(grid_r, grid_z, radial, axial)
+    shapes, _ = el.shape_functions(at.r.dofs.shape[1] - 1, points)
+
+    def along(lines: Array, intervals: Indices) -> Array:
+        return (lines[intervals][:, None] + np.diff(lines)[intervals][:, None] * points).ravel()
+
+    found = {}
+    for name, part in at.parts.items():
+        sampled = np.einsum("xyckl,ki,lj->cxiyj", on(at.displacements, part), shapes, shapes, optimize=True)
+        radius, height = np.meshgrid(
+            along(at.mesh.radii, part.columns), along(at.mesh.heights, part.rows), indexing="ij"
+        )
+        radial, axial = sampled.reshape(2, *radius.shape)
+        found[name] = Field(radius, height, radial, axial)
+    return found
+
+
+def face(at: OnMesh) -> FacePressure:
+    """From the object's forces on the shape functions of its lower side."""
+    p, dofs = at.parameters, at.r.dofs
+    outer = min(p.ring_outer_radius, p.sensed_radius)
+    touching = np.concatenate(
+        [inside(at.mesh.radii, part) for part in ((0.0, p.tooth_radius), (p.ring_inner_radius, outer))]
+    )
+    forces = np.zeros(dofs.max() + 1)
+    np.add.at(forces, dofs[at.parts["object"].columns], at.forces("object")[:, 0, AXIAL, :, 0])
+    return face_pressure(at.mesh, dofs, touching, forces, p.tooth_radius)
 
 
 def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, reach: float) -> FacePressure:
@@ -107,4 +149,5 @@ def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tu
     points, weights = np.polynomial.legendre.leggauss(count)
     width = np.diff(radii)[intervals][:, None]
     radius = radii[intervals][:, None] + width * (points + 1) / 2
-    return el.shape_functions(degree, (points + 1) / 2), radius, math.pi * radius * width * weights
+    shapes, _ = el.shape_functions(degree, (points + 1) / 2)
+    return shapes, radius, math.pi * radius * width * weights

@@ -13,6 +13,7 @@ Q_p x Q_(p-2), stable on anisotropic and geometrically graded meshes: Schötzau,
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -46,30 +47,24 @@ class Line:
 
 def line(points: Array, degree: int, radial: bool) -> Line:
     """Integrals on a line with grid lines `points` [m], weighted with the radius if `radial`."""
-    from skfem import Basis, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
-
-    # The hoop term divides by the radius: no polynomial, and steep where an element is many radii wide.
-    basis = Basis(MeshLine(points), ElementLinePp(degree), intorder=2 * degree + 24)
-    pressure = {1: ElementLineP1, 2: ElementLineP2}.get(degree - 2, lambda: ElementLinePp(degree - 2))()
-    # Of each shape function at each Gauss point: (intervals, shape functions, points).
-    shapes = np.stack([function[0] for function in basis.basis], axis=1)
-    slopes = np.stack([function[0].grad[0] for function in basis.basis], axis=1)
-    tests = np.stack([function[0] for function in basis.with_element(pressure).basis], axis=1)
-    # 1 is the sum of the first two: its slopes cancel exactly.
-    slopes[:, 0] += slopes[:, 1]
-    shapes[:, 0] = 1
-    radius = basis.global_coordinates()[0][:, None] if radial else np.ones((1, 1, 1))
-    weight = radius * basis.dx[:, None]
-    hoop = shapes / radius if radial else np.zeros_like(shapes)
+    gauss, weights, shapes, derivatives, tests = _reference(degree)
+    count, width = len(points) - 1, np.diff(points)[:, None, None]
+    slopes = derivatives / width
+    radius = points[:-1, None, None] + width * gauss if radial else np.ones((1, 1, 1))
+    weight = radius * width * weights
+    hoop = shapes / radius if radial else np.zeros((1, *shapes.shape))
     dilatation = slopes + hoop
+    # Grid lines have the first numbers, then comes the inside of each interval.
+    first = np.arange(count)[:, None]
+    inner = count + 1 + first * (degree - 1) + np.arange(degree - 1)
 
     def integrals(one: Array, other: Array) -> Array:
-        matrices: Array = (weight * one) @ other.transpose(0, 2, 1)
+        matrices: Array = (weight * one) @ np.swapaxes(other, -1, -2)
         return matrices
 
     orthonormal = np.linalg.inv(np.linalg.cholesky(integrals(tests, tests))) @ tests
     return Line(
-        dofs=np.asarray(basis.element_dofs.T, dtype=np.intp),
+        dofs=np.concatenate([first, first + 1, inner], axis=1).astype(np.intp, copy=False),
         positions=points,
         value_value=integrals(shapes, shapes),
         slope_slope=integrals(slopes, slopes),
@@ -80,6 +75,23 @@ def line(points: Array, degree: int, radial: bool) -> Line:
         dilatation=integrals(orthonormal, dilatation),
         value=integrals(orthonormal, shapes),
     )
+
+
+@functools.cache
+def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
+    """On [0, 1]: Gauss points and weights; values and slopes of shape functions, 1 the first; values of the pressure's.
+
+    scikit-fem's `Basis` works these out anew for each line, which took longer than all integrals.
+    """
+    # The hoop term divides by the radius: no polynomial, and steep where an element is many radii wide.
+    gauss, weights = np.polynomial.legendre.leggauss(degree + 13)
+    gauss = (gauss + 1) / 2
+    shapes, slopes = shape_functions(degree, gauss)
+    # 1 is the sum of the first two: its slopes cancel exactly.
+    slopes[0] += slopes[1]
+    shapes[0] = 1
+    tests: Array = np.polynomial.legendre.legvander(2 * gauss - 1, degree - 2).T
+    return gauss, weights / 2, shapes, slopes, tests
 
 
 def product(radial: Array, axial: Array) -> Array:
@@ -144,9 +156,10 @@ def nodal(forces: Array, axis: int = 1) -> Array:
     return moved
 
 
-def shape_functions(degree: int, points: Array) -> Array:
-    """Values of the shape functions of a line at `points` in [0, 1]: (degree + 1, points)."""
+def shape_functions(degree: int, points: Array) -> tuple[Array, Array]:
+    """Values and slopes of the shape functions of a line at `points` in [0, 1]: both (degree + 1, points)."""
     from skfem import ElementLinePp
 
     element = ElementLinePp(degree)
-    return np.array([element.lbasis(points[None, :], index)[0] for index in range(degree + 1)])
+    values, slopes = zip(*(element.lbasis(points[None, :], index) for index in range(degree + 1)), strict=True)
+    return np.array(values), np.array(slopes)[:, 0]

@@ -60,8 +60,7 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
     bubble = np.arange(local) >= 2
     inner = np.tile(np.outer(bubble, bubble).ravel(), 2)
     outer = names[:, ~inner]
-    distinct = np.unique(outer)
-    distinct = distinct[distinct >= 0]
+    distinct = np.unique(outer[outer >= 0])
     shared, count = len(distinct), int(inner.sum())
     size = shared + len(names) * count
     unknowns = np.empty(names.shape, dtype=np.intp)
@@ -78,27 +77,25 @@ def under_tooth(parameters: RoundParameters, mesh: Grid, r: Line) -> Indices:
 def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part, axis: int) -> Indices:
     """One integer for each node of the body, the same for joined nodes, -1 for fixed ones."""
     local = r.dofs.shape[1]
-    shape = (len(part.columns), len(part.rows), local, local)
-    radial = np.broadcast_to(r.dofs[part.columns][:, None, :, None], shape)
-    axial = np.broadcast_to(z.dofs[part.rows][None, :, None, :], shape)
-    # Vertices have the numbers of their grid lines.
+    # By (column, row, radial shape, axial shape); vertices have the numbers of their grid lines.
+    radial, axial = r.dofs[part.columns][:, None, :, None], z.dofs[part.rows][None, :, None, :]
     face, foot = np.searchsorted(mesh.heights, [mesh.face, mesh.base])
-    sheet = np.full(shape, SHEETS.index(part.body.sheet))
-    fixed = (radial == 0) if axis == RADIAL else np.zeros(shape, dtype=bool)
+    sheet = np.full((len(part.columns), len(part.rows), local, local), SHEETS.index(part.body.sheet))
+    fixed = np.broadcast_to(radial == 0 if axis == RADIAL else np.array(False), sheet.shape).copy()
 
     if axis == AXIAL or parameters.interface == "bonded":
-        covered = np.unique(r.dofs[inside(mesh.radii, (0.0, parameters.sensed_radius))])
-        touching = (axial == face) & np.isin(radial, covered)
+        covering = np.isin(radial, r.dofs[inside(mesh.radii, (0.0, parameters.sensed_radius))])
         if part.body.name == "ring" and parameters.ring_inner_radius == parameters.tooth_radius:
             # The object's node over a closed gap is the tooth's: a force on one node is no force on a ring.
-            touching &= radial != r.dofs[part.columns[0], 0]
+            covering &= radial != r.dofs[part.columns[0], 0]
+        touching = (axial == face) & covering
         sheet[touching] = SHEETS.index("object")
         if parameters.support == "rigid":
             fixed |= touching & np.isin(radial, under_tooth(parameters, mesh, r))
     if parameters.support == "rigid":
         fixed |= axial == foot
     else:
-        sheet[axial == foot] = SHEETS.index("base")
+        np.copyto(sheet, SHEETS.index("base"), where=axial == foot)
         fixed |= axial == 0
-    name: Indices = ((sheet * 2 + axis) * len(np.unique(r.dofs)) + radial) * len(np.unique(z.dofs)) + axial
+    name: Indices = ((sheet * 2 + axis) * (r.dofs.max() + 1) + radial) * (z.dofs.max() + 1) + axial
     return np.where(fixed, -1, name).reshape(-1, local * local)
