@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri, fdtri
 
 from instrument.errors import EstimateError
 
@@ -78,6 +77,8 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
     own = np.linalg.solve(r, q.T @ (y - centre_reading))
     degrees_of_freedom = x.size - degree - 1
     residual_sd = float(np.linalg.norm(y - centre_reading - columns @ own)) / math.sqrt(degrees_of_freedom)
+    from scipy.special import chdtri
+
     by_scatter = residual_sd**2 * degrees_of_freedom > reading_u**2 * chdtri(degrees_of_freedom, SIGNIFICANCE)
     root = np.linalg.inv(r) * (residual_sd if by_scatter else reading_u)
     back = _powers(centre, scale, degree)
@@ -101,6 +102,8 @@ def best_degree(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float) -
     curve = interpolate(load, reading, reading_u, 2)
     explained = line.residual_sd**2 * line.degrees_of_freedom - curve.residual_sd**2 * curve.degrees_of_freedom
     scatter = max(curve.residual_sd, reading_u) ** 2
+    from scipy.special import fdtri
+
     limit = float(fdtri(1, curve.degrees_of_freedom, 1 - SIGNIFICANCE))
     return 2 if explained > limit * scatter else 1
 

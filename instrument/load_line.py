@@ -8,7 +8,6 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import fdtrc
 
 from instrument.calibration import LoadCellCalibration
 from instrument.errors import EstimateError
@@ -56,6 +55,8 @@ class LoadLine:
     @classmethod
     def through(cls, name: str, series: Series, calibration: LoadCellCalibration) -> Self:
         """Raises EstimateError: fewer than three points surely touch."""
+        from scipy.special import fdtrc
+
         loads = np.array([calibration.load(float(reading))[0] for reading in series.displays.mean(axis=1)])
         least = SURE * calibration.resolution()
         sure = loads > least

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri
 
 Floats = npt.NDArray[np.float64]
 
@@ -127,6 +126,8 @@ def _holds(relative: Floats, lines: Floats) -> bool:
 
     The mean of a band is a chi-squared; its cube root is all but normal (Wilson and Hilferty).
     """
+    from scipy.special import chdtri
+
     ninth = 1 / (9 * lines)
     off = ((np.cbrt(relative) - (1 - ninth)) ** 2 / ninth).sum(axis=1)
     return bool(off.max() <= chdtri(lines.size, SURE / len(relative)))

@@ -10,12 +10,13 @@ import functools
 import math
 import re
 from dataclasses import dataclass
-from typing import Annotated, Any
-
-from pydantic import GetCoreSchemaHandler
-from pydantic_core import CoreSchema, core_schema
+from typing import TYPE_CHECKING, Annotated, Any
 
 from instrument.errors import QuantityError
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+    from pydantic_core import CoreSchema
 
 # Only the unit goes to pint: of a whole text it would also evaluate powers, such as 9**9**9.
 _QUANTITY = re.compile(
@@ -23,11 +24,13 @@ _QUANTITY = re.compile(
     r"(?P<unit>(?:[A-Za-zµμΩ°%]+(?: [A-Za-zµμΩ]+)?(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
     re.ASCII,
 )
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
 
 
 @functools.cache
 def _registry() -> Any:
-    import pint  # 0.2 s to import: only where a text is parsed
+    import pint
 
     return pint.UnitRegistry(cache_folder=None)
 
@@ -43,28 +46,42 @@ def parse(text: str, unit: str) -> float:
     Raises:
         QuantityError: not a number, no unit, a unit of another dimension, or not finite.
     """
-    import pint
-
     example = f"write for example {_example(unit)!r}"
     found = _QUANTITY.fullmatch(text)
     if found is None:
         raise QuantityError(f"{text[:100]!r} is not a quantity; {example}")
-    value = float(found["number"])
+    value, written = float(found["number"]), found["unit"]
+    factor = _factor(written, unit)
+    converted = value * factor if factor is not None else _converted(text, value, written, unit, example)
+    if not math.isfinite(converted):
+        raise QuantityError(f"{text!r} is not finite; {example}")
+    return converted
+
+
+def _factor(written: str, unit: str) -> float | None:
+    """From the unit with a prefix to the unit, as `show` writes it; None: pint knows, which takes half a second."""
+    if written == unit:
+        return 1.0
+    if not written.endswith(unit) or unit in ("", "kg"):
+        return None
+    return _FACTORS.get(written.removesuffix(unit))
+
+
+def _converted(text: str, value: float, written: str, unit: str, example: str) -> float:
+    import pint
+
     try:
-        quantity = _registry().Quantity(value, _spelled(found["unit"]))
+        quantity = _registry().Quantity(value, _spelled(written))
     except (pint.PintError, ValueError):  # "nan" and others are numbers to pint
-        raise QuantityError(f"{text!r}: {found['unit']!r} is no unit; {example}") from None
+        raise QuantityError(f"{text!r}: {written!r} is no unit; {example}") from None
     if unit and quantity.unitless:
         raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
     try:
-        converted = float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
+        return float(quantity.to(_spelled(unit) or "dimensionless").magnitude)
     except pint.PintError:  # another dimension, or a temperature with its own zero
         raise QuantityError(
             f"{text!r} is in {quantity.units:~} where {unit or 'a plain number'} belongs; {example}"
         ) from None
-    if not math.isfinite(converted):
-        raise QuantityError(f"{text!r} is not finite; {example}")
-    return converted
 
 
 def _spelled(unit: str) -> str:
@@ -83,8 +100,7 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     exponent = min(max(3 * math.floor(math.log10(abs(value)) / 3), -12), 9)
     if unit in ("N", "V", "Hz", "s") and exponent >= 0:
         exponent = min(exponent, 3 if unit == "Hz" else 0)
-    prefix = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}[exponent]
-    return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
+    return f"{value / 10.0**exponent:.{digits}g} {_PREFIXES[exponent]}{unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +110,8 @@ class Unit:
     unit: str
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema
+
         return core_schema.no_info_before_validator_function(
             self._read,
             handler(source),

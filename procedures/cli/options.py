@@ -155,11 +155,15 @@ class Output:
     def progress(self, first: str = "opening the bench") -> Iterator[Progress]:
         """A progress bar on stderr, where someone can see it."""
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
+        if self.quiet or not console.is_terminal:
+            yield lambda _done, _total, _what: None
+            return
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
         columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-        with Progress(*columns, console=console, disable=self.quiet or not console.is_terminal) as bar:
+        with Progress(*columns, console=console) as bar:
             task = bar.add_task(first, total=None)
 
             def report(done: int, total: int, what: str) -> None:

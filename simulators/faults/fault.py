@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from pydantic import Field
-from scipy.special import ndtri
 
 from instrument.config import Config, check
 from instrument.errors import ConfigError, UnknownName
@@ -53,6 +52,8 @@ class Trigger:
     """When a fault strikes, counted by the transactions of what it is on: the same for the same scene and seed."""
 
     def __init__(self, fault: Fault, number: int, seed: int) -> None:
+        from scipy.special import ndtri
+
         self._fault = fault
         self._stream = Stream(seed, "fault", number)
         self._threshold = float(ndtri(fault.probability)) if fault.probability is not None else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from instrument import quantity
 from instrument.errors import QuantityError
 from instrument.quantity import parse, show
 
@@ -25,6 +26,21 @@ def test_text_becomes_an_SI_value(text: str, unit: str, value: float) -> None:
     assert parse(text, unit) == pytest.approx(value, rel=1e-15)
 
 
+@pytest.mark.parametrize("written", ["N", "m", "V/√Hz", "N s/m", "g", "bit/s"])
+def test_a_prefix_means_what_pint_makes_of_it_to_the_last_digit(written: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    unit = written.replace("g", "kg")
+    texts = [f"{value} {prefix}{written}" for value in (0.3, 7.1, 12345.678) for prefix in "pnµmkMG"]
+    ours = [parse.__wrapped__(text, unit) for text in texts]
+    monkeypatch.setattr(quantity, "_factor", lambda _written, _unit: None)
+    assert ours == [parse.__wrapped__(text, unit) for text in texts]
+
+
+@pytest.mark.parametrize(("text", "unit"), [("3 mkg", "kg"), ("3 m", ""), ("3 k", "")])
+def test_neither_a_kilogram_nor_a_plain_number_takes_a_prefix(text: str, unit: str) -> None:
+    with pytest.raises(QuantityError):
+        parse(text, unit)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -35,6 +51,8 @@ def test_text_becomes_an_SI_value(text: str, unit: str, value: float) -> None:
         ("nan N", "is not a quantity"),
         ("1e999 N", "is not finite"),
         ("3 bananas", "'bananas' is no unit"),
+        ("3 xN", "'xN' is no unit"),
+        ("3 mm", "in mm where N belongs"),
         ("1 N,", "is not a quantity"),
         ("__import__('os').getcwd()", "is not a quantity"),
         ("9**9**9**9 N", "is not a quantity"),  # would be computed for ever

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from instrument import rounding
 from instrument.rounding import mean_u
 
 
@@ -20,6 +22,12 @@ def test_the_uncertainty_of_a_mean_is_its_spread_about_the_truth(noise: float, c
     scatter = math.sqrt(displays.var(axis=0, ddof=1).mean())
     spread = math.sqrt(np.mean((displays[:count].mean(axis=0) - true) ** 2))
     assert mean_u(scatter, step, count) == pytest.approx(spread, rel=0.05)
+
+
+@pytest.mark.parametrize("scatter", [0.34, 0.35, 0.46, 1.0, 1e6])
+def test_the_noise_behind_a_scatter_is_the_root_that_bracketing_finds(scatter: float) -> None:
+    found = brentq(lambda noise: rounding._excess(noise, scatter), 0.0, scatter + 1.0, rtol=1e-15)
+    assert rounding._noise(scatter) == pytest.approx(found, rel=1e-11)
 
 
 def test_without_scatter_the_step_alone_is_left() -> None:
