@@ -10,7 +10,7 @@ import functools
 import itertools
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -129,15 +129,16 @@ class Moments:
     def wave(self, number: int) -> Floats:
         """(n,)."""
         if number not in self._waves:
-            mode, sine = divmod(number - self._turns, 2)
-            rates = self._rates[mode]
-            wave: Floats = np.exp(np.maximum(rates.real[self.legs] * self._since, LEAST))
+            mode = (number - self._turns) // 2
+            rates, cosine = self._rates[mode], self._turns + 2 * mode
+            decay: Floats = np.exp(np.maximum(rates.real[self.legs] * self._since, LEAST))
             if rates.imag.any():
                 angle = rates.imag[self.legs] * self._since
-                wave *= np.sin(angle) if sine else np.cos(angle)
-            self._waves[number] = wave
-        found: Floats = self._waves[number]
-        return found
+                self._waves[cosine], self._waves[cosine + 1] = decay * np.cos(angle), decay * np.sin(angle)
+            else:
+                self._waves[cosine] = decay
+        wave: Floats = self._waves[number]
+        return wave
 
 
 class Cycle:
@@ -156,6 +157,7 @@ class Cycle:
         self._legs, self._listeners, self._alone, self._lag = legs, listeners, alone, lag
         self._begins = np.array([leg.begin for leg in legs])
         self._inputs = legs[0].steady.inputs
+        self._since_start = replace(self._inputs[0], start_phase=0)
         # (l,) of the first mode in each leg, of the second, ...; 0 where there are no more
         own = itertools.zip_longest(*(leg.modes[0].tolist() for leg in legs), fillvalue=0j)
         self._rates = [np.array(rates) for rates in own]
@@ -166,8 +168,11 @@ class Cycle:
         """Some of the system's outputs or of what is made of them, (p, n), at times from the start on."""
         table, moments = self._table((name, rows.start, rows.stop), row), self._moments(time_ns, step_ns)
         value = table.means.take(moments.legs, axis=1)
+        part = np.empty_like(value)
         for number, weights in table.waves.items():
-            value += weights.take(moments.legs, axis=1) * moments.wave(number)
+            weights.take(moments.legs, axis=1, out=part, mode="clip")
+            part *= moments.wave(number)
+            value += part
         listened = row(self._legs[0].mode.system)[0][:, self._listeners]
         value -= self._alone.motion.seen(listened, self._lag, time_ns - self.start_ns, step_ns)
         return value
@@ -204,7 +209,7 @@ class Cycle:
         key = (int(time_ns[0]), int(time_ns[-1]), len(time_ns), step_ns)
         if not step_ns or key not in self._last:
             drive = self._inputs[0]
-            cycles = ((drive.phase(time_ns) - drive.start_phase) % CYCLE) / CYCLE
+            cycles = self._since_start.phase(time_ns, step_ns) / CYCLE
             legs = np.searchsorted(self._begins, cycles, side="right") - 1
             since = (cycles - self._begins[legs]) * (period_of(self._inputs) / SECOND)
             one = np.eye(len(drive.order))

@@ -121,14 +121,15 @@ def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, cou
     """
     number, rest_ns = divmod(first_ns, step_ns)
     blocks = np.arange(number // BLOCK, (number + count - 1) // BLOCK + 1)
-    parts = heads(rest_ns + step_ns * BLOCK * blocks)
+    parts = np.ascontiguousarray(heads(rest_ns + step_ns * BLOCK * blocks))  # how it lies decides how a BLAS rounds
     start = number - int(blocks[0]) * BLOCK
-    found = np.zeros((parts.shape[1], len(blocks), BLOCK))
-    for block, part in enumerate(parts):  # a product for each block: how a BLAS rounds depends on the shape
-        alive = part.any(axis=0).nonzero()[0]
-        if len(alive):
-            first = slice(alive[-1] + 1)
-            found[:, block] = np.ascontiguousarray(part[:, first]) @ within[first]
+    found = np.empty((parts.shape[1], len(blocks), BLOCK))
+    alive = (parts.any(axis=1) * np.arange(1, len(within) + 1)).max(axis=1, initial=0)  # up to the last that is not 0
+    (changes,) = np.diff(alive).nonzero()
+    for run in np.split(np.arange(len(blocks)), changes + 1):  # a stack of products: each block rounds as if alone
+        first = slice(alive[run[0]])
+        whole = slice(run[0], run[-1] + 1)
+        np.matmul(parts[whole, :, first], within[first], out=found.transpose(1, 0, 2)[whole])
     return found.reshape(len(found), -1)[:, start : start + count]
 
 

@@ -186,11 +186,15 @@ class Trace:
 
     def at(self, time_ns: Times, step_ns: int = 0) -> Floats:
         """Values (p, n) at times from the start on. `step_ns`: between any two times, which is faster; 0: none."""
-        value = np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
-        for base, phasors in self.parts:
-            value += base.summed(phasors, time_ns, step_ns)
+        terms = [base.summed(phasors, time_ns, step_ns) for base, phasors in self.parts]
         if self.rows.any() and self.gap.any():
-            value += self.system.motion.seen(self.rows, self.gap, time_ns - self.start_ns, step_ns)
+            terms.append(self.system.motion.seen(self.rows, self.gap, time_ns - self.start_ns, step_ns))
+        if not terms:
+            return np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
+        value, *others = terms
+        value += self.mean[:, np.newaxis]
+        for term in others:
+            value += term
         return value
 
 

@@ -58,6 +58,8 @@ def test_the_phase_is_exact_for_30_days_at_any_frequency_of_the_generator(freque
     near = np.arange(-3, 4)
     times = np.concatenate([start + near, start + SECOND + near, start + 30 * DAY + near])
     assert drive.phase(times).tolist() == [exact_phase(drive, int(t)) for t in times]
+    grid = start + 30 * DAY + 999_999 * np.arange(2500)
+    assert drive.phase(grid, 999_999).tolist() == [exact_phase(drive, int(t)) for t in grid]
 
 
 def summed(step: np.floating, count: int) -> float:
