@@ -169,7 +169,7 @@ class Rig:
         """Film voltages and force on the load cell, (films + 1,), for each volt at the coil at a frequency [Hz]."""
         system = self._paths[-1].mode_at(self._clock.now_ns()).system
         rows = [*range(len(self._films)), self._last.force]
-        gains: npt.NDArray[np.complex128] = system.transfer(frequency)[rows, 0]
+        gains: npt.NDArray[np.complex128] = system.transfer(frequency)[:, 0].take(rows)
         return gains
 
     def without_limits(self) -> tuple[StateSpace, list[int]]:
