@@ -27,7 +27,8 @@ from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS
 from simulators.linear.lti import first_order_high_pass
 from simulators.linear.periodic import HERTZ, SECOND, Periodic
-from simulators.planning.plan import Question, driven
+from simulators.planning.plan import RATE, SETTLING, Question, driven, plan
+from simulators.planning.waveforms import sampled
 from simulators.rig import Rig
 from simulators.scene import Scene, read_scene
 from simulators.sensor_node import SensorNode
@@ -47,6 +48,7 @@ def measure() -> Iterator[Row]:
     yield from _unused()
     yield from _stepped()
     yield from _steady()
+    yield from _estimates()
     yield from _sweeps()
 
 
@@ -156,6 +158,23 @@ def _steady() -> Iterator[Row]:
     yield Row(
         "steady state in closed form", f"{1e6 * each:.0f} us", f"< {1e6 * GOAL_STEADY:.0f} us", each < GOAL_STEADY
     )
+
+
+def _estimates() -> Iterator[Row]:
+    """A minute at a settled load, without the setting up that no scene is spared."""
+    for name in ("thesis_single", "noisy_lab", "array_16", "everything"):
+        scene, question = read_scene(name), Question(dwell=60.0)
+        told = plan(scene, question).seconds
+        begun, whole = (_least(functools.partial(call, scene, question)) for call in (driven, _measured))
+        yield Row(
+            f"scene explain {name}: a minute of samples, as told; as it takes",
+            f"{1e3 * told:.1f}; {1e3 * (whole - begun):.1f} ms",
+        )
+
+
+def _measured(scene: Scene, question: Question) -> None:
+    rig, period_ns = driven(scene, question), round(1e9 / RATE)
+    sampled(scene, rig, (round(SETTLING * RATE) + np.arange(round(question.dwell * RATE))) * period_ns, period_ns)
 
 
 def _sweeps() -> Iterator[Row]:
