@@ -35,7 +35,7 @@ class Elements:
         stiffness: (elements, n, n), without the dilatation of the mixed elements, of `elements.differences`.
         unknowns: (elements, n): global numbers; those fixed to zero have the number `size`.
         inner: which of the n belong to no other element.
-        size: number of unknowns; those shared between elements come first.
+        size: number of unknowns; those shared between elements come first, in the order of their elimination.
         shared: how many are shared.
         mixed: indices of the elements with a pressure.
         dilatation: (mixed, q, n), projected dilatation, of `elements.differences`.
@@ -157,39 +157,44 @@ class _Factorised:
     def __init__(self, elements: Elements, bounded: Array) -> None:
         from scipy.sparse import coo_array
 
-        matrix = elements.stiffness.copy()
-        matrix[elements.mixed] += np.matmul(
-            elements.dilatation.transpose(0, 2, 1), elements.dilatation / bounded[:, None, None]
-        )
-        matrix = nodal(nodal(matrix, axis=1), axis=2)
+        matrix = elements.stiffness
+        if len(elements.mixed):
+            matrix = matrix.copy()
+            matrix[elements.mixed] += np.matmul(
+                elements.dilatation.transpose(0, 2, 1), elements.dilatation / bounded[:, None, None]
+            )
         # The inside first, so that all blocks are slices.
         order, inner = np.argsort(~elements.inner, kind="stable"), int(elements.inner.sum())
         matrix = matrix.take(order, axis=1).take(order, axis=2)
         unknowns = elements.unknowns[:, order].astype(np.int32)
         self._elements = elements
         self._inner, self._outer = unknowns[:, :inner], unknowns[:, inner:]
-        coupling = matrix[:, :inner, inner:]
+        # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
+        rim = nodal(np.eye(len(order)), axis=0)[np.ix_(order[inner:], order[inner:])].T
+        coupling = matrix[:, :inner, inner:] @ rim
         self._inverse = np.linalg.inv(matrix[:, :inner, :inner]).astype(np.float64, copy=False)
         self._eliminated: Array = self._inverse @ coupling
-        condensed: Array = matrix[:, inner:, inner:] - coupling.transpose(0, 2, 1) @ self._eliminated
-        condensed = (condensed + condensed.transpose(0, 2, 1)) / 2
+        condensed: Array = rim.T @ (matrix[:, inner:, inner:] @ rim) - coupling.transpose(0, 2, 1) @ self._eliminated
 
-        rows, columns = np.broadcast_arrays(self._outer[:, :, None], self._outer[:, None, :])
-        free = (rows < elements.size) & (columns < elements.size)
-        shape = (elements.shared, elements.shared)
-        assembled = coo_array((condensed[free], (rows[free], columns[free])), shape=shape).tocsc()
-        self._scale = 1 / np.sqrt(assembled.diagonal())
-        assembled.data *= self._scale[assembled.indices] * np.repeat(self._scale, np.diff(assembled.indptr))
-        self._factor = factorised(assembled)
+        # One more stands for all that is fixed: it has a stiffness of its own and no other.
+        joined = np.minimum(self._outer, elements.shared)
+        own = np.einsum("eii->ei", condensed)
+        self._scale = 1 / np.sqrt(np.bincount(joined.ravel(), own.ravel(), elements.shared + 1))
+        self._scale[-1] = 0.0
+        condensed *= self._scale[joined][:, :, None] * self._scale[joined][:, None, :]
+        own[joined == elements.shared] = 1.0
+        rows, columns = np.broadcast_arrays(joined[:, :, None], joined[:, None, :])
+        shape = (elements.shared + 1,) * 2
+        assembled = coo_array((condensed.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        self._factor = factorised(assembled.tocsc(), ordered=True)
 
     def __call__(self, right: Array) -> Array:
         elements, shared = self._elements, self._elements.shared
         inside = right[self._inner]
-        carried = np.zeros_like(right)
         local = elements._multiply(self._eliminated.transpose(0, 2, 1), inside)
-        carried += np.bincount(self._outer.ravel(), weights=local.ravel(), minlength=len(right))
+        left = right - np.bincount(self._outer.ravel(), local.ravel(), len(right))
         answer = np.zeros_like(right)
-        answer[:shared] = self._scale * self._factor(self._scale * (right - carried)[:shared])
+        answer[: shared + 1] = self._scale * self._factor(self._scale * left[: shared + 1])
         answer[self._inner] = elements._multiply(self._inverse, inside) - elements._multiply(
             self._eliminated, answer[self._outer]
         )

@@ -90,7 +90,7 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
     # 1 is the sum of the first two: its slopes cancel exactly.
     slopes[0] += slopes[1]
     shapes[0] = 1
-    tests: Array = np.polynomial.legendre.legvander(2 * gauss - 1, degree - 2).T
+    tests = np.polynomial.legendre.legvander(2 * gauss - 1, degree - 2).T.astype(np.float64)
     return gauss, weights / 2, shapes, slopes, tests
 
 

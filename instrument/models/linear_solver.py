@@ -14,7 +14,7 @@ import sys
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,15 +83,18 @@ class SymmetricSolver:
         return solution
 
 
-def factorised(scaled: sparse.csc_array, backend: str = "") -> Factor:
+def factorised(scaled: sparse.csc_array, backend: str = "", ordered: bool = False) -> Factor:
     """Solves with a symmetric positive definite matrix, shape (n, n), of unit diagonal.
+
+    Args:
+        ordered: its unknowns stand in a good order for elimination; PARDISO looks for its own.
 
     Raises:
         UnknownName, EstimateError: as SymmetricSolver; of the matrix only that its factors do not fit.
     """
     name = chosen(backend)
     try:
-        return BACKENDS[name](scaled)
+        return BACKENDS[name](scaled, ordered)
     except MemoryError:
         raise EstimateError(
             f"the factors of {scaled.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
@@ -111,14 +114,15 @@ def chosen(backend: str) -> str:
     return name
 
 
-def available() -> dict[str, Callable[[sparse.csc_array], Factor]]:
+def available() -> dict[str, Callable[[sparse.csc_array, bool], Factor]]:
     """Backends that are installed, the fastest first."""
     installed = importlib.util.find_spec("pypardiso") is not None
     return {name: make for name, make in BACKENDS.items() if name != "pardiso" or installed}
 
 
-def _superlu(matrix: sparse.csc_array) -> Factor:
-    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+def _superlu(matrix: sparse.csc_array, ordered: bool) -> Factor:
+    order: Literal["NATURAL", "MMD_AT_PLUS_A"] = "NATURAL" if ordered else "MMD_AT_PLUS_A"
+    factors = splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def solve(load: Vector) -> Vector:
         return cast(Vector, factors.solve(load))
@@ -126,7 +130,7 @@ def _superlu(matrix: sparse.csc_array) -> Factor:
     return solve
 
 
-def _pardiso(matrix: sparse.csc_array) -> Factor:
+def _pardiso(matrix: sparse.csc_array, ordered: bool) -> Factor:
     # Without a path pypardiso searches the whole installation for the library, a second each time.
     for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt.*")):
         os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
@@ -143,4 +147,4 @@ def _pardiso(matrix: sparse.csc_array) -> Factor:
     return solve
 
 
-BACKENDS: dict[str, Callable[[sparse.csc_array], Factor]] = {"pardiso": _pardiso, "superlu": _superlu}
+BACKENDS: dict[str, Callable[[sparse.csc_array, bool], Factor]] = {"pardiso": _pardiso, "superlu": _superlu}

@@ -49,7 +49,7 @@ def parts(mesh: Grid) -> list[Part]:
 
 
 def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: list[Part]) -> Numbering:
-    """Number the unknowns: shared ones first, then those inside elements, fixed ones with the size."""
+    """Number the unknowns: shared ones first, for elimination, then those inside elements, fixed ones with the size."""
     local = r.dofs.shape[1]
     names = np.concatenate(
         [
@@ -63,10 +63,33 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
     distinct = np.unique(outer[outer >= 0])
     shared, count = len(distinct), int(inner.sum())
     size = shared + len(names) * count
+    places = np.where(outer >= 0, np.searchsorted(distinct, outer), shared)
+    rank = np.full(shared + 1, size)
+    rank[_dissection(mesh, bodies, places, shared)] = np.arange(shared)
     unknowns = np.empty(names.shape, dtype=np.intp)
-    unknowns[:, ~inner] = np.where(outer >= 0, np.searchsorted(distinct, outer), size)
+    unknowns[:, ~inner] = rank[places]
     unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
     return Numbering(unknowns, size, shared, inner)
+
+
+def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -> Indices:
+    """The elements' unknowns (elements, m) below `count` in the order of a nested dissection (George 1973).
+
+    The grid is halved by its rows and by its columns in turn; what lies in both halves comes after what lies in one.
+    Elimination in this order takes two thirds of the time of one in SuperLU's.
+    """
+    intervals = len(mesh.radii) - 1, len(mesh.heights) - 1
+    halvings = max(intervals).bit_length()
+    at = [(np.arange(n) << halvings) // n for n in intervals]
+    column, row = (np.sum([(place >> k & 1) << 2 * k for k in range(halvings)], axis=0) for place in at)
+    path = np.concatenate([(column[part.columns][:, None] + 2 * row[part.rows]).ravel() for part in bodies])
+    first, last = np.full(count + 1, path.max()), np.zeros(count + 1, dtype=np.intp)
+    np.minimum.at(first, unknowns, path[:, None])
+    np.maximum.at(last, unknowns, path[:, None])
+    # How many of the last halvings leave an unknown's elements apart from one another.
+    _, apart = np.frexp((first ^ last)[:count].astype(np.float64))
+    order: Indices = np.lexsort((apart, last[:count] | (1 << apart) - 1))
+    return order
 
 
 def under_tooth(parameters: RoundParameters, mesh: Grid, r: Line) -> Indices:
