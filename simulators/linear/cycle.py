@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 STEPS = 8  # of Newton, to a root that is known to the nanosecond
 CLOSE = 10.0  # ns: so far from the nanosecond at which it was found a root may be
-LOST = 1e-17  # of the size of an output
+LOST = 1e-13  # of the size of an output: to no more is the period known
 LEAST = -100.0  # exponent of what is left of a mode
 
 
