@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import can
+from can.io.blf import BLFParseError
 
 from drivers.bench import Bench
 from drivers.can import CanLink
@@ -103,7 +104,8 @@ class BusLog:
                 stack.callback(self._frames.stop)
                 self._stack = stack.pop_all()
         except OSError as error:
-            raise RecordError(f"{frames}: the bus log cannot be written: {error}; choose another --log") from error
+            reason = error.strerror or error
+            raise RecordError(f"{frames}: the bus log cannot be written: {reason}; choose another --log") from error
         for modbus, kind, whom in modbus_links(self._bench):
             self._listen(modbus, kind, whom)
         for link in can_links(self._bench):
@@ -187,5 +189,5 @@ def read_frames(path: Path) -> Iterator[Frame]:
         with path.open(mode) as file:  # which python-can leaves open where its header is damaged
             for frame in reader(file):
                 yield Frame(frame.timestamp, frame.arbitration_id, bytes(frame.data))
-    except (can.CanError, struct.error, EOFError, zlib.error) as error:
+    except (can.CanError, BLFParseError, struct.error, EOFError, zlib.error) as error:
         raise ValueError(str(error)) from error

@@ -120,11 +120,11 @@ def check_target(target: float, floor: Sequence[Floor]) -> None:
 
 
 def check_dwell(dwell: float, frequency: float, rate: float) -> None:
-    """Refuse a dwell below one cycle and a frequency [Hz] above half the sample rate [Hz]. Raises RangeError."""
-    if not 0 < frequency <= rate / 2:
+    """Refuse a dwell below one cycle and a frequency [Hz] of half the sample rate [Hz] or more. Raises RangeError."""
+    if not 0 < frequency < rate / 2:
         raise RangeError(
-            f"frequency {show(frequency, 'Hz')} lies outside 0 to half the sample rate, {show(rate / 2, 'Hz')}; sample"
-            " faster or drive slower"
+            f"frequency {show(frequency, 'Hz')} is not above 0 and below half the sample rate, {show(rate / 2, 'Hz')};"
+            " sample faster or drive slower"
         )
     if not dwell * frequency >= 1 - 1e-9:
         raise RangeError(

@@ -19,7 +19,7 @@ from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from procedures.film_point import FilmPoint, measure
 from procedures.films import check_nodes
-from procedures.load_plan import FREQUENCY_STEP, check_force, check_frequency, check_time, preload_for
+from procedures.load_plan import FREQUENCY_STEP, check_end, check_force, check_frequency, check_time, preload_for
 from procedures.pause import NOBODY, Pause
 from procedures.plan import FIRST_STEPS, Plan, Step, point_seconds
 from procedures.point_by_point import Points, Progress, begin
@@ -147,6 +147,7 @@ def check(settings: FrequencySettings, design: Design, force_limit: float, nodes
     check_nodes(design, nodes)
     get_sample(settings.sample)
     check_force((settings.load,), force_limit)
+    check_end(settings.dwell)
     if len(settings.frequencies) < FEWEST:
         raise RangeError(f"{len(settings.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
     for frequency in settings.frequencies:

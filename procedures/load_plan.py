@@ -96,7 +96,9 @@ def check_frequency(frequency: float, allowed: tuple[float, float] = FREQUENCIES
 
 
 def check_force(loads: Sequence[float], force_limit: float) -> None:
-    """Refuse loads [N] whose peak, with the preload, passes the bench's limit [N]. Raises RangeError."""
+    """Refuse loads [N] of nothing, or whose peak, with the preload, passes the bench's limit [N]. Raises RangeError."""
+    if not min(loads) > 0:
+        raise RangeError(f"load {min(loads):g} N peak to peak is not above zero; give a positive one")
     largest = max(loads)
     peak = preload_for(loads) + largest / 2
     if peak > force_limit:
@@ -107,10 +109,15 @@ def check_force(loads: Sequence[float], force_limit: float) -> None:
         )
 
 
+def check_end(dwell: float) -> None:
+    """Refuse a dwell [s] of nothing, or that never ends. Raises RangeError."""
+    if not 0 < dwell <= LONGEST:
+        raise RangeError(f"dwell {dwell:g} s is not above 0 and at most {LONGEST:g} s; give one inside")
+
+
 def check_time(dwell: float, frequency: float) -> None:
     """Refuse a dwell [s] that gives no estimate, or never ends. Raises RangeError."""
-    if not 0 < dwell <= LONGEST:
-        raise RangeError(f"dwell {dwell:g} s is outside 0 to {LONGEST:g} s")
+    check_end(dwell)
     check_dwell(dwell, frequency, SAMPLES_PER_CYCLE * frequency)
 
 

@@ -9,7 +9,7 @@ import click
 from procedures.cli.accuracy_dwell import dwell_command
 from procedures.cli.accuracy_page import page
 from procedures.cli.integrators import integrators
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, Output, make_folder, output_options
 
 
 @click.group(
@@ -53,7 +53,6 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from procedures.accuracy.measure import DESIGNS, measure
     from procedures.accuracy.meshes import MODULI
     from procedures.accuracy.plot import PLOT, plot_prices
-    from procedures.run import storing
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
@@ -61,9 +60,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     asked = list(DESIGNS) if design is None else [design]
     if store and design is not None:
         price_list.stored().require_like(this_machine(), MODULI)  # before anything is measured
-    if out is not None:
-        with storing(out):  # before anything is measured
-            out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     if anew or store:
         with output.progress() as progress:
             prices = measure(asked, progress)

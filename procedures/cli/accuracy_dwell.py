@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.cli.explain import asked, question_options
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, Output, make_folder, output_options
 
 if TYPE_CHECKING:
     from procedures.accuracy.dwell import DwellPrices
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 DEFAULT_SCENE = "thesis_single"
 RECORD, SHORT_RECORD = 400.0, 40.0  # s; the short one where each transition of a scene must be found
 SAMPLES_PER_CYCLE = 25
+MOST_SAMPLES = 10_000_000
 
 
 @click.command(
@@ -55,6 +56,7 @@ def dwell_command(
     question = asked(sample, load, frequency)
     dwells = None if dwell is None else tuple(parse(part, "s") for part in dwell.split(","))
     sampled = SAMPLES_PER_CYCLE * question.frequency if rate is None else parse(rate, "Hz")
+    make_folder(out)
     prices = price(scene, seed, question, sampled, dwells, estimator)
     title = f"scene {scene}: force ratio of sample {sample} under {load} at {frequency}"
     plot = None
@@ -83,6 +85,7 @@ def price(
     """Simulate the record and measure it. Raises UsageError before anything is simulated."""
     from dataclasses import replace
 
+    from instrument.errors import RangeError
     from instrument.estimators import ESTIMATORS
     from procedures.accuracy.dwell import DWELLS, FEWEST, check, measure
     from simulators.planning.long_record import is_followed, long_record
@@ -92,11 +95,16 @@ def price(
     if seed is not None:
         chosen = chosen.with_seed(seed)
     names = estimators or tuple(ESTIMATORS)
-    check(dwells or (), names, question.frequency, rate, float("inf"))
+    check(dwells or (1 / question.frequency,), names, question.frequency, rate, float("inf"))
     duration = SHORT_RECORD if is_followed(chosen, question) else RECORD
     if dwells is None:
         cycle = 1 / question.frequency
         dwells = tuple(d for d in DWELLS if cycle * (1 - 1e-9) <= d <= duration / FEWEST) or (cycle, 10 * cycle)
     duration = max(duration, FEWEST * max(dwells))
+    if not duration * rate <= MOST_SAMPLES:
+        raise RangeError(
+            f"a record of {duration:g} s at {rate:g} Hz has more than {MOST_SAMPLES:,} samples; take a shorter dwell"
+            " or a lower rate"
+        )
     record = long_record(chosen, replace(question, dwell=duration), rate)
     return measure(record, question.frequency, dwells, names)

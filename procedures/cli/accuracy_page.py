@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from procedures.cli.accuracy_dwell import DEFAULT_SCENE, SAMPLES_PER_CYCLE, price
-from procedures.cli.options import Output
+from procedures.cli.options import Output, make_folder
 
 if TYPE_CHECKING:
     from procedures.accuracy.page import Part
@@ -16,6 +16,7 @@ DESIGN = "single"
 
 def page(out: Path | None, output: Output) -> None:
     """Collect what is stored, measure the rest, and show it."""
+    make_folder(out)
     parts = _collect(output)
     plot = None
     if out is not None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, Output, make_folder, output_options
 
 
 @click.command(
@@ -29,6 +29,7 @@ def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
     from simulators.linear.integrators import DURATION, STATES, STIFFNESS, compare
 
     output = Output(as_json, quiet)
+    make_folder(out)
     rows = []
     with output.progress() as progress:
         for done in itertools.chain(compare(), bouc_wen.compare()):

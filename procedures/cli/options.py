@@ -53,6 +53,15 @@ def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterat
             folder.rmdir()
 
 
+def make_folder(out: Path | None) -> None:
+    """A folder for a plot, before anything is measured for it. Raises RecordError: it cannot be made."""
+    from procedures.run import storing
+
+    if out is not None:
+        with storing(out):
+            out.mkdir(parents=True, exist_ok=True)
+
+
 def output_options(command: F) -> F:
     """--json and --quiet."""
     command = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)

@@ -57,7 +57,7 @@ class Store:
             asked: what the study is, as JSON has it.
 
         Raises:
-            UsageError: another study lies there, with what differs, or another process is at it.
+            UsageError: another study or something else lies there, with what differs, or another process is at it.
             RecordError: it is damaged, or cannot be written.
         """
         self.folder = folder
@@ -65,6 +65,8 @@ class Store:
         with contextlib.ExitStack() as undo:
             with storing(path):
                 folder.mkdir(parents=True, exist_ok=True)
+                if not path.exists() and any(folder.iterdir()):
+                    raise UsageError(f"{folder} holds other files; choose a new or empty folder with --out")
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
                 try:

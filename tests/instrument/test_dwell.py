@@ -95,9 +95,10 @@ def test_a_silent_film_has_no_dwell() -> None:
     [
         (0.09, 10.0, "dwell 90 ms is below one cycle of 10 Hz; dwell 100 ms"),
         (math.nan, 10.0, "below one cycle"),
-        (1.0, 126.0, "126 Hz lies outside 0 to half the sample rate, 125 Hz"),
-        (1.0, 0.0, "outside"),
-        (1.0, math.nan, "outside"),
+        (1.0, 126.0, "126 Hz is not above 0 and below half the sample rate, 125 Hz"),
+        (1.0, 125.0, "is not above 0 and below"),
+        (1.0, 0.0, "is not above 0 and below"),
+        (1.0, math.nan, "is not above 0 and below"),
     ],
 )
 def test_a_dwell_or_frequency_that_gives_no_estimate_is_refused(dwell: float, frequency: float, part: str) -> None:

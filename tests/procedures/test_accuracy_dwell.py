@@ -121,7 +121,10 @@ def test_people_see_bound_bias_floor_and_stamp(palpate: Palpate) -> None:
     ("options", "part"),
     [
         (("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),
-        (("--rate", "15 Hz"), "10 Hz lies outside 0 to half the sample rate, 7.5 Hz"),
+        (("--rate", "15 Hz"), "10 Hz is not above 0 and below half the sample rate, 7.5 Hz"),
+        (("--rate", "0 Hz"), "10 Hz is not above 0 and below half the sample rate, 0 Hz"),
+        (("--rate", "1 GHz"), "has more than 10,000,000 samples; take a shorter dwell or a lower rate"),
+        (("--dwell", "1e9 s"), "has more than 10,000,000 samples"),
         (("--estimator", "least sqares"), "unknown estimator 'least sqares' (did you mean 'least squares'?)"),
         (("--scene", "noisy_lap"), "did you mean 'noisy_lab'?"),
         (("--sample", "9"), "unknown sample"),
@@ -132,3 +135,11 @@ def test_what_gives_no_estimate_is_refused(palpate: Palpate, options: tuple[str,
     said = palpate("accuracy", "dwell", *options)
     assert said.status == 2
     assert part in said.err and said.out == ""
+
+
+def test_a_plot_that_cannot_be_kept_is_told_before_anything_is_measured(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accuracy_dwell, "price", None)
+    said = palpate("accuracy", "dwell", "--out", __file__)
+    assert said.status == 1 and "cannot write" in said.err

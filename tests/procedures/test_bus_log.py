@@ -147,7 +147,7 @@ def test_a_log_that_cannot_be_written_starts_nothing(palpate: Palpate) -> None:
     ("name", "data", "status"),
     [
         ("gone.blf", None, 2), ("gone.asc", None, 2), ("gone.pcapng", None, 2), ("x.txt", b"", 2),
-        ("x.blf", b"rubbish", 2),        ("x.pcapng", b"", 2), ("x.pcapng", bytes(40), 2),
+        ("x.blf", b"rubbish", 2), ("x.blf", bytes(200), 2), ("x.pcapng", b"", 2), ("x.pcapng", bytes(40), 2),
         ("x.pcapng", b"\n\r\r\n\x1c\0\0\0M<+\x1a" + bytes(40), 2),
     ],
 )  # fmt: skip

@@ -162,5 +162,10 @@ def test_what_is_wrong_is_told_before_anything_is_computed(palpate: Palpate) -> 
     assert refused.complaint.startswith("unknown scene 'thesis_singel' (did you mean 'thesis_single'?)")
     assert not Path("runs").exists()
     assert palpate("study", "small.toml", "--workers", "0").status == 2
+    Path("small.toml").write_text(STUDY, encoding="utf-8")
+    Path("lab").mkdir()
+    Path("lab/plot.png").write_text("of a run")
+    assert "lab holds other files; choose a new or empty folder" in palpate("study", "small.toml", "--out", "lab").err
+    assert [path.name for path in Path("lab").iterdir()] == ["plot.png"]
     both = palpate("study", "small.toml", "--workers", "2", "--dask", "tcp://127.0.0.1:1")
     assert both.complaint.startswith("--workers and --dask: the scheduler has workers of its own")
