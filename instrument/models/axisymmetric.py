@@ -25,7 +25,7 @@ from instrument.models.axisymmetric_fields import FacePressure, Field, OnMesh, d
 from instrument.models.condensed import Elements
 from instrument.models.condensed import solve as solve_elements
 from instrument.models.mesh import Grid, grid
-from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, under_tooth
+from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, within
 from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
@@ -228,7 +228,7 @@ def _evaluate(
         return at.forces(name)[:, 0, AXIAL, :2, 0]
 
     vertices = at.r.dofs[at.parts["object"].columns][:, :2]
-    above = float(below("object")[np.isin(vertices, under_tooth(parameters, at.mesh, at.r))].sum())
+    above = float(below("object")[within(parameters.tooth_radius, at.mesh, at.r)[vertices]].sum())
     ring = float(below("ring").sum())
     films: dict[str, Film] = {}
     if parameters.support == "elastic":

@@ -7,6 +7,7 @@ PARDISO does the work where pypardiso is installed, SuperLU otherwise.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import os
@@ -108,16 +109,17 @@ def chosen(backend: str) -> str:
     Raises:
         UnknownName: no such backend, or it is not installed.
     """
-    name = backend or next(iter(available()))
+    name = backend or available()[0]
     if name not in available():
         raise UnknownName("solver", name, available())
     return name
 
 
-def available() -> dict[str, Callable[[sparse.csc_array, bool], Factor]]:
+@functools.cache
+def available() -> tuple[str, ...]:
     """Backends that are installed, the fastest first."""
     installed = importlib.util.find_spec("pypardiso") is not None
-    return {name: make for name, make in BACKENDS.items() if name != "pardiso" or installed}
+    return tuple(name for name in BACKENDS if name != "pardiso" or installed)
 
 
 def _superlu(matrix: sparse.csc_array, ordered: bool) -> Factor:

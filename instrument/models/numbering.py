@@ -92,9 +92,11 @@ def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -
     return order
 
 
-def under_tooth(parameters: RoundParameters, mesh: Grid, r: Line) -> Indices:
-    """Numbers on the radial line of the shape functions over the tooth."""
-    return np.unique(r.dofs[inside(mesh.radii, (0.0, parameters.tooth_radius))])
+def within(radius: float, mesh: Grid, r: Line) -> NDArray[np.bool_]:
+    """Which of the radial line's shape functions, by number, belong to an interval within `radius` [m]."""
+    found = np.zeros(r.dofs.max() + 1, dtype=bool)
+    found[r.dofs[inside(mesh.radii, (0.0, radius))]] = True
+    return found
 
 
 def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part, axis: int) -> Indices:
@@ -107,14 +109,14 @@ def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part
     fixed = np.broadcast_to(radial == 0 if axis == RADIAL else np.array(False), sheet.shape).copy()
 
     if axis == AXIAL or parameters.interface == "bonded":
-        covering = np.isin(radial, r.dofs[inside(mesh.radii, (0.0, parameters.sensed_radius))])
+        covering = within(parameters.sensed_radius, mesh, r)[radial]
         if part.body.name == "ring" and parameters.ring_inner_radius == parameters.tooth_radius:
             # The object's node over a closed gap is the tooth's: a force on one node is no force on a ring.
             covering &= radial != r.dofs[part.columns[0], 0]
         touching = (axial == face) & covering
         sheet[touching] = SHEETS.index("object")
         if parameters.support == "rigid":
-            fixed |= touching & np.isin(radial, under_tooth(parameters, mesh, r))
+            fixed |= touching & within(parameters.tooth_radius, mesh, r)[radial]
     if parameters.support == "rigid":
         fixed |= axial == foot
     else:
