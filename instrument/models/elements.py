@@ -95,9 +95,9 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
 
 
 def product(radial: Array, axial: Array) -> Array:
-    """Kronecker products of all radial with all axial matrices: (n_r * n_z, rows, columns)."""
-    (n, a, b), (m, c, d) = radial.shape, axial.shape
-    products: Array = np.einsum("xab,ycd->xyacbd", radial, axial).reshape(n * m, a * c, b * d)
+    """Kronecker products of all radial with all axial matrices: (n_r, n_z, rows, columns)."""
+    (_, a, b), (_, c, d) = radial.shape, axial.shape
+    products: Array = radial.repeat(c, 1).repeat(d, 2)[:, None] * np.tile(axial, (1, a, b))
     return products
 
 
@@ -109,25 +109,29 @@ def stiffness(r: Line, z: Line, columns: Indices, rows: Indices, shear: float, l
     taken in full [Pa].
     """
 
+    count = r.dofs.shape[1] ** 2
+    matrices = np.empty((len(columns), len(rows), 2, count, 2, count))
+    rr, rz, zr, zz = (matrices[:, :, i, :, j] for i in (0, 1) for j in (0, 1))
+
     def of(radial: Array, axial: Array) -> Array:
         return product(radial[columns], axial[rows])
 
-    rr = of(2 * shear * (r.slope_slope + r.hoop) + lame * r.dilatation_dilatation, z.value_value)
+    rr[:] = of(2 * shear * (r.slope_slope + r.hoop) + lame * r.dilatation_dilatation, z.value_value)
     rr += of(shear * r.value_value, z.slope_slope)
-    zz = of((2 * shear + lame) * r.value_value, z.slope_slope) + of(shear * r.slope_slope, z.value_value)
-    rz = of(shear * r.slope_value.transpose(0, 2, 1), z.slope_value)
+    zz[:] = of((2 * shear + lame) * r.value_value, z.slope_slope)
+    zz += of(shear * r.slope_slope, z.value_value)
+    rz[:] = of(shear * r.slope_value.transpose(0, 2, 1), z.slope_value)
     if lame:
         rz += of(lame * r.dilatation_value, z.slope_value.transpose(0, 2, 1))
-    return np.concatenate(
-        [np.concatenate([rr, rz], axis=2), np.concatenate([rz.transpose(0, 2, 1), zz], axis=2)], axis=1
-    )
+    zr[:] = rz.swapaxes(2, 3)
+    return matrices.reshape(len(columns) * len(rows), 2 * count, 2 * count)
 
 
 def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
     """Projected dilatation of the elements in `columns` x `rows`: (elements, (p - 1)^2, 2 (p + 1)^2)."""
-    return np.concatenate(
-        [product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])], axis=2
-    )
+    pairs = product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])
+    both = np.concatenate(pairs, axis=3)
+    return both.reshape(-1, *both.shape[2:])
 
 
 def differences(nodal: Array, rest: Array) -> Array:
