@@ -25,13 +25,12 @@ from drivers.bench import Bench
 from drivers.bus_log import CLOCK, NODES, RUN, WHOLE_FORMAT, can_links, modbus_links, packed, unpacked
 from drivers.modbus import ModbusLink
 from drivers.pcapng import Link, Packet, read_pcapng
-from instrument.bench import BenchDescription
+from instrument.bench import BenchDescription, TcpAddress
 from instrument.config import parse
 from instrument.errors import ConfigError, UsageError
 
 LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes
-TCP_DEVICES = ("signal_generator", "shaker_amplifier")
 LINE = "line"
 
 
@@ -82,7 +81,11 @@ class BusReplay:
             stack.callback(self._bus.shutdown)
             self._wire = stack.enter_context(_Wire())
             places: dict[str, dict[str, Any]] = {
-                **{name: {"host": LOOPBACK, "port": self._wire.listen(name)} for name in TCP_DEVICES},
+                **{
+                    name: {"host": LOOPBACK, "port": self._wire.listen(name)}
+                    for name, address in recorded
+                    if isinstance(address, TcpAddress)
+                },
                 LINE: {"port": self._wire.line(LINE)},
                 "can": {"interface": "virtual", "channel": channel},
             }
