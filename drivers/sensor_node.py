@@ -227,10 +227,9 @@ class SensorNode(Device):
         if len(self.emergencies) == MOST_EMERGENCIES:
             raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
         lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
-        sizes = list(map(len, frames))
-        good = next(
-            (i for i, size in enumerate(sizes) if size != (_STAMP_SIZE if i % 2 else _SAMPLES_SIZE)), len(sizes)
-        )
+        sizes = np.fromiter(map(len, frames), int)
+        odd = np.flatnonzero(sizes != np.resize([_SAMPLES_SIZE, _STAMP_SIZE], sizes.size))
+        good = int(odd[0]) if odd.size else sizes.size
         if good // 2 < count:
             raise LinkError(lost.format(good // 2 + 1))
         pairs = np.frombuffer(b"".join(frames[: 2 * count]), _FRAME_PAIR)

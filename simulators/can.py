@@ -15,7 +15,7 @@ from instrument.contract import Field
 from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from instrument.multicast import MULTICAST
 from instrument.object_dictionary import object_dictionary
-from simulators.can_bus import Listener, open_bus
+from simulators.can_bus import Listener, burst, open_bus
 from simulators.clock import NEVER, VirtualClock
 from simulators.rig import Rig
 from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
+BURST = 64  # of SYNCs, whose frames are sent together
 NMT_FRAME, SDO_FRAME = 2, 8  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED = 5, 4
@@ -56,15 +57,6 @@ class _Periodic:
     def send(self) -> None:
         self._network.send_message(self._cob_id, self._data)
         self.due_ns += self._period_ns
-
-
-class _Frame(can.Message):
-    """A message that nobody changes after it was sent: its receivers on the virtual bus share it."""
-
-    __slots__ = ()
-
-    def __deepcopy__(self, memo: object) -> Self:
-        return self
 
 
 class _VirtualNetwork(canopen.Network):
@@ -232,14 +224,13 @@ class CanSegment:
             in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
             frames = [frames[place] for place in in_time]
             self._busy_until_ns = int(time_ns[-1]) + busy_ns
-        send = self._bus.send
-        for i in range(len(time_ns)):
-            if send_sync:
-                if self._echoes is not None:
-                    self._echoes += 1
-                send(_Frame(arbitration_id=SYNC_COB_ID, is_extended_id=False))
-            for cob_id, payloads in frames:
-                send(_Frame(arbitration_id=cob_id, is_extended_id=False, data=payloads[i]))
+        if send_sync:
+            frames.insert(0, (SYNC_COB_ID, len(time_ns) * [b""]))
+            if self._echoes is not None:
+                self._echoes += len(time_ns)
+        for first in range(0, len(time_ns), BURST):
+            last = min(first + BURST, len(time_ns))
+            burst(self._bus, [(cob_id, payloads[i]) for i in range(first, last) for cob_id, payloads in frames])
         for node, samples in zip(active, streams, strict=True):
             self._report_saturation(node, samples)
 
