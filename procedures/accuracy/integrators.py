@@ -49,13 +49,11 @@ def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:
         for row in own:
             if row["error"] is None:
                 ax.plot(row["seconds"], 1.0, f"C{number % 10}x", ms=11, mew=2.5, clip_on=False, zorder=3)
-                ax.annotate(row["failure"], (row["seconds"], 1.0), (0, 9), textcoords="offset points", ha="center",
-                            fontsize=8)  # fmt: skip
     ax.set(xscale="log", yscale="log", xlabel="CPU time of the record (s)", ylabel="greatest error of the output")
     ax.set_ylim(top=1.0)
-    ax.set_title(title, fontsize=10, pad=24)
+    ax.set_title(title, fontsize=10, pad=10)
     ax.grid(alpha=0.3)
-    ax.legend(fontsize=8, title="crosses: no answer", title_fontsize=8)
+    ax.legend(fontsize=8, title="crosses: no answer", title_fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     path = folder / "integrators.png"
     with storing(path):
         folder.mkdir(parents=True, exist_ok=True)

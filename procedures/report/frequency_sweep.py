@@ -65,7 +65,7 @@ def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder:
         )  # fmt: skip
         corner = result.corners[film.name]
         if corner is not None:
-            left.axvline(corner.corner_Hz, color="k", lw=0.5, ls=":")
+            left.axvline(corner.corner_Hz, color=f"C{i % 10}", lw=1, ls=":", label="" if i else "corner")
     right.plot(frequency, [p.response_N_per_V for p in result.points], "ko-", ms=4, lw=1)
     for ax in (left, middle, right):
         ax.set_xscale("log")

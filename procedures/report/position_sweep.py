@@ -50,10 +50,10 @@ def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: 
             for name in (f"share_{side}", f"share_{side}_u", f"model_share_{side}", f"thesis_share_{side}")
         )
         left.errorbar(x, share, share_u, fmt="o", ms=4, capsize=2, color=color, label=f"{side} tooth")
-        left.plot(x, model, "-", lw=1, color=color, label="model")
-        left.plot(x, thesis, "x", ms=5, color=color, label="thesis, A2.7")
+        left.plot(x, model, "-", lw=1, color=color, label=f"{side}, model")
+        left.plot(x, thesis, "x", ms=5, color=color, label=f"{side}, thesis A2.7")
     left.set(xlabel="place of the load (mm)", ylabel="share of the force (bars: standard uncertainty)")
-    left.legend(fontsize=8, ncols=2)
+    left.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     found = [p.found_mm for p in result.points]
     spread = [
         [p.found_mm - p.found_low_mm for p in result.points], [p.found_high_mm - p.found_mm for p in result.points],

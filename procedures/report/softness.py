@@ -48,8 +48,8 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
             [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points], fmt="o-",
             capsize=2, label=each.object,
         )  # fmt: skip
-    left.set(xlabel="load, peak to peak (N)", ylabel="force ratio")
-    left.legend(fontsize=8, title="object")
+    left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)")
+    left.legend(fontsize=8, title="object", ncols=6, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     known = [each for each in result.objects if each.low_Pa or each.high_Pa]
     for place, each in enumerate(known):
         low, high = each.low_Pa, each.high_Pa
@@ -58,7 +58,10 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
         for end, marker in ((low, "|" if high else ">"), (each.modulus_Pa, "o"), (high, "|" if low else "<")):
             if end:
                 right.plot(1e-3 * end, place, marker, color="C0")
-    right.set(xscale="log", xlabel="modulus (kPa)", yticks=range(len(known)), yticklabels=[e.object for e in known])
+    right.set(xscale="log", xlabel="modulus (kPa; bars: 95 %, arrows: a bound)", ylabel="object")
+    right.set(yticks=range(len(known)), yticklabels=[e.object for e in known])
+    for axis in (right.xaxis.set_major_formatter, right.xaxis.set_minor_formatter):
+        axis("{x:g}")
     return save(figure, folder)
 
 
