@@ -40,6 +40,7 @@ class ShakerAmplifier(SimulatedDevice):
         self._resistance = coil_resistance
         self._last_request_ns = 0
         self._latched = 0
+        self._rms = 0.0  # V, of the output
         self._heated_from = self._heating_to = AMBIENT
         self._heated_ns = 0
 
@@ -67,9 +68,9 @@ class ShakerAmplifier(SimulatedDevice):
     def read(self, name: str) -> float:
         match name:
             case "output_current":
-                return self._rms() / self._resistance
+                return self._rms / self._resistance
             case "output_voltage":
-                return self._rms()
+                return self._rms
             case "temperature":
                 return self._temperature()
             case "faults":
@@ -79,10 +80,6 @@ class ShakerAmplifier(SimulatedDevice):
             case "status":
                 return self.settings["enable"]  # bit 0
         return super().read(name)
-
-    def _rms(self) -> float:
-        voltage = self.voltage()
-        return math.sqrt(voltage.mean**2 + float((np.abs(voltage.amplitude) ** 2).sum()) / 2)
 
     def requested(self) -> None:
         self._last_request_ns = self.clock.now_ns()
@@ -133,4 +130,6 @@ class ShakerAmplifier(SimulatedDevice):
 
     def _power_changed(self) -> None:
         self._heated_from, self._heated_ns = self._temperature(), self.clock.now_ns()
+        voltage = self.voltage()
+        self._rms = math.sqrt(voltage.mean**2 + float((np.abs(voltage.amplitude) ** 2).sum()) / 2)
         self._heating_to = AMBIENT + THERMAL_RESISTANCE * self._resistance * self.read("output_current") ** 2

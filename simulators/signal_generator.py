@@ -22,8 +22,7 @@ class SignalGenerator(SimulatedDevice):
     def __init__(self, clock: VirtualClock, serial: str, changed: Callable[[], None]) -> None:
         super().__init__(clock, serial)
         self._changed = changed
-        self._start_ns = 0
-        self._start_phase = 0
+        self._waveform = self._formed(start_phase=0)
 
     def write(self, values: dict[str, float]) -> None:
         new = {**self.settings, **values}
@@ -31,9 +30,9 @@ class SignalGenerator(SimulatedDevice):
             self.settings["error"] = self.contract["error"].choices["amplitude_plus_offset"]
             raise Refused(ILLEGAL_VALUE)
         now = self.clock.now_ns()
-        phase = 0 if values.get("phase_reset") else int(self._waveform().phase(np.array([now]))[0])
-        self._start_ns, self._start_phase = now, phase
+        phase = 0 if values.get("phase_reset") else int(self._waveform.phase(np.array([now]))[0])
         self.settings = {**new, "phase_reset": 0.0, "error": 0.0}
+        self._waveform = self._formed(phase)
         self._changed()
 
     def out_of_range(self) -> None:
@@ -46,10 +45,10 @@ class SignalGenerator(SimulatedDevice):
 
     def voltage(self) -> Periodic:
         """Output voltage."""
-        waveform = self._waveform()
-        return waveform if self.settings["output"] else waveform.scaled(0.0)
+        return self._waveform if self.settings["output"] else self._waveform.scaled(0.0)
 
-    def _waveform(self) -> Periodic:
+    def _formed(self, start_phase: int) -> Periodic:
+        """By the settings, from now on."""
         s = self.settings
         k = np.arange(1, HARMONICS + 1, 2)
         match self.contract.choice("waveform", s["waveform"]):
@@ -62,8 +61,8 @@ class SignalGenerator(SimulatedDevice):
         return Periodic(
             s["offset"],
             round(s["frequency"] * FREQUENCY_STEPS) * (HERTZ // FREQUENCY_STEPS),
-            self._start_ns,
-            self._start_phase,
+            self.clock.now_ns(),
+            start_phase,
             k,
             (-1j * s["amplitude"] * sines).astype(complex),
         )
