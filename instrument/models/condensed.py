@@ -157,15 +157,11 @@ class _Factorised:
     def __init__(self, elements: Elements, bounded: Array) -> None:
         from scipy.sparse import coo_array
 
-        matrix = elements.stiffness
-        if len(elements.mixed):
-            matrix = matrix.copy()
-            matrix[elements.mixed] += np.matmul(
-                elements.dilatation.transpose(0, 2, 1), elements.dilatation / bounded[:, None, None]
-            )
         # The inside first, so that all blocks are slices.
         order, inner = np.argsort(~elements.inner, kind="stable"), int(elements.inner.sum())
-        matrix = matrix.take(order, axis=1).take(order, axis=2)
+        matrix = elements.stiffness.take(order, axis=1).take(order, axis=2)
+        spread = elements.dilatation.take(order, axis=2)
+        matrix[elements.mixed] += spread.transpose(0, 2, 1) @ (spread / bounded[:, None, None])
         unknowns = elements.unknowns[:, order].astype(np.int32)
         self._elements = elements
         self._inner, self._outer = unknowns[:, :inner], unknowns[:, inner:]

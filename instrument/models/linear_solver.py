@@ -88,14 +88,14 @@ def factorised(scaled: sparse.csc_array, backend: str = "", ordered: bool = Fals
     """Solves with a symmetric positive definite matrix, shape (n, n), of unit diagonal.
 
     Args:
-        ordered: its unknowns stand in a good order for elimination; PARDISO looks for its own.
+        ordered: its unknowns stand in a good order for elimination: SuperLU then needs no longer than PARDISO.
 
     Raises:
         UnknownName, EstimateError: as SymmetricSolver; of the matrix only that its factors do not fit.
     """
-    name = chosen(backend)
+    name = chosen("superlu" if ordered else backend)
     try:
-        return BACKENDS[name](scaled, ordered)
+        return _superlu(scaled, "NATURAL") if ordered else BACKENDS[name](scaled)
     except MemoryError:
         raise EstimateError(
             f"the factors of {scaled.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
@@ -122,8 +122,7 @@ def available() -> tuple[str, ...]:
     return tuple(name for name in BACKENDS if name != "pardiso" or installed)
 
 
-def _superlu(matrix: sparse.csc_array, ordered: bool) -> Factor:
-    order: Literal["NATURAL", "MMD_AT_PLUS_A"] = "NATURAL" if ordered else "MMD_AT_PLUS_A"
+def _superlu(matrix: sparse.csc_array, order: Literal["NATURAL", "MMD_AT_PLUS_A"] = "MMD_AT_PLUS_A") -> Factor:
     factors = splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def solve(load: Vector) -> Vector:
@@ -132,7 +131,7 @@ def _superlu(matrix: sparse.csc_array, ordered: bool) -> Factor:
     return solve
 
 
-def _pardiso(matrix: sparse.csc_array, ordered: bool) -> Factor:
+def _pardiso(matrix: sparse.csc_array) -> Factor:
     # Without a path pypardiso searches the whole installation for the library, a second each time.
     for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt.*")):
         os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
@@ -149,4 +148,4 @@ def _pardiso(matrix: sparse.csc_array, ordered: bool) -> Factor:
     return solve
 
 
-BACKENDS: dict[str, Callable[[sparse.csc_array, bool], Factor]] = {"pardiso": _pardiso, "superlu": _superlu}
+BACKENDS: dict[str, Callable[[sparse.csc_array], Factor]] = {"pardiso": _pardiso, "superlu": _superlu}

@@ -246,7 +246,7 @@ def test_an_unknown_refinement_is_refused() -> None:
 
 
 def test_factors_that_do_not_fit_into_memory_are_an_error_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    def too_large(matrix: object, ordered: bool) -> object:
+    def too_large(matrix: object) -> object:
         raise MemoryError
 
     monkeypatch.setitem(linear_solver.BACKENDS, "superlu", too_large)
