@@ -220,7 +220,8 @@ def open_session(
             yield Session(opened, design, chosen, calibration, films, record, started, wall_start, replay is not None)
         except BaseException as error:
             if record.points:
-                error.add_note(f"points already taken are kept in {record.folder}")
+                remedy = "" if replay else f"; go on with: palpate runs resume {record.folder}"
+                error.add_note(f"points already taken are kept in {record.folder}{remedy}")
             raise
 
 

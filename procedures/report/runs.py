@@ -12,15 +12,20 @@ from procedures.report.text import STAMP, new_table, number, print_all, stamped
 from procedures.run import Run
 from procedures.run_list import RunSummary
 
+TIME = "%Y-%m-%d %H:%M:%S"
+
 
 def print_runs(found: list[RunSummary], folder: Path) -> None:
     """A line a run."""
     if not found:
         print_all(f"no runs in {folder}; make one with: palpate sweep loads")
         return
-    table = new_table(None, "run", "status", "points", "")
+    table = new_table(None, "run", "procedure", "started (UTC)", "status", "points", "")
     for run in found:
-        table.add_row(run.folder.name, run.status, str(run.points), STAMP if run.simulated else "")
+        table.add_row(
+            run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points),
+            STAMP if run.simulated else "",
+        )  # fmt: skip
     print_all(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
 
 
@@ -58,16 +63,19 @@ def print_run(run: Run, digest: str) -> None:
     source = calibration.get("source") if isinstance(calibration, dict) else None
     points = run.points()
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
+    same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
+    columns = [k for k in columns if k not in same]
     table = new_table(stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
     for point in points:
         table.add_row(*(number(point[column]) for column in columns))
     print_all(
         stamped(run.simulated, str(run.folder)),
         f"status       {run.status}",
-        f"started      {run.started:%Y-%m-%d %H:%M:%S} UTC",
+        f"started      {run.started:{TIME}} UTC",
         f"seed         {run.header.get('seed')}",
         f"calibration  {source or '-'}",
         f"digest       {digest}",
+        f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
         table,
         *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
     )

@@ -11,17 +11,24 @@ if TYPE_CHECKING:
 
 STAMP = "SIMULATED"
 PIPE_WIDTH = 160  # columns where no terminal says otherwise
+WIDEST = 100_000
 
 
 def print_all(*things: object) -> None:
-    """Texts as they are: what looks like markup is part of a name of a file or a message."""
+    """Texts as they are: what looks like markup is part of a name of a file or a message.
+
+    A table that does not fit goes beyond the edge: a figure that is cut off would be lost.
+    """
     from rich.console import Console
     from rich.table import Table
 
     console = Console(highlight=False, markup=False, emoji=False)
-    if not console.is_terminal:
-        console.width = PIPE_WIDTH
+    width = console.width if console.is_terminal else PIPE_WIDTH
     for thing in things:
+        console.width = width
+        if isinstance(thing, Table) and all(column.no_wrap for column in thing.columns):
+            whole = console.measure(thing, options=console.options.update(width=WIDEST)).maximum
+            console.width = max(width, whole)
         console.print(thing, soft_wrap=not isinstance(thing, Table))
 
 

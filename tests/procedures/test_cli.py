@@ -115,7 +115,8 @@ def test_the_database_the_shown_run_and_the_list_are_stamped(palpate: Palpate) -
     database.close()
     assert palpate("runs", "show", folder.name).out.startswith("SIMULATED ")
     assert palpate("runs", "show", folder.name, "--json").object["simulated"] is True
-    assert "SIMULATED" in palpate("runs", "list").out
+    listed = palpate("runs", "list").out
+    assert "SIMULATED" in listed and "sweep-loads" in listed
     (row,) = palpate("runs", "list", "--json").object["runs"]
     assert (row["run"], row["simulated"], row["status"], row["points"]) == (str(folder), True, "complete", 1)
 
@@ -249,7 +250,9 @@ def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run(
     on_progress(report)
     said = palpate(*SMALL, "--out", "day", "--json")
     assert (said.status, said.out) == (status, "")
-    assert said.err.lstrip("\n") == f"{message}points already taken are kept in {Path('day').absolute()}\n"
+    day = Path("day").absolute()
+    kept = f"points already taken are kept in {day}; go on with: palpate runs resume {day}\n"
+    assert said.err.lstrip("\n") == message + kept
     assert closed == [(OFF, "stopped")]
     run = Run.open(Path("day"))
     assert run.status == "stopped"

@@ -23,7 +23,7 @@ from procedures.record import Recorder
 from procedures.report.load_cell import plot_load_cell, print_load_cell
 from procedures.report.load_sweep import plot_sweep, print_sweep
 from procedures.report.runs import print_run, print_runs
-from procedures.report.text import STAMP
+from procedures.report.text import PIPE_WIDTH, STAMP, new_table, print_all
 from procedures.run import Run
 from procedures.run_list import RunSummary
 from tests.procedures.conftest import HEADER, Palpate
@@ -202,6 +202,16 @@ def test_names_and_messages_are_shown_as_they_are(capsys: pytest.CaptureFixture[
     text = capsys.readouterr().out
     assert f"damaged: {MARKUP}" in text
     assert text.count(folder.name) == 2
+
+
+def test_a_table_that_is_wider_than_the_terminal_loses_no_figure(capsys: pytest.CaptureFixture[str]) -> None:
+    figures = [f"{1e12 + i:.0f}" for i in range(2 * PIPE_WIDTH // 13)]
+    table = new_table(None, *figures)
+    table.add_row(*figures)
+    print_all(table, "after it")
+    text = capsys.readouterr().out
+    assert [text.count(figure) for figure in figures] == [2] * len(figures)
+    assert text.endswith("\nafter it\n")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
