@@ -7,7 +7,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -108,6 +108,10 @@ class Choice:
     seed: int | None
     out: Path | None
     log: Path | None = None
+
+    def simulated_on(self, scene: str) -> Choice:
+        """It, on this scene where neither a scene nor a bench is named."""
+        return self if self.bench or self.scene else replace(self, scene=scene)
 
 
 def bench_options(command: F) -> F:

@@ -126,7 +126,7 @@ def frequency(
 
 
 @sweep.command(
-    epilog="Examples:\n\n  palpate sweep temperature --scene humid_body"
+    epilog="Examples:\n\n  palpate sweep temperature\n\n  palpate sweep temperature --scene long_drift"
     "\n\n  palpate sweep temperature --temperatures '0 K, 5 K, 15 K, 10 K' --soak '10 min' --bench lab.toml"
 )
 @click.option("--temperatures", default="0 K, 5 K, 15 K, 10 K", show_default=True, help="Against the start, in order.")
@@ -155,8 +155,8 @@ def temperature(
     """What warming films add to their signals, and what the fitted trend takes away of it.
 
     A point is measured right after each change of the surroundings. Beside the fit with a trend stands what a lock-in
-    amplifier and a voltmeter would have read off the same record. A simulated bench needs a scene with pyroelectric
-    films: humid_body, long_drift or everything.
+    amplifier and a voltmeter would have read off the same record. Simulated on
+    the scene humid_body where none is named; only scenes with pyroelectric films have anything to show.
     """
     from instrument.quantity import parse
     from procedures import temperature_sweep
@@ -171,6 +171,7 @@ def temperature(
         parse(soak, "s"),
         extrapolate,
     )
+    choice = choice.simulated_on("humid_body")
     _sweep(temperature_sweep, temperature_sweep, report, settings, choice, output, dry_run, model)
 
 
@@ -201,8 +202,6 @@ def position(
 
     Simulated on the scene thesis_common_base where none is named. Table A2.7 stands beside, with its doubts.
     """
-    from dataclasses import replace
-
     from instrument.quantity import parse
     from procedures import load_plan, position_sweep
     from procedures.report import position_sweep as report
@@ -215,8 +214,7 @@ def position(
         parse(frequency, "Hz"),
         extrapolate,
     )
-    if choice.bench is None and choice.scene is None:
-        choice = replace(choice, scene="thesis_common_base")
+    choice = choice.simulated_on("thesis_common_base")
     _sweep(position_sweep, position_sweep, report, settings, choice, output, dry_run, None)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 
 import pytest
 
+from procedures.cli.options import Choice
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
 SWEEP = ("sweep", "temperature")
@@ -76,3 +78,17 @@ def test_a_dry_run_counts_the_soak(palpate: Palpate, benches: Benches) -> None:
     found = palpate(*SWEEP, "--soak", "10 min", "--dry-run", "--json").object
     assert found["expected_seconds"] == pytest.approx(4 * 600 + 4 * 60 + 110, rel=0.05)
     assert benches == []
+
+
+def test_films_that_warm_up_are_simulated_where_no_scene_is_named(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen: list[Choice] = []
+    module = sys.modules["procedures.cli.sweep"]
+    monkeypatch.setattr(module, "_sweep", lambda *arguments: chosen.append(arguments[4]))
+    palpate(*SWEEP)
+    palpate(*SWEEP, "--scene", "ideal")
+    palpate(*SWEEP, "--bench", "lab.toml")
+    assert [(choice.scene, choice.bench) for choice in chosen] == [
+        ("humid_body", None), ("ideal", None), (None, Path("lab.toml")),
+    ]  # fmt: skip
