@@ -8,9 +8,11 @@ from itertools import takewhile
 from pathlib import Path
 
 import click
+import pytest
 
-from procedures.cli import palpate
+from procedures.cli import palpate as main
 from procedures.policy import POLICIES
+from tests.procedures.conftest import Palpate
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -45,4 +47,22 @@ def named(cell: str) -> Iterator[str]:
 
 
 def test_its_table_of_commands_has_each_once() -> None:
-    assert sorted(name for cell, _ in table("Commands") for name in named(cell)) == sorted(commands(palpate))
+    assert sorted(name for cell, _ in table("Commands") for name in named(cell)) == sorted(commands(main))
+
+
+@pytest.mark.parametrize(
+    ("command", "row"),
+    [
+        ("accuracy surfaces", "accuracy surfaces"),
+        ("scene list", "scene list"),
+        ("scene check ideal", "scene check"),
+        ("scene explain ideal", "scene explain"),
+        ("runs list", "runs list"),
+        ("contracts export --to maps", "`runs export`, `contracts export`, `new`"),
+        ("model ratio --model column --sensed-modulus 100kPa", "model ratio"),
+    ],
+)
+def test_its_names_in_json_are_those_of_the_command(palpate: Palpate, command: str, row: str) -> None:
+    (names,) = (cell for commands, cell in table("Names in JSON") if commands.strip("`") == row.strip("`"))
+    outside = re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", names))
+    assert re.findall("`([^`]*)`", outside) == list(palpate(*command.split(), "--json").object)
