@@ -96,8 +96,9 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
 
 def product(radial: Array, axial: Array) -> Array:
     """Kronecker products of all radial with all axial matrices: (n_r, n_z, rows, columns)."""
-    (_, a, b), (_, c, d) = radial.shape, axial.shape
-    products: Array = radial.repeat(c, 1).repeat(d, 2)[:, None] * np.tile(axial, (1, a, b))
+    (_, a, b), (count, c, d) = radial.shape, axial.shape
+    repeated = np.broadcast_to(axial[:, None, :, None], (count, a, c, b, d)).reshape(count, a * c, b * d)
+    products: Array = radial.repeat(c, 1).repeat(d, 2)[:, None] * repeated
     return products
 
 

@@ -137,7 +137,9 @@ def _interval(low: float, high: float, size_low: float, size_high: float, longes
     least = max(1e-9 * min(length, size_low, size_high), 8 * float(np.spacing(high)))
     parts = parts[np.append(True, np.diff(parts) > least)]
     parts[-1] = length
-    cut = [np.linspace(a, b, math.ceil((b - a) / longest) + 1)[1:] for a, b in pairwise(parts)]
+    cut = [
+        [b] if b - a <= longest else np.linspace(a, b, math.ceil((b - a) / longest) + 1)[1:] for a, b in pairwise(parts)
+    ]
     lines = low + np.concatenate(cut)
     lines[-1] = high
     return lines
