@@ -17,10 +17,11 @@ from instrument.models.parameters import RoundParameters
 THREADS = 2
 
 
-def axisymmetric_ratio(parameters: RoundParameters, degree: int, layers: int) -> float:
+def axisymmetric_ratio(parameters: RoundParameters, degree: int, layers: int, threads: int = THREADS) -> float:
     """Force ratio of a bonded sensor on elastic plates; tooth force from the mean stress of the tooth."""
     import ngsolve as ng
 
+    ng.SetNumThreads(threads)
     grid = own_mesh.grid(parameters, layers)
     mesh = ng.Mesh(_quadrilaterals(grid))
     space = ng.VectorH1(mesh, order=degree, dirichletx="axis|floor", dirichlety="floor")
@@ -55,6 +56,7 @@ def solid_ratio(parameters: RoundParameters, degree: int, levels: int, size: flo
     import ngsolve as ng
     from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Pnt, Z
 
+    ng.SetNumThreads(THREADS)
     scale = 1e3
     outer, inner, tooth = (
         scale * getattr(parameters, name) for name in ("ring_outer_radius", "ring_inner_radius", "tooth_radius")

@@ -1,7 +1,9 @@
 """Our finite-element models beside the best that installs: error and time, and who is faster at equal error.
 
-Case A, and the round sensor on a rigid support in space; the same numbers, two threads for all, everything from the
-mesh to the force timed. NGSolve counts where it is importable, CalculiX where its program is found.
+Case A under a soft, a middling and a hard object, and the round sensor on a rigid support in space; the same numbers,
+everything from the mesh to the force timed, two threads for all, in the plane one for NGSolve where that is faster. An
+error is the greatest under the three objects: under one alone it can pass through zero between two coarse meshes.
+NGSolve counts where it is importable, CalculiX where its program is found.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import math
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +24,15 @@ from tests.benchmarks.models import CASE_A, CASE_A_RATIO
 from tests.benchmarks.row import Row
 
 ROUNDS = 3
+# Degree and layers; of degree 2 for the peer alone.
+MESHES = ((2, 0), (2, 1), (3, 0), (3, 1), (3, 2), (4, 1), (4, 2), (4, 3), (5, 2), (5, 3), (5, 4), (6, 4))
 FLAT_ERRORS, SOLID_ERRORS = (1e-3, 1e-4, 1e-5), (1e-3,)
+# Force ratios of degree 9 with 8 layers.
+FLAT = {
+    replace(CASE_A, sensed_modulus=14.9e3): 0.18357342,
+    CASE_A: CASE_A_RATIO,
+    replace(CASE_A, sensed_modulus=1e6): 0.82465873,
+}
 ROUND = RoundParameters(support="rigid")
 # Error and seconds by what was run.
 Curve = Mapping[str, tuple[float, float]]
@@ -29,61 +40,62 @@ Curve = Mapping[str, tuple[float, float]]
 
 def measure() -> Iterator[Row]:
     ngsolve, calculix = importlib.util.find_spec("ngsolve") is not None, shutil.which(calculix_peer.PROGRAM) is not None
-    if ngsolve:
-        import ngsolve as ng
-
-        ng.SetNumThreads(ngsolve_peer.THREADS)
     ours = _curve(
-        {f"degree {d}, {n} layers": lambda d=d, n=n: axisymmetric.solve_on(CASE_A, d, n).force_ratio
-         for d, n in ((3, 0), (3, 1), (3, 2), (4, 3), (5, 4), (6, 5))},
-        CASE_A_RATIO,
+        {f"degree {d}, {n} layers": lambda p, d=d, n=n: axisymmetric.solve_on(p, d, n).force_ratio
+         for d, n in MESHES if d > 2},
+        FLAT,
     )  # fmt: skip
     yield from _rows("case A, axisymmetric", ours)
     if ngsolve:
         runs = {
-            f"degree {d}, {n} layers": lambda d=d, n=n: ngsolve_peer.axisymmetric_ratio(CASE_A, d, n)
-            for d, n in ((2, 1), (2, 2), (3, 2), (4, 3), (5, 4), (6, 5))
+            f"degree {d}, {n} layers, {t} threads": lambda p, d=d, n=n, t=t: ngsolve_peer.axisymmetric_ratio(p, d, n, t)
+            for d, n in MESHES
+            for t in (1, ngsolve_peer.THREADS)
         }
-        yield from _beside("case A, NGSolve", ours, _curve(runs, CASE_A_RATIO), FLAT_ERRORS)
+        yield from _beside("case A, NGSolve", ours, _curve(runs, FLAT), FLAT_ERRORS)
     else:
         yield Row("case A, NGSolve", "not installed")
     if calculix:
         runs = {
-            f"{n} layers, halved {h} times": lambda n=n, h=h: calculix_peer.axisymmetric_ratio(CASE_A, n, h)
+            f"{n} layers, halved {h} times": lambda p, n=n, h=h: calculix_peer.axisymmetric_ratio(p, n, h)
             for n, h in ((2, 0), (2, 1), (3, 2), (4, 3))
         }
-        yield from _beside("case A, CalculiX", ours, _curve(runs, CASE_A_RATIO), FLAT_ERRORS)
+        yield from _beside("case A, CalculiX", ours, _curve(runs, FLAT), FLAT_ERRORS)
     else:
         yield Row("case A, CalculiX", "not installed")
     yield from _in_space(ngsolve)
 
 
 def _in_space(ngsolve: bool) -> Iterator[Row]:
-    reference = axisymmetric.solve(ROUND, 4).force_ratio
+    references = {ROUND: axisymmetric.solve(ROUND, 4).force_ratio}
     sensor = SolidParameters(outline="round", support="rigid")
-    ours = _curve({f"refinement {k}": lambda k=k: solid.solve(sensor, k).force_ratio for k in (0, 1, 2)}, reference)
+    ours = _curve({f"refinement {k}": lambda _, k=k: solid.solve(sensor, k).force_ratio for k in (0, 1, 2)}, references)
     yield from _rows("round sensor on a rigid support, solid", ours)
     if ngsolve:
         runs = {
-            f"degree {d}, {n} levels, {size:g} mm": lambda d=d, n=n, size=size: ngsolve_peer.solid_ratio(
-                ROUND, d, n, size
+            f"degree {d}, {n} levels, {size:g} mm": lambda p, d=d, n=n, size=size: ngsolve_peer.solid_ratio(
+                p, d, n, size
             )
             for d, n, size in ((2, 1, 2.0), (3, 1, 3.0), (3, 1, 2.0), (4, 1, 2.0))
         }
-        yield from _beside("the same, NGSolve", ours, _curve(runs, reference), SOLID_ERRORS)
+        yield from _beside("the same, NGSolve", ours, _curve(runs, references), SOLID_ERRORS)
     else:
         yield Row("the same, NGSolve", "not installed")
 
 
-def _curve(runs: Mapping[str, Callable[[], float]], reference: float) -> Curve:
+def _curve(
+    runs: Mapping[str, Callable[[RoundParameters], float]], references: Mapping[RoundParameters, float]
+) -> Curve:
+    """Greatest error over all sensors, and the shortest time of one solution."""
     found = {}
     for name, run in runs.items():
-        taken = []
-        for _ in range(ROUNDS):
+        errors, taken = [], []
+        for parameters, reference in ROUNDS * list(references.items()):
             start = time.perf_counter()
-            ratio = run()
+            ratio = run(parameters)
             taken.append(time.perf_counter() - start)
-        found[name] = (abs(ratio - reference), min(taken))
+            errors.append(abs(ratio - reference))
+        found[name] = (max(errors), min(taken))
     return found
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
 from instrument.designs import get_design
 from instrument.errors import RangeError, UnknownName
@@ -16,6 +17,7 @@ from instrument.models.axisymmetric import AxisymmetricSolution, solve, solve_on
 from instrument.models.parameter_sets import IDENTIFIED_ROUND
 from instrument.models.parameters import RoundParameters, round_parameters
 from instrument.thesis import read_table
+from tests.instrument import naive
 from tests.settings import round_sensors
 
 CASE_A = RoundParameters()
@@ -155,6 +157,16 @@ def test_refinement_stops_before_rounding_passes_the_discretisation_error() -> N
     for refinement in axisymmetric.REFINEMENTS[:4]:
         solution = case_a(refinement)
         assert solution.imbalance < 1e-10 < abs(solution.force_ratio - CASE_A_RATIO)
+
+
+def test_the_unknowns_stand_in_an_order_that_fills_the_factors_no_more_than_superlu_s_own() -> None:
+    found, _, matrix = naive.assembled(replace(CASE_A, compliant_poisson=0.3), 3, 1)
+    shared = matrix[: found.shared, : found.shared].tocsc()
+    filled = {
+        order: splu(shared, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True}).L.nnz
+        for order in ("NATURAL", "MMD_AT_PLUS_A")
+    }
+    assert shared.nnz < filled["NATURAL"] < filled["MMD_AT_PLUS_A"]
 
 
 def test_displacements_are_sampled_over_every_body() -> None:
