@@ -145,7 +145,7 @@ def read_scene(name_or_file: str) -> Scene:
     """
     scenes = shipped()
     path = scenes.get(name_or_file, Path(name_or_file))
-    if name_or_file not in scenes and path.suffix != ".toml" and not path.exists():
+    if not name_or_file or (name_or_file not in scenes and path.suffix != ".toml" and not path.exists()):
         raise UnknownName("scene", name_or_file, scenes)
     return scene_of(read(path, SceneFile), path)
 

@@ -25,10 +25,13 @@ for command in (resume, check, repair):
 @output_options
 def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
+    from instrument.errors import UsageError
     from procedures.report.runs import print_runs, run_row
     from procedures.run_list import list_runs
 
     output = Output(as_json, quiet)
+    if out is not None and not out.is_dir():
+        raise UsageError(f"{out} is no folder; name one that holds runs with --out")
     found = list_runs(out or store())
     if output.as_json:
         output.json({"runs": [run_row(run) for run in found]})

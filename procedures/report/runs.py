@@ -72,7 +72,7 @@ def print_run(run: Run, digest: str) -> None:
         stamped(run.simulated, str(run.folder)),
         f"status       {run.status}",
         f"started      {run.started:{TIME}} UTC",
-        f"seed         {run.header.get('seed')}",
+        f"seed         {number(run.header.get('seed'))}",
         f"calibration  {source or '-'}",
         f"digest       {digest}",
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",

@@ -66,6 +66,7 @@ def nothing_in_runs() -> bool:
         ("--model", NO_TEXT, "unknown model"),
         ("--scene", "thesis_singel", "unknown scene 'thesis_singel' (did you mean 'thesis_single'?)"),
         ("--scene", NO_TEXT, "unknown scene"),
+        ("--scene", "", "unknown scene ''"),
     ],
 )
 def test_a_bad_text_is_refused(palpate: Palpate, option: str, text: str, message: str) -> None:
@@ -124,6 +125,12 @@ def test_a_bench_file_excludes_what_only_a_scene_has(palpate: Palpate, lab: str,
     assert said.status == 2
     assert f"{option[0]}: only a simulated bench has it" in said.complaint
     assert nothing_in_runs()
+
+
+def test_a_list_of_runs_in_no_folder_is_refused(palpate: Palpate) -> None:
+    said = palpate("runs", "list", "--out", "nowhere")
+    assert said.status == 2
+    assert said.complaint == "nowhere is no folder; name one that holds runs with --out"
 
 
 # --- files ---------------------------------------------------------------------------------------------
