@@ -1,0 +1,36 @@
+"""A command imports what it needs and no more: of its time before anything happens, imports are most."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+slow = pytest.mark.slow
+ROOTFINDERS = {"scipy.optimize", "scipy.interpolate"}  # which import most of scipy
+TABLES = {"pandas", "pyarrow"}
+BUSES = {"can", "canopen", "pymodbus", "serial"}
+
+
+@pytest.mark.parametrize(
+    ("command", "needless"),
+    [
+        ("--help", {"numpy", "pydantic", "rich", "pint"}),
+        ("model ratio --sensed-modulus 15kPa", {"scipy", "pint", "matplotlib", *TABLES, *BUSES}),
+        pytest.param("scene explain ideal", {"pint", "matplotlib", *ROOTFINDERS, *TABLES, *BUSES}, marks=slow),
+        pytest.param(
+            "sweep loads --samples 1 --loads 2N --json", {"pint", "rich.progress", *ROOTFINDERS, *TABLES}, marks=slow
+        ),
+    ],
+)
+def test_a_command_imports_nothing_that_it_can_do_without(command: str, needless: set[str], tmp_path: Path) -> None:
+    code = "from procedures.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-c", code, *command.split()],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+    assert "procedures.cli" in imported
+    assert not imported & needless
