@@ -53,6 +53,13 @@ class Procedure(Generic[S, R]):
     continues: bool = False
 
 
+def refuse(procedure: Procedure[S, R], settings: S, target: Target, *, by_store: bool = True) -> None:
+    """Raise what a procedure refuses before a bench is opened, and, `by_store`, loads that no calibration tells."""
+    procedure.check(settings, target)
+    if by_store and procedure.loads is not None:
+        check_store(*procedure.loads(settings), target.model is not None, datetime.now(UTC).date())
+
+
 def conduct(
     procedure: Procedure[S, R],
     settings: S,
@@ -72,19 +79,13 @@ def conduct(
     Raises:
         As `open_session`, and whatever the procedure raises; RecordError where what follows a finished run crashed.
     """
-
-    def check(target: Target) -> None:
-        procedure.check(settings, target)
-        if procedure.loads is not None and replay is None:
-            check_store(*procedure.loads(settings), target.model is not None, datetime.now(UTC).date())
-
     with (
         output.progress() as progress,
         open_session(
             procedure.name,
             choice,
             {**asdict(settings), **procedure.constants},  # type: ignore[call-overload]
-            check,
+            lambda target: refuse(procedure, settings, target, by_store=replay is None),
             model=model,
             calibrating=procedure.calibrating,
             resumed=resumed,

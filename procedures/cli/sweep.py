@@ -232,15 +232,16 @@ def _sweep(
 
     Returns the result, and whether it is simulated; None of a dry run.
     """
-    from procedures.cli.conduct import conduct
+    from procedures.cli.conduct import conduct, refuse
     from procedures.cli.keys import keyboard
     from procedures.cli.session import target_of
     from procedures.cli.sweeps import sweep_of
     from procedures.report.plan import print_plan
 
+    conducted = sweep_of(planned, procedure, report, type(settings))
     if dry_run:
         target = target_of(choice, model)
-        planned.check(settings, target.design, target.force_limit, target.nodes)
+        refuse(conducted, settings, target)
         plan = planned.plan(settings, target.design)
         if output.as_json:
             output.json(plan.summary())
@@ -248,7 +249,5 @@ def _sweep(
             print_plan(plan)
         return None
     with keyboard() as pause:
-        result, outcome = conduct(
-            sweep_of(planned, procedure, report, type(settings)), settings, choice, output, model=model, pause=pause
-        )
+        result, outcome = conduct(conducted, settings, choice, output, model=model, pause=pause)
     return result, outcome["simulated"]

@@ -39,6 +39,7 @@ def stored(device: str, **changed: object) -> None:
         (("softness", "--samples", "1", "--loads", "8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
         (("sweep", "loads", "--loads", "2 N, 8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
         (("sweep", "frequency", "--load", "1 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
+        (("sweep", "loads", "--loads", "1 N", "--dry-run"), "load 1 N lies outside the 1.373 to 7.257 N"),
         (("characterise", "--loads", "1 N, 2 N, 3 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
         (("calibrate", "films", "--loads", "1 N, 2 N, 3 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
     ],
