@@ -21,7 +21,10 @@ from procedures.cli.options import FILE_NAME, Output, output_options
 @click.option("--port", type=click.IntRange(1, 65534), help="First Modbus TCP port (default: any that are free).")
 @click.option("--line", type=FILE_NAME, metavar="PATH", help="Name of the serial line, a link to its terminal.")
 @click.option("--can", default="udp_multicast", show_default=True, metavar="INTERFACE[:CHANNEL]", help="Of python-can.")
-@click.option("--speed", default=1.0, show_default=True, help="Of the bench's clock, to that of the wall.")
+@click.option(
+    "--speed", default=1.0, show_default=True,
+    help="Of the bench's clock, to that of the wall; --bench of another process goes by the wall's and wants 1.",
+)  # fmt: skip
 @click.option("--step", metavar="TIME", help="Time stands still; Enter moves it on by so much.")
 @click.option("--samples", help="Samples that a changer lays under the probe, one after the other, as it comes home.")
 @click.option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file there.")
