@@ -147,8 +147,9 @@ def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
 
 def _relative(remainder: Array, terms: Array) -> float:
     """Norm of what is left over that of the terms it is the sum of; 0 where there are none."""
-    size = float(np.linalg.norm(terms))
-    return float(np.linalg.norm(remainder)) / size if size else 0.0
+    # BLAS wakes threads for a norm, and waits for them longer than all else takes on a busy machine.
+    left, size = (math.sqrt(np.square(part).sum()) for part in (remainder, terms))
+    return left / size if size else 0.0
 
 
 class _Factorised:
