@@ -9,6 +9,8 @@ all of them; with a low one the steps creep where rubber is squeezed flat. So th
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +25,7 @@ Indices = NDArray[np.intp]
 
 RESIDUAL_GOAL, RESIDUAL_LIMIT = 1e-13, 1e-9
 STEPS = 20
+BATCH = 128  # elements that a thread condenses in one go; more of them leave the cache
 # What the bound is divided by, in turn.
 EASINGS = (1.0, 30.0, 1000.0)
 
@@ -160,18 +163,27 @@ class _Factorised:
 
         # The inside first, so that all blocks are slices.
         order, inner = np.argsort(~elements.inner, kind="stable"), int(elements.inner.sum())
-        matrix = elements.stiffness.take(order, axis=1).take(order, axis=2)
-        spread = elements.dilatation.take(order, axis=2)
-        matrix[elements.mixed] += spread.transpose(0, 2, 1) @ (spread / bounded[:, None, None])
         unknowns = elements.unknowns[:, order].astype(np.int32)
         self._elements = elements
         self._inner, self._outer = unknowns[:, :inner], unknowns[:, inner:]
         # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
         rim = nodal(np.eye(len(order)), axis=0)[np.ix_(order[inner:], order[inner:])].T
-        coupling = matrix[:, :inner, inner:] @ rim
-        self._inverse = np.linalg.inv(matrix[:, :inner, :inner]).astype(np.float64, copy=False)
-        self._eliminated: Array = self._inverse @ coupling
-        condensed: Array = rim.T @ (matrix[:, inner:, inner:] @ rim) - coupling.transpose(0, 2, 1) @ self._eliminated
+
+        def condense(start: int) -> tuple[Array, Array, Array]:
+            matrix = elements.stiffness[start : start + BATCH].take(order, axis=1).take(order, axis=2)
+            mixed = slice(*np.searchsorted(elements.mixed, [start, start + BATCH]))
+            spread = elements.dilatation[mixed].take(order, axis=2)
+            matrix[elements.mixed[mixed] - start] += spread.transpose(0, 2, 1) @ (spread / bounded[mixed, None, None])
+            coupling = matrix[:, :inner, inner:] @ rim
+            inverse = np.linalg.inv(matrix[:, :inner, :inner]).astype(np.float64, copy=False)
+            eliminated = inverse @ coupling
+            outer = rim.T @ (matrix[:, inner:, inner:] @ rim) - coupling.transpose(0, 2, 1) @ eliminated
+            return inverse, eliminated, outer
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            parts = zip(*pool.map(condense, range(0, len(unknowns), BATCH)), strict=True)
+        condensed: Array
+        self._inverse, self._eliminated, condensed = (np.concatenate(part) for part in parts)
 
         # One more stands for all that is fixed: it has a stiffness of its own and no other.
         joined = np.minimum(self._outer, elements.shared)
