@@ -1,0 +1,26 @@
+"""Frames that enter the virtual bus together arrive as frames that are sent one by one."""
+
+from __future__ import annotations
+
+import can
+
+from simulators.can_bus import burst, open_bus, own_channel
+
+FRAMES = [(0x80, b""), (0x181, bytes(range(8))), (0x281, b"\x01\x00\x00\x00\x00"), (0x80, b"")]
+
+
+def heard(*, singly: bool) -> list[tuple[int, bytes]]:
+    channel = own_channel("virtual")
+    with open_bus("virtual", channel) as sender, can.Bus(channel, "virtual") as receiver:
+        if singly:
+            sender.send = sender.send  # type: ignore[method-assign]  # as a fault stands in for it
+        burst(sender, FRAMES)
+        messages = [receiver.recv(0) for _ in FRAMES]
+        assert receiver.recv(0) is None
+        assert sender.recv(0) is None
+    assert not any(m is None or m.is_extended_id for m in messages)
+    return [(m.arbitration_id, bytes(m.data)) for m in messages if m is not None]
+
+
+def test_a_burst_is_heard_as_frames_sent_one_by_one() -> None:
+    assert heard(singly=False) == heard(singly=True) == FRAMES
