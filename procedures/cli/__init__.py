@@ -15,6 +15,7 @@ from procedures.cli.characterise import characterise
 from procedures.cli.contracts import contracts
 from procedures.cli.model import model
 from procedures.cli.new import new
+from procedures.cli.options import Group
 from procedures.cli.reproduce import reproduce
 from procedures.cli.runs import runs
 from procedures.cli.scene import scene
@@ -26,6 +27,7 @@ from procedures.cli.test import test
 
 
 @click.group(
+    cls=Group,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Examples:\n\n  palpate sweep loads\n\n  palpate calibrate load-cell\n\n  palpate runs list",
 )

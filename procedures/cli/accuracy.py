@@ -9,10 +9,11 @@ import click
 from procedures.cli.accuracy_dwell import dwell_command
 from procedures.cli.accuracy_page import page
 from procedures.cli.integrators import integrators
-from procedures.cli.options import FILE_NAME, Output, make_folder, output_options
+from procedures.cli.options import FILE_NAME, Group, Output, make_folder, output_options
 
 
 @click.group(
+    cls=Group,
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --out prices --json\n\n  palpate accuracy dwell",
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.cli.explain import asked, question_options
-from procedures.cli.options import FILE_NAME, Output, make_folder, output_options
+from procedures.cli.options import FILE_NAME, Command, Output, make_folder, output_options
 
 if TYPE_CHECKING:
     from procedures.accuracy.dwell import DwellPrices
@@ -21,8 +21,9 @@ MOST_SAMPLES = 10_000_000
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate accuracy dwell\n\n  palpate accuracy dwell --scene noisy_lab --load '1.5 N'"
-    "\n\n  palpate accuracy dwell --estimator 'least squares' --dwell '0.5 s, 5 s' --json"
+    "\n\n  palpate accuracy dwell --estimator 'least squares' --dwell '0.5 s, 5 s' --json",
 )
 @click.option("--scene", metavar="NAME|FILE", default=DEFAULT_SCENE, show_default=True, help="Scene to simulate.")
 @question_options

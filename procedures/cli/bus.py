@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, OUT, Output, output_options
+from procedures.cli.options import FILE_NAME, OUT, Group, Output, output_options
 
 
-@click.group()
+@click.group(cls=Group)
 def bus() -> None:
     """Look at what went over the buses of a run (`--log FILE` of every command that uses a bench)."""
 

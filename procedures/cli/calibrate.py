@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, budget_option, dwell_option, extrapolate_option
+from procedures.cli.options import Choice, Group, Output, bench_options, budget_option, dwell_option, extrapolate_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
     from procedures.cli.session import Session
 
 
-@click.group()
+@click.group(cls=Group)
 def calibrate() -> None:
     """Calibrate a part of the bench."""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, budget_option, dwell_option, frequency_option
+from procedures.cli.options import Choice, Command, Output, bench_options, budget_option, dwell_option, frequency_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate characterise\n\n  palpate characterise --scene noisy_lab --drift-time '10 min'"
-    "\n\n  palpate characterise --budget"
+    "\n\n  palpate characterise --budget",
 )
 @click.option("--sample", default="1", show_default=True, help="Rubber sample under the probe.")
 @click.option(

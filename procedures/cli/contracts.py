@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, Group, Output, output_options
 
 
-@click.group()
+@click.group(cls=Group)
 def contracts() -> None:
     """The devices' register and object maps."""
 

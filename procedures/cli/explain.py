@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from instrument.errors import ConfigError, RangeError
-from procedures.cli.options import F, Output, output_options
+from procedures.cli.options import Command, F, Output, output_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,8 +38,9 @@ def asked(sample: str, load: str, frequency: str, dwell: str = "1 s", *, steady:
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate scene explain thesis_single\n\n  palpate scene explain my_scene.toml --load '1.5 N'"
-    " --tolerance 1e-3 --strict --json\n\n  palpate scene explain everything --steady"
+    " --tolerance 1e-3 --strict --json\n\n  palpate scene explain everything --steady",
 )
 @click.argument("scene")
 @question_options

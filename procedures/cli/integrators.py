@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, make_folder, output_options
+from procedures.cli.options import FILE_NAME, Command, Output, make_folder, output_options
 
 
 @click.command(
-    epilog="Examples:\n\n  palpate accuracy integrators\n\n  palpate accuracy integrators --out prices --json"
+    cls=Command,
+    epilog="Examples:\n\n  palpate accuracy integrators\n\n  palpate accuracy integrators --out prices --json",
 )
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, integrators.png (default: no plot).")
 @output_options

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Command, Output, output_options, store
 
 
-@click.command(epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json")
+@click.command(
+    cls=Command, epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json"
+)
 @click.argument("run")
 @output_options
 def check(run: str, as_json: bool, quiet: bool) -> int:
@@ -31,7 +33,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
     return 1 if found.faults else 0
 
 
-@click.command(epilog="Examples:\n\n  palpate runs repair first-day --out mended")
+@click.command(cls=Command, epilog="Examples:\n\n  palpate runs repair first-day --out mended")
 @click.argument("run")
 @click.option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
 @output_options

@@ -12,7 +12,7 @@ import click
 
 from instrument.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from instrument.quantity import show
-from procedures.cli.options import FILE_NAME, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Group, Output, output_options, store
 
 if TYPE_CHECKING:
     from instrument.design import Design
@@ -32,7 +32,7 @@ _SETTINGS = {
 }
 
 
-@click.group()
+@click.group(cls=Group)
 def model() -> None:
     """Ask the sensor models, without a bench."""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, Group, Output, output_options
 
 NEXT = """
 They pass as they stand: pytest {test}
@@ -20,7 +20,7 @@ PROCEDURE = """Then put in your measurement; for a command of its own copy proce
 TREE = click.option("--to", "tree", type=FILE_NAME, default=Path(), metavar="DIR", help="Source tree (default: here).")
 
 
-@click.group()
+@click.group(cls=Group)
 def new() -> None:
     """Begin something of your own."""
 

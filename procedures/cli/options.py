@@ -20,6 +20,30 @@ F = TypeVar("F", bound=Callable[..., Any])
 Progress = Callable[[int, int, str], None]
 
 
+class Command(click.Command):
+    """A command that refuses an option of one value which is given twice; click would take the last."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        parser = self.make_parser(ctx)
+        single = [p for p in self.params if isinstance(p, click.Option) and not (p.multiple or p.is_flag or p.count)]
+        for option in single:
+            parser.add_option(option, option.opts, option.name, "append")
+        given, _, _ = parser.parse_args(list(args))
+        for option in single:
+            values = [repr(value) for value in given.get(option.name, ())]
+            if len(values) > 1:
+                name = max(option.opts, key=len)
+                raise UsageError(f"{name} is given {len(values)} times, as {' and '.join(values)}; give it once")
+        return super().parse_args(ctx, args)
+
+
+class Group(Command, click.Group):
+    """A group of such commands."""
+
+    command_class = Command
+    group_class = type
+
+
 def store() -> Path:
     """Where runs and calibrations are kept: $PALPATE_STORE, or runs/ in the current folder."""
     return Path(os.environ.get("PALPATE_STORE", "runs"))

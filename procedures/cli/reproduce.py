@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from procedures.cli.options import FILE_NAME, Choice, Output, output_options, result_folder
+from procedures.cli.options import FILE_NAME, Choice, Group, Output, output_options, result_folder
 
 if TYPE_CHECKING:
     from procedures.reproduce.everything import Open
 
 
 @click.group(
+    cls=Group,
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate reproduce\n\n  palpate reproduce --out compared --json",
 )

@@ -10,7 +10,7 @@ import click
 
 from procedures.cli.calibrate import of_films, of_load_cell
 from procedures.cli.characterise import of_characterise
-from procedures.cli.options import FILE_NAME, Choice, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Choice, Command, Output, output_options, store
 from procedures.cli.softness import of_softness
 from procedures.cli.test import of_modulus
 
@@ -37,8 +37,9 @@ def resumable() -> dict[str, Callable[[], Procedure[Any, Any]]]:
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate runs resume 20260102T030405Z-sweep-loads"
-    "\n\n  palpate runs resume first-day --bench moved.toml --accept-change --json"
+    "\n\n  palpate runs resume first-day --bench moved.toml --accept-change --json",
 )
 @click.argument("run")
 @click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")

@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from procedures.cli.mend import check, repair
-from procedures.cli.options import FILE_NAME, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Group, Output, output_options, store
 from procedures.cli.resume import resume
 
 
-@click.group()
+@click.group(cls=Group)
 def runs() -> None:
     """Look at recorded runs, go on with them, mend them."""
 

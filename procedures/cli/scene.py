@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from procedures.cli.explain import asked, explain, question_options
-from procedures.cli.options import FILE_NAME, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Group, Output, output_options, store
 
 if TYPE_CHECKING:
     from simulators.scene import Scene
 
 
-@click.group()
+@click.group(cls=Group)
 def scene() -> None:
     """Look at what a simulated bench simulates: shipped scenes, or files of your own."""
 

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options
+from procedures.cli.options import FILE_NAME, Command, Output, output_options
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate serve thesis_single --out bench.toml\n\n"
     "  palpate serve thesis_single --out bench.toml --samples 1-6    (and elsewhere)\n\n"
     "  yes '' | palpate sweep loads --bench bench.toml\n\n"
-    "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status"
+    "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status",
 )
 @click.argument("scene")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")

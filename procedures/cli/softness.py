@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, budget_option, dwell_option, frequency_option
+from procedures.cli.options import Choice, Command, Output, bench_options, budget_option, dwell_option, frequency_option
 
 if TYPE_CHECKING:
     from instrument.design import Design
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate softness --samples 1-6\n\n  palpate softness --modulus '60 kPa' --json"
-    "\n\n  palpate softness --bench lab.toml --thickness '3 mm'"
+    "\n\n  palpate softness --bench lab.toml --thickness '3 mm'",
 )
 @click.option("--samples", help="Rubber samples, in order.")
 @click.option("--modulus", help="Young modulus of unknown objects, or a list with commas: of a simulated bench.")

@@ -6,15 +6,16 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import FILE_NAME, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Command, Output, output_options, store
 
 AHEAD = 4  # cells that each worker is given at a time, so that none waits for the next
 FOLDER = "studies"
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate study study.toml\n\n  palpate study study.toml --workers 8 --to parquet"
-    "\n\n  palpate study study.toml --dask tcp://cluster:8786 --json"
+    "\n\n  palpate study study.toml --dask tcp://cluster:8786 --json",
 )
 @click.argument("study", type=FILE_NAME)
 @click.option("--workers", type=click.IntRange(1, 1000), help="Processes (default: one a core).")

@@ -9,6 +9,7 @@ import click
 
 from procedures.cli.options import (
     Choice,
+    Group,
     Output,
     bench_options,
     budget_option,
@@ -23,7 +24,7 @@ DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
 
 
-@click.group()
+@click.group(cls=Group)
 def sweep() -> None:
     """Sweep a quantity and record the sensor's answer. At a terminal `p` pauses between points, Ctrl-C stops."""
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Output, bench_options, extrapolate_option
+from procedures.cli.options import Choice, Group, Output, bench_options, extrapolate_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
     from procedures.cli.session import Session
 
 
-@click.group()
+@click.group(cls=Group)
 def test() -> None:
     """Test a sample on the bench, without the sensor."""
 

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from instrument.errors import UsageError
 from procedures.cli import palpate as root
 from procedures.point_by_point import Progress
 from procedures.record import Recorder
@@ -58,6 +59,22 @@ def test_every_command_that_uses_a_bench_takes_the_same_options(palpate: Palpate
     text = palpate(*path, "--help").out
     for option in ("--json", "--out DIR", "--seed", "--bench FILE", "--scene NAME|FILE", "--quiet"):
         assert option in text
+
+
+def test_an_option_of_one_value_that_is_given_twice_is_refused_by_every_command(palpate: Palpate) -> None:
+    for _, command in commands(root):
+        for option in command.params:
+            if isinstance(option, click.Option) and not (option.is_flag or option.multiple):
+                name = option.opts[0]
+                with pytest.raises(UsageError, match=f"^{name} is given 2 times, as '1 s' and '2 s'; give it once$"):
+                    command.parse_args(click.Context(command), [name, "1 s", f"{name}=2 s"])
+    said = palpate("sweep", "loads", "--dwell", "1 s", "--dwell", "2 s")
+    assert (said.status, said.complaint) == (2, "--dwell is given 2 times, as '1 s' and '2 s'; give it once")
+
+
+def test_an_option_of_several_values_takes_them_and_a_flag_may_stand_twice(palpate: Palpate) -> None:
+    said = palpate("accuracy", "dwell", "--estimator", "RMS", "--estimator", "nonsense", "--json", "--json")
+    assert "unknown estimator 'nonsense'" in said.complaint
 
 
 # --- what a sweep says ---------------------------------------------------------------------------------
