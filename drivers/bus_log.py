@@ -34,12 +34,26 @@ EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
 
 
 def check_log(path: Path) -> None:
-    """Raises UsageError: CAN traffic has no such format, or a file of that name is there."""
+    """Whether a log can be written there.
+
+    Raises:
+        UsageError: CAN traffic has no such format, or a file of that name is there.
+        RecordError: no file can be made there.
+    """
     if path.suffix.lower() not in CAN_FORMATS:
         raise UsageError(f"--log {path}: the name must end in {' or '.join(CAN_FORMATS)}, a format of CAN traffic")
     for file in (path, path.with_suffix(WHOLE_FORMAT)):
-        if file.exists():
-            raise UsageError(f"--log {path}: {file} exists already; give another name")
+        try:
+            file.touch(exist_ok=False)
+            file.unlink()
+        except FileExistsError:
+            raise UsageError(f"--log {path}: {file} exists already; give another name") from None
+        except OSError as error:
+            raise _unwritable(path, error) from None
+
+
+def _unwritable(path: Path, error: OSError) -> RecordError:
+    return RecordError(f"{path}: the bus log cannot be written: {error.strerror or error}; choose another --log")
 
 
 def modbus_links(bench: Bench) -> Iterator[tuple[ModbusLink, Link, Callable[[bytes], str]]]:
@@ -104,8 +118,7 @@ class BusLog:
                 stack.callback(self._frames.stop)
                 self._stack = stack.pop_all()
         except OSError as error:
-            reason = error.strerror or error
-            raise RecordError(f"{frames}: the bus log cannot be written: {reason}; choose another --log") from error
+            raise _unwritable(frames, error) from error
         for modbus, kind, whom in modbus_links(self._bench):
             self._listen(modbus, kind, whom)
         for link in can_links(self._bench):
