@@ -51,30 +51,40 @@ def store() -> Path:
 
 @contextmanager
 def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterator[Path]:
-    """A folder for results: `out`, which must be new or empty, or a new one in the store. Left empty, it goes again.
+    """A folder for results that can be written to: `out`, which must be new or empty, or a new one in the store.
+
+    What was made for it and is left empty goes again.
 
     Raises:
         UsageError: `out` holds a run or other files.
-        RecordError: the folder cannot be made.
+        RecordError: the folder cannot be made or written to.
     """
+    import tempfile
+
     from procedures.record import new_run_folder
     from procedures.run import DATABASE, storing
 
-    if out is None:
-        folder = new_run_folder(store(), procedure, started)
-    else:
-        folder = out
-        if (out / DATABASE).exists():
-            raise UsageError(f"{out} already holds a run; choose another --out")
-        with storing(out):
-            out.mkdir(parents=True, exist_ok=True)
-            if any(out.iterdir()):
-                raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
+    folder = store() if out is None else out
+    made: list[Path] = []
     try:
+        with storing(folder):
+            made += [path for path in (folder, *folder.parents) if not path.exists()]
+            if out is None:
+                folder = new_run_folder(folder, procedure, started)
+                made.insert(0, folder)
+            elif (folder / DATABASE).exists():
+                raise UsageError(f"{out} already holds a run; choose another --out")
+            else:
+                folder.mkdir(parents=True, exist_ok=True)
+                if any(folder.iterdir()):
+                    raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
+            with tempfile.TemporaryFile(dir=folder):
+                pass
         yield folder
     finally:
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
+        for path in made:
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
 
 
 def make_folder(out: Path | None) -> None:

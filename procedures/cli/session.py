@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -156,10 +157,8 @@ def open_session(
     started = today if before is None else before.run.started
     given, chosen = _chosen(choice, model) if replay is None else (replay.wire.description, replay.scene)
     check(_target(given, chosen))
-    if choice.log is not None:
-        check_log(choice.log)
     with ExitStack() as stack:
-        folder = resumed.folder if resumed else stack.enter_context(result_folder(choice.out, procedure, today))
+        folder = resumed.folder if resumed else stack.enter_context(places(choice, procedure, today))
         clock: Clock = WallClock(0 if resumed is None else resumed.bench_ns)
         operator: Operator = ConsoleOperator()
         description = given
@@ -223,6 +222,15 @@ def open_session(
                 remedy = "" if replay else f"; go on with: palpate runs resume {record.folder}"
                 error.add_note(f"points already taken are kept in {record.folder}{remedy}")
             raise
+
+
+@contextmanager
+def places(choice: Choice, procedure: str, started: datetime) -> Iterator[Path]:
+    """The folder of a run; its log can be written, too. Raises UsageError, RecordError as `open_session`."""
+    with result_folder(choice.out, procedure, started) as folder:
+        if choice.log is not None:
+            check_log(choice.log)
+        yield folder
 
 
 def target_of(choice: Choice, model: str | None = None) -> Target:

@@ -233,9 +233,11 @@ def _sweep(
 
     Returns the result, and whether it is simulated; None of a dry run.
     """
+    from datetime import UTC, datetime
+
     from procedures.cli.conduct import conduct, refuse
     from procedures.cli.keys import keyboard
-    from procedures.cli.session import target_of
+    from procedures.cli.session import places, target_of
     from procedures.cli.sweeps import sweep_of
     from procedures.report.plan import print_plan
 
@@ -243,6 +245,8 @@ def _sweep(
     if dry_run:
         target = target_of(choice, model)
         refuse(conducted, settings, target)
+        with places(choice, planned.PROCEDURE, datetime.now(UTC)):
+            pass  # nothing is left of them
         plan = planned.plan(settings, target.design)
         if output.as_json:
             output.json(plan.summary())

@@ -53,6 +53,37 @@ def test_what_the_model_or_the_load_cell_does_not_tell_opens_no_bench(
     assert not Path("runs").exists()
 
 
+@pytest.mark.parametrize("rehearsal", [(), ("--dry-run",)])
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("--out", "/proc/palpate"), 1, "cannot write /proc/palpate: "),
+        (("--out", "new/file/x"), 1, "cannot write new/file/x: Not a directory; choose a writable folder with --out"),
+        (("--out", "new"), 2, "new holds other files; choose a new or empty folder with --out"),
+        (("--log", "trace.txt"), 2, "--log trace.txt: the name must end in .blf or .asc"),
+        (("--log", "dir.blf"), 2, "--log dir.blf: dir.blf exists already; give another name"),
+        (("--log", "no/trace.blf"), 1, "no/trace.blf: the bus log cannot be written: No such file or directory"),
+        (("--out", "made/day", "--log", "/proc/trace.blf"), 1, "/proc/trace.blf: the bus log cannot be written: "),
+    ],
+)
+def test_a_dry_run_refuses_the_places_that_the_run_refuses_and_neither_leaves_anything(
+    palpate: Palpate, arguments: tuple[str, ...], status: int, message: str, rehearsal: tuple[str, ...]
+) -> None:
+    Path("dir.blf").mkdir()
+    Path("new").mkdir()
+    Path("new/file").touch()
+    said = palpate("sweep", "loads", *arguments, *rehearsal)
+    assert (said.status, message in said.complaint) == (status, True), said.complaint
+    assert sorted(str(path) for path in Path().rglob("*")) == ["dir.blf", "new", "new/file"]
+
+
+def test_a_dry_run_leaves_no_folder_and_no_log(palpate: Palpate) -> None:
+    Path("mine").mkdir()
+    for out in ("made/day", "mine"):
+        assert palpate("sweep", "loads", "--dry-run", "--out", out, "--log", f"{out}/trace.asc").status == 0
+    assert [str(path) for path in Path().rglob("*")] == ["mine"]
+
+
 def test_a_stored_calibration_of_the_simulated_bench_counts_and_not_the_thesis_own(palpate: Palpate) -> None:
     stored("SIM-SI-0001", greatest_N=3.5)
     assert "outside the 1.373 to 3.5 N" in palpate("sweep", "loads").complaint
