@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,14 @@ class Stream:
 
     @functools.cached_property
     def _generator(self) -> Generator:
-        return Generator(SFC64(0))  # its state is set for each block
+        return Generator(SFC64(0))
+
+    @functools.cached_property
+    def _state(self) -> dict[str, Any]:
+        """Of the generator; that of a block differs in the number of the block alone."""
+        state = dict(self._generator.bit_generator.state)
+        state["state"] = {"state": np.array([*self._words, 0, 1], np.uint64)}
+        return state
 
     def child(self, *name: object) -> Stream:
         """The stream of a part, independent of this one and of its other children."""
@@ -47,22 +55,27 @@ class Stream:
 
     def normal(self, first: int, count: int) -> npt.NDArray[np.float64]:
         """Numbers `first` to `first + count - 1`, shape (count,), not to be written to."""
-        number, start = divmod(first, BLOCK)
-        end = start + count
-        if end <= BLOCK:
-            return self.block(number)[start:end]
-        blocks = [self.block(number + k) for k in range(-(-end // BLOCK))]
-        return np.concatenate(blocks)[start:end]
+        return cut(self.block, first, count)
 
     def block(self, number: int) -> npt.NDArray[np.float64]:
         """Numbers `number` * BLOCK to the next multiple, (BLOCK,), not to be written to."""
         if number not in self._blocks:
-            state = self._generator.bit_generator.state
-            state["state"]["state"] = np.array([*self._words, number, 1], np.uint64)
-            self._generator.bit_generator.state = state
+            self._state["state"]["state"][2] = number
+            self._generator.bit_generator.state = self._state
             self._generator.bit_generator.random_raw(MIXING, output=False)
             keep(self._blocks, number, self._generator.standard_normal(BLOCK))
         return self._blocks[number]
+
+
+def cut(block: Callable[[int], npt.NDArray[np.float64]], first: int, count: int) -> npt.NDArray[np.float64]:
+    """Numbers `first` to `first + count - 1`, shape (count,), of all blocks one after the other."""
+    number, start = divmod(first, BLOCK)
+    end = start + count
+    if end <= BLOCK:
+        return block(number)[start:end]
+    whole = range(number + 1, number + (end - 1) // BLOCK)
+    last = number + (end - 1) // BLOCK
+    return np.concatenate([block(number)[start:], *map(block, whole), block(last)[: (end - 1) % BLOCK + 1]])
 
 
 def keep(

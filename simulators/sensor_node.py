@@ -97,7 +97,11 @@ class SensorNode:
         for name, effect in self._added.items():
             for channel in range(CHANNELS):
                 stream = self._stream(name, channel, period_ns)
-                volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
+                added = effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
+                if effect.common:
+                    volts += added
+                    break
+                volts[channel] += added
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
         volts /= ranges[:, np.newaxis]
         fraction, saturated = convert(volts) if self._adc is None else self._adc.convert(volts)

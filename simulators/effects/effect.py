@@ -166,7 +166,13 @@ class LeakEffect(Effect, ABC):
 
 
 class InputEffect(Effect, ABC):
-    """Adds to the voltage at the converter."""
+    """Adds to the voltage at the converter.
+
+    Attributes:
+        common: whether it is the same on all channels of a node.
+    """
+
+    common: ClassVar[bool] = False
 
     @abstractmethod
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:

@@ -23,6 +23,7 @@ class MainsHum(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
+    common: ClassVar[bool] = True
 
     # 1 mV [A]
     amplitude: Volts = Field(default=1e-3, ge=0, le=10)

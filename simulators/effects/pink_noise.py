@@ -18,7 +18,7 @@ from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
 from simulators.linear.lti import Times
 from simulators.planning.changes import of_source
 from simulators.planning.pickup import SIGMAS, correlated_spread
-from simulators.randomness import BLOCK, Stream, keep
+from simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
@@ -144,9 +144,7 @@ class _Sum:
 
     def values(self, first: int, count: int) -> Floats:
         """At points `first` to `first + count - 1`, shape (count,)."""
-        number, start = divmod(first, BLOCK)
-        blocks = [self._block(number + k) for k in range(-(-(start + count) // BLOCK))]
-        return np.concatenate(blocks)[start : start + count]
+        return cut(self._block, first, count)
 
     def _block(self, number: int) -> Floats:
         return self._blocks[number] if number in self._blocks else keep(self._blocks, number, self._found(number))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from simulators.linear.free_motion import Seen
 from simulators.linear.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
 from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
@@ -109,10 +110,14 @@ def periodic(steady: Steady, cycles: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Functions of time: their means in all legs (p, l), and their weights (p, l) on waves, by the waves' numbers."""
+    """Functions of time: their means in all legs (p, l), and their weights (p, l) on waves, by the waves' numbers.
+
+    lag: how far they are, from the start on, from how they will settle.
+    """
 
     means: Floats
     waves: dict[int, Floats]
+    lag: Seen
 
 
 class Moments:
@@ -173,8 +178,7 @@ class Cycle:
             weights.take(moments.legs, axis=1, out=part, mode="clip")
             part *= moments.wave(number)
             value += part
-        listened = row(self._legs[0].mode.system)[0][:, self._listeners]
-        value -= self._alone.motion.seen(listened, self._lag, time_ns - self.start_ns, step_ns)
+        value -= table.lag(time_ns - self.start_ns, step_ns)
         return value
 
     def state(self, time_ns: int) -> Floats:
@@ -221,7 +225,9 @@ class Cycle:
         if key not in self._tables:
             means, weights = zip(*(self._seen(leg, row(leg.mode.system)) for leg in self._legs), strict=True)
             waves = enumerate(np.array(weights).transpose(1, 2, 0).copy())
-            self._tables[key] = Table(np.array(means).T, {number: wave for number, wave in waves if wave.any()})
+            listened = row(self._legs[0].mode.system)[0][:, self._listeners]
+            lag = self._alone.motion.seen(listened, self._lag)
+            self._tables[key] = Table(np.array(means).T, {number: wave for number, wave in waves if wave.any()}, lag)
         return self._tables[key]
 
     def _seen(self, leg: Leg, rows: Rows) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
+Seen = Callable[[Times, int], Floats]  # (p, n) at times [ns], and what is between any two of them; 0: they differ in it
 
 # Above this condition number the modes are too nearly parallel to carry the transient to ten digits.
 PARALLEL = 1e5
@@ -50,20 +51,18 @@ class FreeMotion:
         rates: Complexes = self.modes[0][self.modes[0].imag >= 0]
         return rates
 
-    def seen(self, rows: Floats, x: Floats, elapsed_ns: Times, step_ns: int) -> Floats:
-        """rows @ exp(A t) x, shape (p, n). `step_ns`: between any two times; 0 where they have none."""
+    def seen(self, rows: Floats, x: Floats) -> Seen:
+        """rows @ exp(A t) x, rows (p, s), as a function of time."""
         if self.modes is None:
-            return real_product(rows, self.decay(x, elapsed_ns))
+            return lambda elapsed_ns, step_ns: real_product(rows, self.decay(x, elapsed_ns))
         rates, shapes, inverse = self.modes
         weights = ((rows @ shapes) * (inverse @ x))[:, rates.imag >= 0]
         weights *= np.where(self._rates.imag > 0, 2.0, 1.0)
-        if step_ns:
-            return self._on_grid(weights, int(elapsed_ns[0]), len(elapsed_ns), step_ns)
-        return _decaying(weights, self._rates, elapsed_ns)
+        return functools.partial(self._of_modes, weights)
 
     def free(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n)."""
-        return self.seen(np.eye(len(x)), x, elapsed_ns, 0)
+        return self.seen(np.eye(len(x)), x)(elapsed_ns, 0)
 
     def moment(self, x: Floats, elapsed_ns: float) -> Floats:
         """exp(A t) x at one time, (s,)."""
@@ -84,32 +83,36 @@ class FreeMotion:
             answer[:, used] = real_product(self._powers[bit], answer[:, used])
         return answer
 
-    def _on_grid(self, weights: Complexes, first_ns: int, count: int, step_ns: int) -> Floats:
+    def _of_modes(self, weights: Complexes, elapsed_ns: Times, step_ns: int) -> Floats:
         """Blocks of samples, counted from the first one after the start, as products of what a mode is at a block's
         beginning and what it does within a block: the same bytes whatever part of a block is asked for."""
+        if not step_ns:
+            return _decaying(weights, self._rates, elapsed_ns)
 
         def heads(elapsed_ns: Times) -> Floats:
             modes = weights * np.exp(np.outer(1e-9 * elapsed_ns, self._rates))[:, np.newaxis]
             modes[np.abs(modes) < GONE] = 0.0
-            return _parts(modes, self._rates, axis=2)
+            return self._parts(modes, axis=2)
 
-        return on_grid(heads, self._within(step_ns), first_ns, count, step_ns)
+        return on_grid(heads, self._within(step_ns), int(elapsed_ns[0]), len(elapsed_ns), step_ns)
 
     def _within(self, step_ns: int) -> Floats:
         """What the modes do in a block, (parts, BLOCK)."""
         if step_ns not in self._steps:
             turns = np.exp(np.outer(self._rates, 1e-9 * step_ns * np.arange(BLOCK)))
             turns[np.abs(turns) < GONE] = 0.0
-            self._steps[step_ns] = _parts(turns.conj(), self._rates, axis=0)
+            self._steps[step_ns] = self._parts(turns.conj(), axis=0)
         return self._steps[step_ns]
 
+    def _parts(self, modes: Complexes, axis: int) -> Floats:
+        """Real parts of all modes and imaginary parts of those that turn, along the modes' axis; the slowest first."""
+        return np.concatenate([modes.real, modes.imag], axis).take(self._slowest, axis)
 
-def _parts(modes: Complexes, rates: Complexes, axis: int) -> Floats:
-    """Real parts of all modes and imaginary parts of those that turn, along the modes' axis; the slowest first."""
-    turning = rates.imag > 0
-    parts = np.concatenate([modes.real, modes.imag.compress(turning, axis)], axis)
-    slowest = np.argsort(-np.concatenate([rates.real, rates.real[turning]]), kind="stable")
-    return parts.take(slowest, axis)
+    @functools.cached_property
+    def _slowest(self) -> npt.NDArray[np.int64]:
+        count = len(self._rates)
+        parts = np.concatenate([np.arange(count), count + np.flatnonzero(self._rates.imag > 0)])
+        return parts[np.argsort(-self._rates.real[parts % max(count, 1)], kind="stable")]
 
 
 def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, count: int, step_ns: int) -> Floats:
@@ -124,12 +127,15 @@ def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, cou
     parts = np.ascontiguousarray(heads(rest_ns + step_ns * BLOCK * blocks))  # how it lies decides how a BLAS rounds
     start = number - int(blocks[0]) * BLOCK
     found = np.empty((parts.shape[1], len(blocks), BLOCK))
-    alive = (parts.any(axis=1) * np.arange(1, len(within) + 1)).max(axis=1, initial=0)  # up to the last that is not 0
-    (changes,) = np.diff(alive).nonzero()
-    for run in np.split(np.arange(len(blocks)), changes + 1):  # a stack of products: each block rounds as if alone
-        first = slice(alive[run[0]])
-        whole = slice(run[0], run[-1] + 1)
-        np.matmul(parts[whole, :, first], within[first], out=found.transpose(1, 0, 2)[whole])
+    out, alive = found.transpose(1, 0, 2), parts.any(axis=1)
+    if alive.all():
+        np.matmul(parts, within, out=out)  # a stack of products: each block rounds as if alone
+    else:
+        last = (alive * np.arange(1, len(within) + 1)).max(axis=1, initial=0)  # one beyond the last that is not 0
+        (changes,) = np.diff(last).nonzero()
+        for run in np.split(np.arange(len(blocks)), changes + 1):
+            first, whole = slice(last[run[0]]), slice(run[0], run[-1] + 1)
+            np.matmul(parts[whole, :, first], within[first], out=out[whole])
     return found.reshape(len(found), -1)[:, start : start + count]
 
 

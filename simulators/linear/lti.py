@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from simulators.linear.free_motion import FreeMotion, free_motion
+from simulators.linear.free_motion import FreeMotion, Seen, free_motion
 from simulators.linear.periodic import HERTZ, Periodic
 
 Floats = npt.NDArray[np.float64]
@@ -188,7 +188,7 @@ class Trace:
         """Values (p, n) at times from the start on. `step_ns`: between any two times, which is faster; 0: none."""
         terms = [base.summed(phasors, time_ns, step_ns) for base, phasors in self.parts]
         if self.rows.any() and self.gap.any():
-            terms.append(self.system.motion.seen(self.rows, self.gap, time_ns - self.start_ns, step_ns))
+            terms.append(self._transient(time_ns - self.start_ns, step_ns))
         if not terms:
             return np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
         value, *others = terms
@@ -196,6 +196,10 @@ class Trace:
         for term in others:
             value += term
         return value
+
+    @functools.cached_property
+    def _transient(self) -> Seen:
+        return self.system.motion.seen(self.rows, self.gap)
 
 
 def gain(matrix: Floats) -> StateSpace:
