@@ -67,13 +67,16 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
     return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
 
 
-def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> None:
+def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> bool:
     """Refuse, before a bench is opened, loads [N, peak to peak] that none of the calibrations it may have tells.
 
     Which indicator will answer is not known yet, nor whether behind a bench file there is a simulated one.
 
     Args:
         simulated: it surely is.
+
+    Returns:
+        Whether a stored one tells them; where none does, a bench that turns out to be real is refused.
 
     Raises:
         ConfigError: the only one for a simulated bench has expired or is damaged.
@@ -87,12 +90,13 @@ def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, toda
                 continue
             _checked(path, found, lambda c: c.check_use(c.device, c.simulated, c.gage_factor, today))
             check_loads(loads, found, extrapolate)
-            return
+            return True
         except PalpateError as refused:
             refusals.append(refused)
     if simulated and refusals:
         raise refusals[0]
     check_loads(loads, THESIS_LOAD_CELL, extrapolate)
+    return False
 
 
 def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | None:

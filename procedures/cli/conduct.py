@@ -53,11 +53,18 @@ class Procedure(Generic[S, R]):
     continues: bool = False
 
 
-def refuse(procedure: Procedure[S, R], settings: S, target: Target, *, by_store: bool = True) -> None:
-    """Raise what a procedure refuses before a bench is opened, and, `by_store`, loads that no calibration tells."""
+def refuse(procedure: Procedure[S, R], settings: S, target: Target, *, by_store: bool = True) -> str:
+    """Raise what a procedure refuses before a bench is opened, and, `by_store`, loads that no calibration tells.
+
+    Returns what may refuse it yet when the bench is open, "" where nothing is known.
+    """
     procedure.check(settings, target)
     if by_store and procedure.loads is not None:
-        check_store(*procedure.loads(settings), target.model is not None, datetime.now(UTC).date())
+        simulated = target.model is not None
+        stored = check_store(*procedure.loads(settings), simulated, datetime.now(UTC).date())
+        if not (stored or simulated):
+            return "no stored calibration tells these loads: on a real bench run palpate calibrate load-cell first"
+    return ""
 
 
 def conduct(

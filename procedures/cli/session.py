@@ -55,7 +55,7 @@ class Target:
     model: str | None = None
 
 
-Check = Callable[[Target], None]
+Check = Callable[[Target], object]
 Calibrating = Literal["load cell", "films"]
 
 

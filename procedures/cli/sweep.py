@@ -244,7 +244,7 @@ def _sweep(
     conducted = sweep_of(planned, procedure, report, type(settings))
     if dry_run:
         target = target_of(choice, model)
-        refuse(conducted, settings, target)
+        doubt = refuse(conducted, settings, target)
         with places(choice, planned.PROCEDURE, datetime.now(UTC)):
             pass  # nothing is left of them
         plan = planned.plan(settings, target.design)
@@ -252,6 +252,8 @@ def _sweep(
             output.json(plan.summary())
         elif output.for_people:
             print_plan(plan)
+        if doubt and not output.quiet:
+            click.echo(f"palpate: note: {doubt}", err=True)
         return None
     with keyboard() as pause:
         result, outcome = conduct(conducted, settings, choice, output, model=model, pause=pause)

@@ -12,6 +12,7 @@ from instrument.calibration_file import write_calibration
 from instrument.errors import RangeError
 from procedures.cli import session
 from procedures.cli.calibrations import check_store, load_cell_path
+from tests.fuzz.files import BENCH
 from tests.procedures.conftest import Palpate
 
 TODAY = date(2026, 11, 21)
@@ -89,6 +90,16 @@ def test_a_stored_calibration_of_the_simulated_bench_counts_and_not_the_thesis_o
     assert "outside the 1.373 to 3.5 N" in palpate("sweep", "loads").complaint
     stored("SIM-SI-0001", expires="2024-02-29")
     assert "expired on 2024-02-29; run palpate calibrate load-cell" in palpate("sweep", "loads").complaint
+
+
+def test_a_dry_run_says_that_a_real_bench_has_no_calibration_yet(palpate: Palpate) -> None:
+    """Only the open bench tells whether it is real."""
+    Path("lab.toml").write_bytes(BENCH)
+    rehearsed = ("sweep", "loads", "--bench", "lab.toml", "--dry-run", "--json")
+    note = "no stored calibration tells these loads: on a real bench run palpate calibrate load-cell first"
+    assert palpate(*rehearsed).err == f"palpate: note: {note}\n"
+    stored("SI-1", simulated=False)
+    assert palpate(*rehearsed).err == palpate("sweep", "loads", "--dry-run").err == ""
 
 
 def test_of_several_calibrations_one_that_tells_the_loads_is_enough(palpate: Palpate) -> None:
