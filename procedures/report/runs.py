@@ -93,9 +93,9 @@ def print_check(found: Found) -> None:
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
     lines = [f"damaged: {fault}" for fault in found.faults]
     if found.faults:
-        lines.append(f"salvage it with: palpate runs repair {found.folder.name} --out DIR")
+        lines.append(f"salvage it with: palpate runs repair {found.folder} --out DIR")
     elif found.status != "complete":
-        lines.append(f"not complete; go on with: palpate runs resume {found.folder.name}")
+        lines.append(f"not complete; go on with: palpate runs resume {found.folder}")
     print_all(str(found.folder), table, *lines)
 
 

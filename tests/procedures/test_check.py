@@ -196,7 +196,7 @@ def test_the_commands_say_it_in_tables_and_json(palpate: Palpate, run: Path) -> 
     said = palpate("runs", "check", "run")
     assert said.status == 1
     assert "DAMAGED" in said.out
-    assert "palpate runs repair run --out DIR" in said.out
+    assert f"palpate runs repair {run} --out DIR" in said.out
     said = palpate("runs", "check", "run", "--json")
     assert said.status == 1
     assert '"damaged": true' in said.out

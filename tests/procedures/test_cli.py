@@ -297,5 +297,6 @@ def test_a_crashed_plot_leaves_a_complete_run_and_the_outputs_off(
     said = palpate(*ONE_POINT, "--out", "day")
     assert said.status == 1
     assert "plot.png: No space left on device; free space" in said.complaint
+    assert f"\nthe run is kept in {Path('day').absolute()}; look at it with palpate runs show" in said.complaint
     assert Run.open(Path("day")).status == "complete"
     assert outputs(benches[0]) == OFF
