@@ -110,7 +110,7 @@ class SensorNode:
         if saturated.any():
             bits = np.packbits(saturated, axis=0, bitorder="little")[0]
             fraction[np.isnan(fraction)] = 0.0  # flagged; no integer stands for it
-        counts = fraction.astype("<i2").T.copy()
+        counts = fraction.T.astype("<i2", order="C")
         first_number = (int(self.settings["sample_counter"]) + 1) % ROLLOVER
         self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
         self.settings["saturation"] = float(bits[-1])

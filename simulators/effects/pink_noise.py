@@ -22,6 +22,7 @@ from simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
+SPAN = 16  # lines from point to point that are drawn by one row of a product
 FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
 
 
@@ -156,11 +157,18 @@ class _Sum:
         grid = self._grid
         # Block 0 of the stream is before all blocks of the grid.
         normals = np.concatenate([self._stream.block(number)[-grid.before :], self._stream.block(number + 1)])
-        values: Floats = lfilter(grid.fresh, grid.following, normals)[grid.before :].copy()
+        values: Floats = lfilter(grid.fresh, grid.following, normals)[grid.before :]
         if self._coarser is not None:
             ratio = self._coarser._grid.step // grid.step
             points = self._coarser.values(number * BLOCK // ratio, BLOCK // ratio + 1)
-            between = np.arange(ratio) / ratio
-            lines = np.stack([points[:-1], points[1:]], axis=1) @ np.stack([1 - between, between])
-            values += lines.ravel()
+            spans = np.concatenate([points[:-1].reshape(-1, SPAN), points[SPAN::SPAN, np.newaxis]], axis=1)
+            values += (spans @ _lines(ratio)).ravel()
         return values
+
+
+@functools.cache
+def _lines(ratio: int) -> Floats:
+    """Weights (SPAN + 1, SPAN * ratio) of points on the straight lines between them, `ratio` values from each on."""
+    at = np.arange(SPAN * ratio) / ratio
+    weights: Floats = np.maximum(1 - np.abs(at - np.arange(SPAN + 1)[:, np.newaxis]), 0.0)
+    return weights

@@ -105,14 +105,8 @@ class FreeMotion:
         return self._steps[step_ns]
 
     def _parts(self, modes: Complexes, axis: int) -> Floats:
-        """Real parts of all modes and imaginary parts of those that turn, along the modes' axis; the slowest first."""
-        return np.concatenate([modes.real, modes.imag], axis).take(self._slowest, axis)
-
-    @functools.cached_property
-    def _slowest(self) -> npt.NDArray[np.int64]:
-        count = len(self._rates)
-        parts = np.concatenate([np.arange(count), count + np.flatnonzero(self._rates.imag > 0)])
-        return parts[np.argsort(-self._rates.real[parts % max(count, 1)], kind="stable")]
+        """Real parts of all modes and imaginary parts of those that turn, along the modes' axis."""
+        return np.concatenate([modes.real, modes.imag.compress(self._rates.imag > 0, axis)], axis)
 
 
 def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, count: int, step_ns: int) -> Floats:
@@ -127,15 +121,7 @@ def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, cou
     parts = np.ascontiguousarray(heads(rest_ns + step_ns * BLOCK * blocks))  # how it lies decides how a BLAS rounds
     start = number - int(blocks[0]) * BLOCK
     found = np.empty((parts.shape[1], len(blocks), BLOCK))
-    out, alive = found.transpose(1, 0, 2), parts.any(axis=1)
-    if alive.all():
-        np.matmul(parts, within, out=out)  # a stack of products: each block rounds as if alone
-    else:
-        last = (alive * np.arange(1, len(within) + 1)).max(axis=1, initial=0)  # one beyond the last that is not 0
-        (changes,) = np.diff(last).nonzero()
-        for run in np.split(np.arange(len(blocks)), changes + 1):
-            first, whole = slice(last[run[0]]), slice(run[0], run[-1] + 1)
-            np.matmul(parts[whole, :, first], within[first], out=out[whole])
+    np.matmul(parts, within, out=found.transpose(1, 0, 2))  # a stack of products: each block rounds as if alone
     return found.reshape(len(found), -1)[:, start : start + count]
 
 
