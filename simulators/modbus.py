@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import threading
-import tty
 from collections.abc import Coroutine, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -40,7 +38,6 @@ class ServerThread:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="simulated Modbus", daemon=True)
         self._servers: list[Any] = []
-        self._descriptors: list[int] = []
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -51,15 +48,11 @@ class ServerThread:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
-        for descriptor in self._descriptors:
-            os.close(descriptor)
 
     def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
 
     async def _shut_down(self) -> None:
-        for descriptor in self._descriptors:
-            self._loop.remove_reader(descriptor)
         for server in self._servers:
             await server.shutdown()
         for task in asyncio.all_tasks() - {asyncio.current_task()}:
@@ -111,43 +104,20 @@ class ServerThread:
         line = _Line(devices, timing)
 
         async def start() -> str:
-            server_side, client_side = self._line(noise)
             server = SerialServer(
                 [_sim_device(unit, device) for unit, device in devices.items()],
                 {unit: _identity(device) for unit, device in devices.items()},
-                port=server_side,
-                baudrate=BAUDRATE,
+                noise,
                 trace_pdu=line.trace_pdu,
                 trace_packet=line.trace_packet,
             )
-            await server.serve_forever(background=True)
+            await server.listen()
             self._servers.append(server)
-            return client_side
+            terminal: Any = server.transport
+            path: str = terminal.path
+            return path
 
         return self._run(start())
-
-    def _line(self, noise: NoisyLine | None) -> tuple[str, str]:
-        """Two pseudo-terminals with their masters joined: the paths of the two ends of a serial line."""
-        masters, paths = [], []
-        for _ in range(2):
-            master, slave = os.openpty()
-            tty.setraw(slave)
-            os.set_blocking(master, False)
-            paths.append(os.ttyname(slave))
-            masters.append(master)
-            self._descriptors += [master, slave]
-        to_client, to_device = (noise.to_client, noise.to_device) if noise is not None else (_pump, _pump)
-        device, client = masters
-        if noise is not None:
-            noise.watch(client)
-        self._loop.add_reader(device, to_client, device, client)
-        self._loop.add_reader(client, to_device, client, device)
-        return paths[0], paths[1]
-
-
-def _pump(source: int, sink: int) -> None:
-    with contextlib.suppress(BlockingIOError):
-        os.write(sink, os.read(source, 4096))
 
 
 def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:

@@ -11,7 +11,7 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusException
@@ -23,6 +23,11 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import SimDevice
 from pymodbus.transaction import TransactionManager
+
+from simulators.terminal import Terminal
+
+if TYPE_CHECKING:
+    from simulators.faults.rtu import NoisyLine
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
@@ -102,6 +107,16 @@ def _same(request: ModbusPDU, frame: bytes) -> bool:
         return False
 
 
+def _done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
+    """The answer of a device, whose action never awaits."""
+    try:
+        update.send(None)
+    except StopIteration as done:
+        answer: ModbusPDU = done.value
+        return answer
+    raise AssertionError("an action awaits something")
+
+
 def _alien(data: bytes) -> bool:
     """Whether no request on TCP begins like this."""
     return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
@@ -132,7 +147,7 @@ class _Connection(ServerRequestHandler):
         self._waiting: deque[ModbusPDU] = deque()
 
     def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        used = 0
+        used, answering = 0, bool(self._waiting)
         while used < len(data):
             if isinstance(self.framer, FramerSocket) and _alien(data[used:]):
                 self.close()  # nothing tells where its next request would begin
@@ -143,33 +158,35 @@ class _Connection(ServerRequestHandler):
             used += size
             if self.last_pdu is not None:
                 self._waiting.append(self.last_pdu)
-        if self._waiting:
-            self._completed.answering(self._answer())
+        if self._waiting and not answering:
+            self._answer()
         return used
 
-    async def _answer(self) -> None:
-        while self._waiting:
-            request = self._waiting.popleft()
-            self._completed.transactions += 1
-            if request.dev_id == BROADCAST and self._completed.broadcast_enable:
-                for unit in self._completed.identities:
-                    await request.datastore_update(self._completed.context, unit)
-                continue
-            response = await self._response(request)
+    def _answer(self) -> None:
+        """The first of the requests that wait; the next in its turn among those of other clients."""
+        request = self._waiting.popleft()
+        self._completed.transactions += 1
+        if request.dev_id == BROADCAST and self._completed.broadcast_enable:
+            for unit in self._completed.identities:
+                _done(request.datastore_update(self._completed.context, unit))
+        else:
+            response = self._response(request)
             response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
             self.server_send(response, None)  # type: ignore[no-untyped-call]
-            await self._answered()
+        self._answered()
+        if self._waiting:
+            self.loop.call_soon(self._answer)
 
-    async def _answered(self) -> None:
+    def _answered(self) -> None:
         """After each answer."""
 
-    async def _response(self, request: ModbusPDU) -> ModbusPDU:
+    def _response(self, request: ModbusPDU) -> ModbusPDU:
         identity = self._completed.identities.get(request.dev_id)
         if identity is None:
             return ExceptionResponse(request.function_code & ~EXCEPTION, ExcCodes.GATEWAY_NO_RESPONSE)
         if isinstance(request, ReadDeviceInformationRequest):
             return _identification(request, identity())
-        response: ModbusPDU = await request.datastore_update(self._completed.context, request.dev_id)
+        response = _done(request.datastore_update(self._completed.context, request.dev_id))
         if isinstance(request, WriteSingleRegisterRequest) and not response.isError():
             response.registers = request.registers  # a command register has fallen back to idle meanwhile
         return response
@@ -197,7 +214,6 @@ class _TcpConnection(_Connection):
 
     def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
         used = super().callback_data(data, addr)
-        self.asked = self.asked or bool(self._waiting)
         if len(self._waiting) > MOST_WAITING and self.transport:
             self.transport.pause_reading()  # type: ignore[attr-defined]
         return used
@@ -207,8 +223,9 @@ class _TcpConnection(_Connection):
         super().send(data, addr)
         self.recv_buffer = begun
 
-    async def _answered(self) -> None:
-        """Lets the others have their turn."""
+    def _answered(self) -> None:
+        """Reads on, unless the answers are left unread."""
+        self.asked = True
         transport: Any = self.transport
         if transport is None:
             self._waiting.clear()
@@ -217,7 +234,6 @@ class _TcpConnection(_Connection):
             transport.abort()
         elif len(self._waiting) <= MOST_WAITING:
             transport.resume_reading()
-        await asyncio.sleep(0)
 
 
 class _Refused(asyncio.Protocol):
@@ -233,20 +249,13 @@ class _Completed:
     identities: dict[int, Identity]
     decoder: DecodePDU
     transactions = 0
-    _tasks: set[asyncio.Task[None]]
 
     def complete(self, identities: dict[int, Identity]) -> None:
         self.identities = identities
         self.decoder = _Decoder(True)
-        self._tasks = set()
 
     def callback_new_connection(self) -> _Connection:
         return _Connection(self)
-
-    def answering(self, answer: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.get_running_loop().create_task(answer)
-        self._tasks.add(task)  # the loop alone would not keep it
-        task.add_done_callback(self._tasks.discard)
 
 
 class TcpServer(_Completed, ModbusTcpServer):
@@ -276,7 +285,14 @@ class TcpServer(_Completed, ModbusTcpServer):
 class SerialServer(_Completed, ModbusSerialServer):
     """Several units on a serial line; what is sent to unit 0 all of them carry out, and none answers."""
 
-    def __init__(self, devices: list[SimDevice], identities: dict[int, Identity], **line: Any) -> None:
-        super().__init__(devices, broadcast_enable=True, **line)
+    def __init__(
+        self, devices: list[SimDevice], identities: dict[int, Identity], noise: NoisyLine | None, **traces: Any
+    ) -> None:
+        super().__init__(devices, broadcast_enable=True, **traces)
         self.complete(identities)
         self.framer = _LineFramer
+        self._noise = noise
+        self.call_create = self._opened
+
+    async def _opened(self) -> Terminal:
+        return Terminal(self.handle_new_connection(), self._noise)

@@ -81,42 +81,32 @@ class NoisyLine:
         """Have the client's terminal tell when it is opened anew, in the first byte of what is read from it."""
         fcntl.ioctl(client, termios.TIOCPKT, struct.pack("i", 1))
 
-    def to_device(self, source: int, sink: int) -> None:
-        """What the client has written, which writes a whole frame at once.
+    def to_device(self, client: int, told: bytes) -> bytes:
+        """What the device hears of what was read from the client's terminal; the client writes a whole frame at once.
 
         A client that has given up opens the line anew, and clears it: then comes what was late.
         """
-        told = _read(source)
         frame = told[1:]
-        if self._late and told and told[0] & termios.TIOCPKT_FLUSHREAD:
-            os.write(source, self._late)
+        if self._late and told[0] & termios.TIOCPKT_FLUSHREAD:
+            os.write(client, self._late)
             self._late = b""
         if not frame:
-            return
+            return b""
         self._struck = self._strikes(self._units.get(frame[0], ""))
-        if self._struck is None or self._struck.reaches:
-            os.write(sink, frame)
+        return frame if self._struck is None or self._struck.reaches else b""
 
-    def to_client(self, source: int, sink: int) -> None:
-        """What a device has written, likewise."""
-        frame = _read(source)
+    def to_client(self, frame: bytes) -> bytes:
+        """What the client hears of what a device has written, likewise."""
         struck, self._struck = self._struck, None
         if struck is None:
-            os.write(sink, frame)
-        elif struck.late:
+            return frame
+        if struck.late:
             self._late = frame
-        else:
-            os.write(sink, struck.received(frame))
+            return b""
+        return struck.received(frame)
 
     def _strikes(self, device: str) -> RtuFault | None:
         now = self._clock.now_ns()
         of_it = [(fault, trigger) for fault, trigger in self._faults if fault.on in (LINE, device)]
         struck = [fault for fault, trigger in of_it if trigger.strikes(now)]
         return struck[0] if struck else None
-
-
-def _read(source: int) -> bytes:
-    try:
-        return os.read(source, 4096)
-    except BlockingIOError:
-        return b""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import threading
+import tty
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 
 import pytest
 import serial
@@ -24,7 +27,6 @@ from instrument.contracts import positioner, signal_generator
 from instrument.errors import IdentityError
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
-from simulators.modbus import ServerThread
 
 pytestmark = pytest.mark.filterwarnings("ignore:isSet:DeprecationWarning")  # modbus-tk's own
 
@@ -140,13 +142,26 @@ def test_another_make_on_another_stack_is_refused(stack: Stack) -> None:
 
 @contextmanager
 def line() -> Iterator[tuple[str, str]]:
-    """The paths of the two ends of a serial line."""
-    with ServerThread() as thread:
+    """The paths of the two ends of a serial line: two pseudo-terminals, of which each hands on what it hears."""
+    (one, theirs), (other, ours) = os.openpty(), os.openpty()
+    carriers = [threading.Thread(target=carry, args=way) for way in ((one, other), (other, one))]
+    for end in (theirs, ours):
+        tty.setraw(end)
+    for carrier in carriers:
+        carrier.start()
+    yield os.ttyname(theirs), os.ttyname(ours)
+    for end in (theirs, ours):
+        os.close(end)
+    for carrier in carriers:
+        carrier.join()
+    for end in (one, other):
+        os.close(end)
 
-        async def ends() -> tuple[str, str]:
-            return thread._line(None)
 
-        yield thread._run(ends())
+def carry(source: int, sink: int) -> None:
+    with suppress(OSError):  # nobody holds the other end any more
+        while data := os.read(source, 256):
+            os.write(sink, data)
 
 
 def test_the_positioners_driver_uses_a_device_of_another_stack_on_a_line(nothing_left_behind: None) -> None:
