@@ -106,7 +106,7 @@ def conduct(
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
     try:
         procedure.tell(session, result, outcome, output)
-    except (PalpateError, OSError) as error:
+    except (PalpateError, OSError, KeyboardInterrupt) as error:
         error.add_note(f"the run is kept in {session.record.folder}; look at it with palpate runs show")
         raise
     except Exception as error:  # a plot is drawn by libraries, fonts and file formats that can fail in any way

@@ -287,16 +287,24 @@ def test_ctrl_c_at_a_question_stops_the_run(palpate: Palpate, lab: str, monkeypa
     assert Run.open(Path("day")).status == "stopped"
 
 
-def test_a_crashed_plot_leaves_a_complete_run_and_the_outputs_off(
-    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize(
+    ("failure", "status", "message"),
+    [
+        (OSError(28, "No space left on device"), 1, "plot.png: No space left on device; free space"),
+        (KeyboardInterrupt(), 130, "palpate: interrupted"),
+    ],
+)
+def test_a_plot_that_fails_leaves_a_complete_run_says_where_and_the_outputs_off(
+    palpate: Palpate, benches: Benches, monkeypatch: pytest.MonkeyPatch,
+    failure: BaseException, status: int, message: str,
+) -> None:  # fmt: skip
     def crash(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
+        raise failure
 
     monkeypatch.setattr(Figure, "savefig", crash)
     said = palpate(*ONE_POINT, "--out", "day")
-    assert said.status == 1
-    assert "plot.png: No space left on device; free space" in said.complaint
-    assert f"\nthe run is kept in {Path('day').absolute()}; look at it with palpate runs show" in said.complaint
+    assert said.status == status
+    assert message in said.err
+    assert f"\nthe run is kept in {Path('day').absolute()}; look at it with palpate runs show" in said.err
     assert Run.open(Path("day")).status == "complete"
     assert outputs(benches[0]) == OFF
