@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.can import CanLink
+from drivers.canopen_device import CanopenDevice
 from drivers.clock import Clock
-from drivers.device import Device
-from instrument.contract import PROBE, Value, sdo
 from instrument.contracts import sensor_node
 from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, SYNC_COB_ID, SYNC_PRODUCER
-from instrument.errors import DeviceError, IdentityError, LinkError, RangeError
+from instrument.errors import DeviceError, LinkError, RangeError
 
 CONTRACT = sensor_node.CONTRACT
 _SAMPLES, _STAMP = CONTRACT.pdos
@@ -28,7 +27,6 @@ LARGEST_RECORDING = 10_000_000  # samples, where nobody says how many
 EMERGENCY, HEARTBEAT = 0x80, 0x700
 BOOTED = 0
 MISSED = 3  # heartbeats, after which a node is missed
-SETTINGS = ("sync_period", *(f"range_{channel}" for channel in range(1, CHANNELS + 1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +43,18 @@ class Recording:
     saturated: npt.NDArray[np.bool_]
 
 
-class SensorNode(Device):
+class SensorNode(CanopenDevice):
     """One node on the CAN bus."""
 
     contract = CONTRACT
+    orders = frozenset({"sync_cob_id"})  # starts and stops SYNC
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
-        super().__init__(f"sensor node {node_id} at {link.name}")
-        self.link = link
-        self.id = node_id
+        super().__init__(link, node_id)
         self.clock = clock
         self.rate = 1000.0
         self.emergencies: list[bytes] = []
         self._noticed = 0  # emergencies
-        self._settings: dict[str, Value] = {}
         self._restarts = 0
         self._heartbeats = 0
         self._heard_ns = 0
@@ -69,9 +65,7 @@ class SensorNode(Device):
 
     def connect(self) -> None:
         """Join the bus, identify the node, and read back the settings. Raises as `identify`."""
-        self._node = self.link.add_node(self.id)
-        self.identify()
-        self.simulated = self._text(sdo(0x1009)) == "simulated"
+        super().connect()
         self.rate = 1.0 / self.get("sync_period")
         self._heartbeat = self.get("heartbeat")
         for channel in range(1, CHANNELS + 1):
@@ -82,71 +76,15 @@ class SensorNode(Device):
         self.link.subscribe(HEARTBEAT + self.id, self._on_heartbeat)
         self._heard_ns = self.clock.now_ns()
 
-    def identify(self) -> None:
-        """Check identity (1018h) and byte order.
-
-        Raises:
-            IdentityError: another vendor, product or major revision, another byte order, or another serial number than
-                before.
-            LinkError, LinkTimeout, DeviceError: the node cannot be asked.
-        """
-        expected = CONTRACT.identity
-        found = [int(self.get(field)) for field in ("vendor", "product", "revision")]
-        wanted = [int(text, 16) for text in (expected.vendor, expected.product, expected.revision)]
-        if found[:2] != wanted[:2] or found[2] >> 16 != wanted[2] >> 16:
-            raise IdentityError(
-                f"{self.name}: identifies itself as {' '.join(f'0x{v:08X}' for v in found)}, the contract is for "
-                f"{' '.join(f'0x{v:08X}' for v in wanted)}; check the node id in the bench file"
-            )
-        if (probe := int(self.get("probe"))) != PROBE:
-            raise IdentityError(
-                f"{self.name}: byte-order probe reads 0x{probe:08X}, should read 0x{PROBE:08X}; "
-                "this node is not little-endian as CANopen asks; update its firmware"
-            )
-        self.serial = self._same(f"{int(self.get('serial')):08X}")
-
-    def get(self, name: str) -> float:
-        """Physical value of one object."""
-        return self._asked(lambda: self._get(name))
-
-    def _get(self, name: str) -> float:
-        field = CONTRACT[name]
-        try:
-            data = self.link.upload(self.name, self._node, field.index, field.subindex)
-        except DeviceError as error:
-            raise DeviceError(f"{error}, reading {name}") from None
-        if len(data) != field.size:
-            raise DeviceError(f"{self.name}: {name} came with {len(data)} bytes where {field.size} belong; not used")
-        return CONTRACT.decode(name, data)
-
-    def set(self, name: str, value: Value) -> None:
-        """Write one object. Raises RangeError before anything is sent, DeviceError where the node aborts."""
-        data = CONTRACT.encode(name, value)
-        self._told(lambda: self._set(name, value, data))
-        if name in SETTINGS:
-            self._settings[name] = value
-
-    def _set(self, name: str, value: Value, data: bytes) -> None:
-        field = CONTRACT[name]
-        try:
-            self.link.download(self.name, self._node, field.index, field.subindex, data)
-        except DeviceError as error:
-            raise DeviceError(f"{error}, writing {CONTRACT.described(name, value)}") from None
-
     def differences(self) -> list[str]:
         """What the node no longer holds as it was written, and whether it has started anew."""
-        found = ["has started anew"] if self._restarts else []
-        for name, value in self._settings.items():
-            held = self.get(name)
-            if CONTRACT.pack(name, held) != CONTRACT.encode(name, value):
-                found.append(f"{name} is {held:g}, was set to {value}")
-        return [f"{self.name}: {each}" for each in found]
+        restarted = [f"{self.name}: has started anew"] if self._restarts else []
+        return restarted + super().differences()
 
     def restore(self) -> None:
         """Write the settings again. Raises as `set`."""
         self._restarts = 0
-        for name, value in self._settings.items():
-            self.set(name, value)
+        super().restore()
 
     def notices(self) -> list[str]:
         """Emergencies since the last call, and a heartbeat that has stopped.
@@ -163,9 +101,6 @@ class SensorNode(Device):
         if heard:
             self._heard_ns, self._heartbeats = now, 0
         return [f"{self.name}: {each}" for each in found]
-
-    def _text(self, address: int) -> str:
-        return self.link.upload(self.name, self._node, address >> 8, address & 0xFF).decode("ascii", "replace")
 
     def set_range(self, channel: int, range_: str) -> None:
         """Set the charge amplifier range of a channel (1 to 4): "5 V" or "500 mV"."""

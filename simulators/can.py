@@ -6,16 +6,13 @@ import struct
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import can
-import canopen
 import numpy as np
 import numpy.typing as npt
-from canopen.sdo.exceptions import SdoAbortedError
 
-from instrument.contract import Field
 from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from instrument.multicast import MULTICAST
-from instrument.object_dictionary import object_dictionary
-from simulators.can_bus import Listener, burst, open_bus
+from simulators.can_bus import LockedNetwork, burst, open_bus
+from simulators.canopen_device import attach, local_node
 from simulators.clock import NEVER, VirtualClock
 from simulators.rig import Rig
 from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
@@ -24,15 +21,11 @@ if TYPE_CHECKING:
     from simulators.effects.can_timing import CanTiming
     from simulators.faults.inject import Injection
 
-canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
-
 BURST = 64  # of SYNCs, whose frames are sent together
-NMT_FRAME, SDO_FRAME = 2, 8  # bytes
+NMT_FRAME = 2  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED = 5, 4
 NMT_START, NMT_RESETS = 1, (129, 130)
-NO_SUBINDEX = 0x0609_0011
-VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
 
@@ -59,20 +52,15 @@ class _Periodic:
         self.due_ns += self._period_ns
 
 
-class _VirtualNetwork(canopen.Network):
+class _VirtualNetwork(LockedNetwork):
     """canopen's network with its periodic messages on the bench's clock."""
 
     def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
-        super().__init__(bus)
-        self.clock = clock
+        super().__init__(bus, clock)
         self.periodic: list[_Periodic] = []
 
     def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> Any:
         return _Periodic(self, can_id, data, round(period * 1e9))
-
-    def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        with self.clock.lock:
-            super().notify(can_id, data, timestamp)
 
 
 class CanSegment:
@@ -94,12 +82,11 @@ class CanSegment:
         if injection is not None:
             self._bus.send = injection.bus(self._bus.send)  # type: ignore[method-assign,assignment]
         self._network = _VirtualNetwork(self._bus, clock)
-        self._network.listeners = [Listener(self._network)]
         self.nodes = [
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
             for number, node_id in enumerate(node_ids, 1)
         ]
-        self._local = {node.id: canopen.LocalNode(node.id, object_dictionary(CONTRACT)) for node in self.nodes}
+        self._local = {node.id: local_node(node) for node in self.nodes}
         self._sync_from_ns = NEVER
         self._sync_period_ns = 0
         self._timing = cast("CanTiming | None", rig.scene.effects.get("can_timing"))
@@ -110,13 +97,7 @@ class CanSegment:
         self._network.connect()
         for node in self.nodes:
             local = self._local[node.id]
-            self._network.add_node(local)
-            local.add_read_callback(_reader(node))  # type: ignore[no-untyped-call]
-            # before canopen's own, which would start a heartbeat with a period that is then refused
-            local._write_callbacks.insert(0, _writer(node))
-            local.sdo._index = local.sdo._subindex = 0  # what it aborts may not have begun
-            self._network.unsubscribe(local.sdo.rx_cobid, local.sdo.on_request)
-            self._network.subscribe(local.sdo.rx_cobid, self._sdo_handler(local))
+            attach(self._network, local, node, self._let_pass)
             self._boot(local)
         self._network.subscribe(0, self._on_nmt)
         self._network.subscribe(SYNC_COB_ID, self._on_sync)
@@ -165,14 +146,6 @@ class CanSegment:
     def emergency(self, node: SensorNode, code: int) -> None:
         """The node sends an emergency."""
         self._local[node.id].emcy.send(code, int(node.settings["error_register"]))
-
-    def _sdo_handler(self, local: Any) -> Any:
-        def handle(cob_id: int, data: bytearray, timestamp: float) -> None:
-            if local.nmt.state != "STOPPED" and len(data) == SDO_FRAME:
-                self._let_pass()
-                local.sdo.on_request(cob_id, data, timestamp)
-
-        return handle
 
     def _let_pass(self) -> None:
         """The time of an SDO transfer. Who asked waits for the answer meanwhile, and nobody else moves the clock."""
@@ -248,36 +221,3 @@ def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]
     numbers = ((samples.counter + np.arange(len(samples.counts))) % ROLLOVER).tolist()
     stamps = list(map(STAMP_LAYOUT.pack, numbers, samples.saturation.tolist()))
     return [(SAMPLES.base + node.id, counts), (STAMP.base + node.id, stamps)]
-
-
-def _field(index: int, subindex: int) -> Field | None:
-    """None for what canopen itself holds. Raises SdoAbortedError: canopen's arrays have any number of elements."""
-    siblings = {f.subindex: f for f in CONTRACT.fields if f.index == index}
-    if siblings and subindex not in (0, *siblings):
-        raise SdoAbortedError(NO_SUBINDEX)
-    return siblings.get(subindex)
-
-
-def _reader(node: SensorNode) -> Any:
-    def read(*, index: int, subindex: int, od: object) -> Any:
-        field = _field(index, subindex)
-        return None if field is None else node.read(field)
-
-    return read
-
-
-def _writer(node: SensorNode) -> Any:
-    def write(*, index: int, subindex: int, od: object, data: bytes) -> None:
-        field = _field(index, subindex)
-        if field is None:
-            return
-        value = CONTRACT.decode(field.name, bytes(data))
-        if not CONTRACT.allows(field.name, value):
-            if field.maximum is not None and value > field.maximum:
-                raise SdoAbortedError(TOO_HIGH)
-            if field.minimum is not None and value < field.minimum:
-                raise SdoAbortedError(TOO_LOW)
-            raise SdoAbortedError(VALUE_RANGE)
-        node.write(field, value)
-
-    return write

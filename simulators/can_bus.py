@@ -10,11 +10,15 @@ from collections.abc import Sequence
 from typing import Any, Self
 
 import can
+import canopen
 from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 
 from instrument.errors import BenchError
 from instrument.multicast import MULTICAST, keep_to_group
+from simulators.clock import VirtualClock
+
+canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
 for _name in ("can", "canopen"):
     logging.getLogger(_name).addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
@@ -89,3 +93,16 @@ class Listener(MessageListener):
         if isinstance(exc.__cause__, OSError) or self.network.notifier is None:
             raise NotImplementedError
         self.network.notifier.exception = None  # canopen would send nothing any more
+
+
+class LockedNetwork(canopen.Network):
+    """canopen's network; what it hears is done under the clock's lock."""
+
+    def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
+        super().__init__(bus)
+        self.clock = clock
+        self.listeners = [Listener(self)]
+
+    def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        with self.clock.lock:
+            super().notify(can_id, data, timestamp)

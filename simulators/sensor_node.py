@@ -14,6 +14,7 @@ from instrument.contract import Field
 from instrument.contracts import sensor_node
 from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, place
 from instrument.design import Film
+from simulators.canopen_device import CanopenDevice
 from simulators.clock import VirtualClock
 from simulators.converter import convert
 from simulators.effects.effect import InputEffect
@@ -38,28 +39,26 @@ class Samples:
     counter: int
 
 
-class SensorNode:
-    """The state of one node. Methods are called under the clock's lock.
+class SensorNode(CanopenDevice):
+    """The state of one node.
 
     A design whose films fill more than one node is wired to nodes 1, 2, ... in turn; films that fit on one stand on
     every node alike.
     """
 
+    contract = CONTRACT
+
     def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig, changed: Callable[[], None]) -> None:
-        self.id = node_id
-        self._clock = clock
         self._rig = rig
         self._changed = changed
-        self._serial = serial
         self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
         self._added = {name: e for name, e in sorted(rig.scene.effects.items()) if isinstance(e, InputEffect)}
         self._streams: dict[tuple[str, int, int, int], Stream] = {}
-        self.reset()
+        super().__init__(clock, node_id, serial)
 
     def reset(self) -> None:
         """As after power-on."""
-        self.settings = {f.name: float(f.default) for f in CONTRACT.fields if f.type != "text"}
-        self.settings["serial"] = float(self._serial)
+        super().reset()
         self._last = np.zeros(CHANNELS)
 
     def start(self) -> None:
@@ -70,15 +69,11 @@ class SensorNode:
 
     def read(self, field: Field) -> Any:
         """Raw value of an object, for its SDO server."""
-        if field.name == "hardware_version":
-            return "simulated"
-        if field.type == "text":
-            return field.default
         if field.name.startswith("tpdo") and field.name.endswith("cob_id"):
             return int(self.settings[field.name]) + self.id
         if field.name.startswith("sample_") and field.name[-1].isdigit():
             return int(self._last[int(field.name[-1]) - 1])
-        return round(self.settings[field.name] / field.scale)
+        return super().read(field)
 
     def write(self, field: Field, value: float) -> None:
         """Take a new setting, already checked."""
@@ -87,7 +82,7 @@ class SensorNode:
                 if self.wired(film) == int(field.name.removeprefix("reset_")):
                     self._rig.reset_film(film.channel)
         else:
-            self.settings[field.name] = value
+            super().write(field, value)
         self._changed()
 
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
