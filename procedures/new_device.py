@@ -17,8 +17,8 @@ FILES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Bus:
-    """What differs between the buses: the terms in the device's files."""
+class Modbus:
+    """What differs between the links of Modbus: the terms in the device's files."""
 
     title: str
     suite: str
@@ -27,15 +27,15 @@ class Bus:
     serve: str
 
 
-BUSES = {
-    "modbus-tcp": Bus(
+MODBUS = {
+    "modbus-tcp": Modbus(
         "Modbus TCP",
         "ModbusConformance",
         "TcpAddress",
         "LOOPBACK, ServerThread",
         'link = ModbusLink.tcp(TcpAddress(host=LOOPBACK, port=servers.serve_tcp(UNIT, sim), timeout="10 s"))',
     ),
-    "modbus-rtu": Bus(
+    "modbus-rtu": Modbus(
         "Modbus RTU",
         "RtuConformance",
         "SerialLine",
@@ -43,6 +43,8 @@ BUSES = {
         'link = ModbusLink.rtu(SerialLine(port=servers.serve_rtu({UNIT: sim}, None), timeout="10 s"))',
     ),
 }
+CANOPEN = "canopen"
+BUSES = (*MODBUS, CANOPEN)
 
 
 def new_device(name: str, bus: str, tree: Path) -> list[Path]:
@@ -59,15 +61,15 @@ def new_device(name: str, bus: str, tree: Path) -> list[Path]:
         UsageError: no name of a module, no such tree, or a file of the device exists; nothing is written.
         RecordError: a file cannot be written.
     """
-    return write_files("device", name, FILES, tree, _terms(name, BUSES[bus]), beside=str(BUSES[bus]))
+    if bus == CANOPEN:
+        files = {f"{CANOPEN}/{template}": place for template, place in FILES.items()}
+        return write_files("device", name, files, tree, _canopen_terms(name))
+    return write_files("device", name, FILES, tree, _modbus_terms(name, MODBUS[bus]), beside=str(MODBUS[bus]))
 
 
-def _terms(name: str, bus: Bus) -> dict[str, str]:
-    words = name.split("_")
-    title = " ".join(words)
-    initials = "".join(word[:1] for word in words).upper()
-    product, serial = f"{initials}-1", f"SIM-{initials}-0001"
-    imports = sorted([f"from drivers.{name} import {class_of(name)}", "from drivers.modbus import ModbusLink"])
+def _modbus_terms(name: str, bus: Modbus) -> dict[str, str]:
+    title = " ".join(name.split("_"))
+    product, serial = f"{_initials(name)}-1", f"SIM-{_initials(name)}-0001"
     identity = {0: "Palpate", 1: product, 2: "1.0", 4: title, 6: "simulated", 0x80: serial}
     return {
         "product": product,
@@ -78,7 +80,24 @@ def _terms(name: str, bus: Bus) -> dict[str, str]:
         "bus": bus.title,
         "Suite": bus.suite,
         "Address": bus.address,
-        "drivers": "\n".join(imports),
+        "drivers": _imports(name, "from drivers.modbus import ModbusLink"),
         "imports": bus.imports,
         "serve": bus.serve,
     }
+
+
+def _canopen_terms(name: str) -> dict[str, str]:
+    product = _initials(name).encode()[:2].ljust(2, b"\0") + b"\0\1"  # two letters and a number
+    return {
+        "product": product.hex().upper(),
+        "product_bytes": product[::-1].hex(" ").upper(),
+        "drivers": _imports(name, "from drivers.can import CanLink"),
+    }
+
+
+def _initials(name: str) -> str:
+    return "".join(word[:1] for word in name.split("_")).upper()
+
+
+def _imports(name: str, link: str) -> str:
+    return "\n".join(sorted([f"from drivers.{name} import {class_of(name)}", link]))

@@ -13,12 +13,12 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError
 
 from drivers.bench import Bench
-from drivers.sensor_node import SensorNode
+from drivers.canopen_device import CanopenDevice
 from instrument.contract import Field
 from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
 from simulators.bench import SimulatedBench
+from simulators.canopen_device import CanopenDevice as SimulatedNode
 from simulators.scene import Scene
-from simulators.sensor_node import SensorNode as SimulatedNode
 from tests.drivers.wire import frames, impatient_node, transfers
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 
@@ -32,7 +32,7 @@ class CanopenConformance:
     """A driver and its simulated node, over the bus."""
 
     @staticmethod
-    def ends(bench: Bench, sim: SimulatedBench) -> tuple[SensorNode, SimulatedNode]:
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[CanopenDevice, SimulatedNode]:
         raise NotImplementedError
 
     @pytest.fixture(scope="class")
@@ -56,7 +56,7 @@ class CanopenConformance:
             yield opened
 
     @pytest.fixture
-    def node(self, listener: can.BusABC, bench: Bench, sim: SimulatedBench) -> SensorNode:
+    def node(self, listener: can.BusABC, bench: Bench, sim: SimulatedBench) -> CanopenDevice:
         node = self.ends(bench, sim)[0]
         frames(listener)
         return node
@@ -66,7 +66,7 @@ class CanopenConformance:
         return self.ends(bench, sim)[1]
 
     @staticmethod
-    def abort_code(node: SensorNode, field: Field, data: bytes) -> int:
+    def abort_code(node: CanopenDevice, field: Field, data: bytes) -> int:
         """Write an object as any CANopen client would; returns the abort code, 0 for none."""
         try:
             node._node.sdo.download(field.index, field.subindex, data)
@@ -76,7 +76,7 @@ class CanopenConformance:
         return 0
 
     def test_its_identity_is_checked_and_its_serial_number_read(
-        self, node: SensorNode, simulated: SimulatedNode
+        self, node: CanopenDevice, simulated: SimulatedNode
     ) -> None:
         node.serial = ""
         node.connect()
@@ -84,7 +84,7 @@ class CanopenConformance:
 
     @pytest.mark.parametrize("name", ["vendor", "product", "revision"])
     def test_another_identity_is_refused(
-        self, name: str, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+        self, name: str, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(simulated.settings, name, simulated.settings[name] + 0x1_0000)
         found = f"{node.name}: .*0x{int(simulated.settings[name]):08X}.*the contract is for .*check the node id"
@@ -92,19 +92,19 @@ class CanopenConformance:
             node.connect()
 
     def test_a_later_minor_revision_is_accepted(
-        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+        self, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(simulated.settings, "revision", simulated.settings["revision"] + 7)
         node.connect()
 
     def test_another_byte_order_is_refused_with_the_remedy(
-        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+        self, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(simulated.settings, "probe", float(SWAPPED_PROBE))
         with pytest.raises(IdentityError, match=r"0x78563412.*little-endian.*firmware"):
             node.connect()
 
-    def test_every_setting_reads_back_as_it_was_written(self, node: SensorNode) -> None:
+    def test_every_setting_reads_back_as_it_was_written(self, node: CanopenDevice) -> None:
         for field in settings(node.contract):
             before = node.get(field.name)
             for value in [*inside(field), before]:
@@ -112,7 +112,7 @@ class CanopenConformance:
                 assert node.get(field.name) == number(field, value), field.name
 
     def test_a_value_out_of_range_is_refused_before_anything_is_sent(
-        self, node: SensorNode, listener: can.BusABC
+        self, node: CanopenDevice, listener: can.BusABC
     ) -> None:
         for field in writable(node.contract):
             for value in outside(field):
@@ -121,29 +121,32 @@ class CanopenConformance:
         assert frames(listener) == []
 
     def test_the_node_itself_refuses_a_value_out_of_range(
-        self, node: SensorNode, simulated: SimulatedNode, listener: can.BusABC
+        self, node: CanopenDevice, simulated: SimulatedNode, listener: can.BusABC
     ) -> None:
         for field in writable(node.contract):
             before = dict(simulated.settings)
             for raw, too_high in outside_raw(field):
                 code = NO_CHOICE if field.choices else TOO_HIGH if too_high else TOO_LOW
-                assert self.abort_code(node, field, raw.to_bytes(field.size, "little")) == code, (field.name, raw)
+                assert self.abort_code(node, field, raw.to_bytes(field.size, "little", signed=raw < 0)) == code, (
+                    field.name,
+                    raw,
+                )
                 assert simulated.settings == before
 
-    def test_the_node_refuses_a_write_to_what_is_read_only(self, node: SensorNode) -> None:
+    def test_the_node_refuses_a_write_to_what_is_read_only(self, node: CanopenDevice) -> None:
         for field in node.contract.fields:
             if field.access == "ro":
                 size = 4 if field.type == "text" else field.size
                 assert self.abort_code(node, field, bytes(size)) == READ_ONLY, field.name
 
-    def test_the_node_refuses_half_of_a_value(self, node: SensorNode, simulated: SimulatedNode) -> None:
+    def test_the_node_refuses_half_of_a_value(self, node: CanopenDevice, simulated: SimulatedNode) -> None:
         before = dict(simulated.settings)
         for field in writable(node.contract):
             for size in {1, 2, 4} - {field.size}:
                 assert self.abort_code(node, field, bytes(size)) == WRONG_LENGTH, (field.name, size)
         assert simulated.settings == before
 
-    def test_the_node_refuses_an_unknown_object(self, node: SensorNode) -> None:
+    def test_the_node_refuses_an_unknown_object(self, node: CanopenDevice) -> None:
         known = {f.address for f in node.contract.fields}
         group = next(f for f in node.contract.fields if f.subindex)
         sdo: Any = node._node.sdo
@@ -155,7 +158,7 @@ class CanopenConformance:
                 assert abort.value.code == code
 
     def test_a_refusal_names_node_field_value_and_limit(
-        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+        self, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def refuse(*_: Any) -> None:
             raise SdoAbortedError(GENERAL_ERROR)
@@ -170,13 +173,13 @@ class CanopenConformance:
             assert message.startswith(f"{node.name}: aborted the transfer: Code 0x08000000, General error")
             assert re.search(rf"{field.name} = {value}.*\({re.escape(limits)}\)", message), message
 
-    def test_a_refused_read_names_node_and_field(self, node: SensorNode, simulated: SimulatedNode) -> None:
+    def test_a_refused_read_names_node_and_field(self, node: CanopenDevice, simulated: SimulatedNode) -> None:
         field = next(f for f in node.contract.fields if f.access == "wo")
         with pytest.raises(DeviceError, match=f"^{re.escape(node.name)}: aborted the transfer: .*{field.name}"):
             node.get(field.name)
 
     def test_a_write_that_gets_no_answer_is_not_repeated(
-        self, node: SensorNode, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
+        self, node: CanopenDevice, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         field = settings(node.contract)[0]
         silence = f"^{re.escape(node.name)}: no valid answer within 0.2 s"
@@ -189,7 +192,7 @@ class CanopenConformance:
         assert [request[1:4] for request in requests].count(address) == 1
 
     def test_a_late_answer_never_answers_the_next_request(
-        self, node: SensorNode, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
+        self, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The answer to a read of an object comes when the same object, changed, is read again."""
         field = next(f for f in settings(node.contract) if not f.choices)

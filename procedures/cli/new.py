@@ -11,8 +11,8 @@ from procedures.cli.options import FILE_NAME, Group, Output, output_options
 NEXT = """
 They pass as they stand: pytest {test}
 {then}"""
-DEVICE = """Then put in the registers of the device's manual, with a golden frame for each, and let it stand on
-the bench: see "Adding a device" in the README."""
+DEVICE = """Then put in what the device's manual says, with a golden frame for each register or object, and let it
+stand on the bench: see "Adding a device" in the README."""
 EFFECT = """Then put in your physics, and a line each in EFFECTS (simulators/effects/__init__.py), at its place in the
 chain, and in STRONG (tests/simulators/strong.py): then every test of the effects holds for it, too."""
 PROCEDURE = """Then put in your measurement; for a command of its own copy procedures/cli/test.py."""
@@ -25,9 +25,11 @@ def new() -> None:
     """Begin something of your own."""
 
 
-@new.command(epilog="Examples:\n\n  palpate new device force_gauge\n\n  palpate new device oven --bus modbus-rtu")
+@new.command(epilog="Examples:\n\n  palpate new device force_gauge\n\n  palpate new device oven --bus canopen")
 @click.argument("name")
-@click.option("--bus", type=click.Choice(["modbus-tcp", "modbus-rtu"]), default="modbus-tcp", show_default=True)
+@click.option(
+    "--bus", type=click.Choice(["modbus-tcp", "modbus-rtu", "canopen"]), default="modbus-tcp", show_default=True
+)
 @TREE
 @output_options
 def device(name: str, bus: str, tree: Path, as_json: bool, quiet: bool) -> None:

@@ -10,8 +10,8 @@ import can
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+from drivers.canopen_device import CanopenDevice
 from drivers.modbus import ModbusLink
-from drivers.sensor_node import SensorNode
 
 
 @dataclass
@@ -62,7 +62,7 @@ def _wait_for(client: ModbusTcpClient | ModbusSerialClient, timeout: float) -> N
 
 
 @contextmanager
-def impatient_node(node: SensorNode, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def impatient_node(node: CanopenDevice, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Inside, the node waits no longer than `SHORT`; after it, only for answers that come late."""
     short = node.link._description.model_copy(update={"timeout": SHORT})
     monkeypatch.setattr(node.link, "_description", short)

@@ -44,13 +44,16 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
             delattr(package, name)
 
 
-def conform(pytester: pytest.Pytester, test: Path) -> pytest.RunResult:
+def conform(pytester: pytest.Pytester, test: Path, *choice: str) -> pytest.RunResult:
     """One file of tests, in this process, with the fixtures of all."""
     options = ("--disable-plugin-autoload", "--import-mode=importlib", "-p", "tests.conftest")
-    return pytester.runpytest_inprocess(*options, str(test))
+    return pytester.runpytest_inprocess(*options, *choice, str(test))
 
 
-@pytest.mark.parametrize(("bus", "passed"), [("modbus-tcp", 21), ("modbus-rtu", 22)])
+@pytest.mark.parametrize(
+    ("bus", "passed"),
+    [("modbus-tcp", 21), pytest.param("modbus-rtu", 22, marks=pytest.mark.slow), ("canopen", 18)],  # time-outs
+)
 def test_the_files_pass_as_they_stand(
     bus: str, passed: int, tree: Path, pytester: pytest.Pytester, nothing_left_behind: None
 ) -> None:
@@ -72,10 +75,17 @@ def test_a_new_procedure_passes_as_it_stands(tree: Path, pytester: pytest.Pytest
     assert conform(pytester, new_procedure("repeatability", tree)[-1]).parseoutcomes() == {"passed": 2}
 
 
-def test_a_wrong_scale_does_not_pass(tree: Path, pytester: pytest.Pytester) -> None:
-    contract, *_, test = new_device("force_gauge", "modbus-tcp", tree)
+@pytest.mark.parametrize(
+    ("bus", "claim"),
+    [
+        ("modbus-tcp", "test_every_register_travels_as_its_golden_frame"),
+        ("canopen", "test_every_object_travels_as_its_golden_frames"),
+    ],
+)
+def test_a_wrong_scale_does_not_pass(bus: str, claim: str, tree: Path, pytester: pytest.Pytester) -> None:
+    contract, *_, test = new_device("force_gauge", bus, tree)
     contract.write_text(contract.read_text(encoding="utf-8").replace('"V", 1e-6)', '"V", 1e-5)'), encoding="utf-8")
-    conform(pytester, test).stdout.fnmatch_lines(["FAILED *::test_every_register_travels_as_its_golden_frame*"])
+    conform(pytester, test, "-k", claim).stdout.fnmatch_lines([f"FAILED *::{claim}*"])
 
 
 @pytest.mark.parametrize("bus", BUSES)
@@ -100,7 +110,9 @@ def test_what_is_no_name_is_refused(name: str, tree: Path) -> None:
         new_device(name, "modbus-tcp", tree)
 
 
-@pytest.mark.parametrize(("name", "bus"), [("wire", "modbus-tcp"), ("serial_line", "modbus-rtu")])
+@pytest.mark.parametrize(
+    ("name", "bus"), [("wire", "modbus-tcp"), ("serial_line", "modbus-rtu"), ("can_link", "canopen")]
+)
 def test_a_name_that_its_files_need_for_something_else_is_refused(name: str, bus: str, tree: Path) -> None:
     with pytest.raises(UsageError, match=f"^{name!r}: a class .* is used in its files already"):
         new_device(name, bus, tree)
