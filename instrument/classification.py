@@ -168,7 +168,7 @@ def classify_iso_376(load: Floats, found: Quantities) -> Classification:
     for key, values in known.items():
         worst, limit = 100 * float(values[max(low.size - 1, 0) :].max()), 100 * ISO_376["2"][key]
         if worst > limit:
-            reasons.append(f"{key.replace('_', ' ')} {worst:.3g} % passes the {limit:.3g} % of ISO 376 class 2")
+            reasons.append(f"{key.replace('_', ' ')} {worst:.3g} % exceeds the {limit:.3g} % of ISO 376 class 2")
     return _none(*reasons)
 
 

@@ -100,7 +100,8 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     exponent = min(max(3 * math.floor(math.log10(abs(value)) / 3), -12), 9)
     if unit in ("N", "V", "Hz", "s") and exponent >= 0:
         exponent = min(exponent, 3 if unit == "Hz" else 0)
-    return f"{value / 10.0**exponent:.{digits}g} {_PREFIXES[exponent]}{unit}"
+    rounded = float(f"{value / 10.0**exponent:.{digits}g}")
+    return f"{rounded:.{max(digits, 4)}g} {_PREFIXES[exponent]}{unit}"  # 140, not 1.4e+02
 
 
 @dataclass(frozen=True, slots=True)

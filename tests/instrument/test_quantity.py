@@ -78,3 +78,7 @@ def test_what_is_no_force_is_refused_with_the_text_and_an_example(text: str, say
 )
 def test_a_value_is_shown_with_a_prefix(value: float, unit: str, text: str) -> None:
     assert show(value, unit) == text
+
+
+def test_hundreds_are_shown_without_an_exponent() -> None:
+    assert [show(u, "V/N", 2) for u in (1.43e-4, 9.96e-4, 1.43e-5)] == ["140 µV/N", "1000 µV/N", "14 µV/N"]
