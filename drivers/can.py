@@ -67,11 +67,11 @@ class _Listener(MessageListener):
 
     errors = 0  # frames that were destroyed on the bus; controllers send them again
 
-    def on_message_received(self, msg: can.Message) -> None:
+    def __call__(self, msg: can.Message) -> None:
         if msg.is_error_frame:
             self.errors += 1
         elif not (msg.is_extended_id or msg.is_fd):
-            super().on_message_received(msg)  # type: ignore[no-untyped-call]
+            self.on_message_received(msg)  # type: ignore[no-untyped-call]
 
 
 def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import struct
+from collections.abc import Mapping
+from functools import cache
 from typing import ClassVar
 
 from drivers.device import Device
@@ -28,6 +30,7 @@ class ModbusDevice(Device):
         self.link = link
         self.unit = unit
         self._settings: dict[str, Value] = {}
+        self._block = cache(self.contract.block)
 
     def connect(self) -> None:
         """Raises as `identify`."""
@@ -82,8 +85,8 @@ class ModbusDevice(Device):
         """
         return self._asked(lambda: self._read(names))
 
-    def _read(self, names: Sequence[str]) -> list[float]:
-        start, count = self.contract.block(names)
+    def _read(self, names: tuple[str, ...]) -> list[float]:
+        start, count = self._block(names)
         try:
             reply = self.link.transact(self.name, read_registers, start, count, self.unit)
         except DeviceError as error:
@@ -93,7 +96,7 @@ class ModbusDevice(Device):
                 f"{self.name}: answered function {reply.function_code} with {len(reply.registers)} registers "
                 f"where function 3 with {count} was asked; the reply is not used"
             )
-        data = b"".join([r.to_bytes(2, "big") for r in reply.registers])
+        data = struct.pack(f">{count}H", *reply.registers)
         values = []
         for name in names:
             field = self.contract[name]

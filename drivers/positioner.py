@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from drivers.clock import Clock
 from drivers.modbus import ModbusLink
 from drivers.modbus_device import ModbusDevice
@@ -74,9 +76,10 @@ class Positioner(ModbusDevice):
         self._limits = (low, high)
 
     def _wait(self, target: float, expected: float, timeout: float) -> None:
-        """Wait the `expected` s, then poll until it stands."""
+        """Wait the `expected` s, then poll until it stands, less and less often as long as it has far to go."""
         waited = min(expected, timeout)
         self._clock.wait(waited)
+        polls, before = 1, math.inf
         while True:
             position, status = self.get_many("position", "status")
             if "moving" not in self.contract.set_bits("status", status):
@@ -84,8 +87,11 @@ class Positioner(ModbusDevice):
             if waited >= timeout:
                 self.stop()
                 raise DeviceError(f"{self.name}: not at {1e3 * target:g} mm after {timeout:g} s; stopped")
-            self._clock.wait(POLL)
-            waited += POLL
+            ahead = polls * abs(target - position) / (abs(position - before) or math.inf)  # polls, at the present speed
+            polls = max(1, min(2 * polls, int(ahead), math.ceil((timeout - waited) / POLL)))
+            self._clock.wait(polls * POLL)
+            waited += polls * POLL
+            before = position
         if abs(position - target) > 2e-6:
             raise DeviceError(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * target:g} mm")
         self._target = target

@@ -83,7 +83,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     t = np.asarray(time, dtype=np.float64)
     y = np.asarray(signals, dtype=np.float64)
     _check_samples(t, y)
-    _check_frequency(t, frequency)
+    step = _check_frequency(t, frequency)
 
     basis = sine_columns(t, frequency)
     level = y.mean(axis=1, keepdims=True)
@@ -95,7 +95,6 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - spent))
     direction = basis.direction(at_middle)
     spread = np.linalg.norm(direction, axis=0)
-    step = float(np.median(np.diff(t)))
     around = noise_at(frequency, residuals, step, spent)
     turns = math.remainder(frequency * basis.middle, 1.0)
     return SineFit(
@@ -194,7 +193,8 @@ def _check_samples(time: Floats, signals: Floats) -> None:
         )
 
 
-def _check_frequency(time: Floats, frequency: float) -> None:
+def _check_frequency(time: Floats, frequency: float) -> float:
+    """The median step of the times [s]."""
     if not frequency > 0:
         raise EstimateError(f"frequency {frequency} Hz must be positive; give that of the drive")
     step = float(np.median(np.diff(time)))
@@ -208,3 +208,4 @@ def _check_frequency(time: Floats, frequency: float) -> None:
             f"record of {cycles:.3g} cycles of {frequency:g} Hz is shorter than {SHORTEST_RECORD:g} cycle; "
             f"dwell {1 / frequency:g} s or more"
         )
+    return step

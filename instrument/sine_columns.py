@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,7 @@ At the limit the amplitude can be about 50 times as uncertain as from a whole nu
 """
 HUM_CONDITION = 5.0  # largest with columns of the mains: they cost six times the variance at most
 SAMPLES_PER_COLUMN = 2  # at least, with columns of the mains
+REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records, and samples of one: procedures fit at the same times again
 SHOWN = 1e-12  # V of 1 V of hum; what is smaller is round-off
 
 
@@ -71,6 +73,17 @@ def sine_columns(time: Floats, frequency: float) -> SineColumns:
     Raises:
         EstimateError: the times do not determine the sine.
     """
+    if time.size > LONGEST_REMEMBERED:
+        return _columns(time, frequency)
+    return _remembered(time.tobytes(), frequency)
+
+
+@lru_cache(REMEMBERED)
+def _remembered(time: bytes, frequency: float) -> SineColumns:
+    return _columns(np.frombuffer(time), frequency)
+
+
+def _columns(time: Floats, frequency: float) -> SineColumns:
     for mains in (MAINS, *((each,) for each in MAINS)):
         if time.size >= SAMPLES_PER_COLUMN * (COEFFICIENTS + 2 * len(mains)):
             basis = _factored(time, frequency, mains)

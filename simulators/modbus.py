@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import struct
 import threading
-from collections.abc import Coroutine, Sequence
+from collections.abc import Coroutine, Iterable, Sequence
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from pymodbus.constants import ExcCodes
@@ -27,6 +29,7 @@ LOOPBACK = "127.0.0.1"
 BEHIND = (LOOPBACK, 0)  # where a device is that its clients reach by a relay
 BAUDRATE = 115200
 OUTER = 4  # bytes of a frame around its data: unit, function, check sum
+BLOCKS = 64  # of registers, whose fields are remembered
 HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them
 T = TypeVar("T")
 
@@ -123,6 +126,7 @@ class ServerThread:
 def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
     registers = [SimData(f.address, count=f.size // 2, datatype=DataType.REGISTERS) for f in device.contract.fields]
     clock: VirtualClock = device.clock
+    fields_at = lru_cache(BLOCKS)(partial(_within, device.contract.fields))
 
     async def action(
         function: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
@@ -134,7 +138,7 @@ def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
             device.requested()
             try:
                 if values is None:
-                    _refresh(device, start, address, count, current)
+                    _refresh(device, fields_at(address, count), start, current)
                 else:
                     device.write(_checked(device, address, [int(v) for v in values]))
             except Refused as refused:
@@ -148,12 +152,13 @@ def _within(fields: Sequence[Field], address: int, count: int) -> list[Field]:
     return [f for f in fields if f.address < address + count and f.address + f.size // 2 > address]
 
 
-def _refresh(device: SimulatedDevice, start: int, address: int, count: int, current: list[int]) -> None:
+def _refresh(device: SimulatedDevice, fields: Iterable[Field], start: int, current: list[int]) -> None:
     """Put the device's present values into the registers that are about to be read."""
-    for field in _within(device.contract.fields, address, count):
+    for field in fields:
         data = device.contract.pack(field.name, device.read(field.name))
+        registers = struct.unpack(f">{len(data) // 2}H", data)
         at = field.address - start
-        current[at : at + field.size // 2] = [int.from_bytes(data[i : i + 2], "big") for i in range(0, field.size, 2)]
+        current[at : at + len(registers)] = registers
 
 
 def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> dict[str, float]:

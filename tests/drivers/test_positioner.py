@@ -8,9 +8,11 @@ import pytest
 
 from drivers.bench import Bench
 from drivers.modbus_device import ModbusDevice
+from drivers.positioner import POLL
 from instrument.errors import DeviceError, RangeError
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice
+from simulators.positioner import HOMING_SPEED
 from tests.conformance import RtuConformance
 from tests.drivers.wire import listen
 
@@ -36,6 +38,19 @@ def test_a_move_takes_its_time_and_ends_at_the_target(bench: Bench, sim: Simulat
     assert sim.clock.now_ns() - before == 11_000_000_000
     positioner.home()
     assert positioner.position() == 0.0
+
+
+@pytest.mark.parametrize("start", [0.00005, 0.0137, 0.025])
+def test_homing_is_noticed_within_a_poll_of_its_end_by_few_requests(
+    start: float, bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.positioner.move(start, speed=5e-3)
+    wire = listen(bench.positioner.link, monkeypatch)
+    before = sim.clock.now_ns()
+    bench.positioner.home()
+    late = 1e-9 * (sim.clock.now_ns() - before) - start / HOMING_SPEED
+    assert 0 <= late < POLL
+    assert len(wire.requests) <= 10
 
 
 def test_target_speed_and_command_travel_in_one_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
