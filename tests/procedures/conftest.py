@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -46,6 +46,15 @@ IDEAL_CALIBRATION = THESIS_LOAD_CELL.model_copy(
 
 
 # --- the command line ----------------------------------------------------------------------------------
+
+
+def changed(words: Sequence[str], *options: str) -> tuple[str, ...]:
+    """A command line with some options of one value each in the place of its own, which it would refuse beside them."""
+    kept = list(words)
+    for option in set(options) & set(words):
+        at = kept.index(option)
+        del kept[at : at + 2]
+    return (*kept, *options)
 
 
 @dataclass(frozen=True, slots=True)

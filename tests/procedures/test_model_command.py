@@ -17,7 +17,7 @@ from instrument.models.parameters import RoundParameters, SolidParameters, round
 from instrument.models.ratio import Question, ask
 from instrument.models.response import MODELS
 from instrument.sample import get_sample
-from tests.procedures.conftest import Palpate
+from tests.procedures.conftest import Palpate, changed
 
 RATIO = ("model", "ratio", "--json")
 COLUMN = (*RATIO, "--model", "column", "--sensed-modulus", "100 kPa")
@@ -82,7 +82,7 @@ def test_an_option_overrides_the_parameter_set(palpate: Palpate, design: str) ->
 
 
 def test_what_a_closed_form_leaves_out_is_told_where_it_is_priced_and_nowhere_else(palpate: Palpate) -> None:
-    points = palpate(*COLUMN, "--sensed-modulus", "24.2 kPa, 100 kPa, 10 kPa").object["points"]
+    points = palpate(*changed(COLUMN, "--sensed-modulus", "24.2 kPa, 100 kPa, 10 kPa")).object["points"]
     known = palpate(*RATIO, "--model", "surface", "--sensed-modulus", "24.2 kPa, 100 kPa").object["points"]
     errors = [point["model_error"] for point in points]
     assert errors[0] == errors[1] and errors[2] is None
@@ -211,7 +211,7 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
     ],
 )
 def test_bad_input_is_one_error_and_nothing_else(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
-    said = palpate(*COLUMN, *wrong)
+    said = palpate(*changed(COLUMN, *wrong))
     assert said.status == 2
     assert message in said.complaint
     assert len(said.complaint.splitlines()) == 1

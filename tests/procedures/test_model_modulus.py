@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from tests.procedures.conftest import Palpate
+from tests.procedures.conftest import Palpate, changed
 
 PRICED = ("model", "modulus", "--json", "--model", "column")
 MODULUS = (*PRICED, "--compliant-poisson", "0.48")  # which the column does not look at
@@ -131,7 +131,7 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
     ],
 )
 def test_bad_input_is_one_error_and_nothing_else(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
-    said = palpate(*PRICED, "--force-ratio", "0.3", *wrong)
+    said = palpate(*changed((*PRICED, "--force-ratio", "0.3"), *wrong))
     assert said.status == 2
     assert message in said.complaint
     assert len(said.complaint.splitlines()) == 1

@@ -18,7 +18,7 @@ from instrument.models.response import response
 from instrument.models.solid_mesh import Resolution
 from procedures import model_picture, model_plot
 from procedures.model_picture import Picture
-from tests.procedures.conftest import Palpate
+from tests.procedures.conftest import Palpate, changed
 
 PLOT = ("model", "plot", "--sensed-modulus", "100 kPa")
 CLOSED = (*PLOT, "--model", "column")
@@ -197,7 +197,7 @@ def test_quiet_says_nothing(palpate: Palpate, few_curves: None) -> None:
 )
 def test_bad_input_is_one_error_and_leaves_no_file(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
     Path("taken.png").touch()
-    said = palpate(*CLOSED, *(() if "--out" in wrong else ("--out", "new.png")), *wrong)
+    said = palpate(*changed((*CLOSED, "--out", "new.png"), *wrong))
     assert said.status == 2
     assert message in said.complaint
     assert len(said.complaint.splitlines()) == 1
