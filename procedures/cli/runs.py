@@ -64,11 +64,10 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 
 
 @runs.command(
-    epilog="Examples:\n\n  palpate runs export first-day --to csv"
-    "\n\n  palpate runs export first-day --to parquet --out tables"
+    epilog="Examples:\n\n  palpate runs export first-day\n\n  palpate runs export first-day --to parquet --out tables"
 )
 @click.argument("run")
-@click.option("--to", required=True, type=click.Choice(["csv", "parquet"]), help="Format.")
+@click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: the run).")
 @output_options
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:

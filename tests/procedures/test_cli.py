@@ -182,7 +182,7 @@ def test_a_run_is_exported_once(palpate: Palpate) -> None:
         assert waveforms["simulated"].all()
         assert len(waveforms) == 4 * 2 * 50
         before = [Path(file).read_bytes() for file in files]
-        again = palpate("runs", "export", "day", "--to", to, "--out", "tables")
+        again = palpate("runs", "export", "day", *(("--to", to) if to != "csv" else ()), "--out", "tables")
         assert again.status == 2
         assert "exists and is not overwritten" in again.complaint
         assert [Path(file).read_bytes() for file in files] == before
