@@ -182,7 +182,6 @@ def test_a_real_bench_is_not_shared_by_workers(pytester: pytest.Pytester) -> Non
 
 def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
     shutil.copytree(EXAMPLES / "lab", pytester.path, dirs_exist_ok=True)
-    pytester.syspathinsert()
     result = pytester.runpytest_inprocess(*ALONE)
     result.assert_outcomes(passed=3)
 
