@@ -14,7 +14,6 @@ from typing import Any
 import can
 import canopen
 from canopen.lss import LssMaster
-from canopen.network import MessageListener
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
@@ -62,16 +61,25 @@ class _SdoClient(SdoClient):
         return data
 
 
-class _Listener(MessageListener):
-    """Hands standard data frames on; canopen takes an extended identifier for the standard one of the same number."""
+class _Listener(can.Listener):
+    """Hands standard data frames to who subscribed; canopen's own takes an extended identifier for the standard one."""
 
     errors = 0  # frames that were destroyed on the bus; controllers send them again
 
-    def __call__(self, msg: can.Message) -> None:
+    def __init__(self, network: canopen.Network) -> None:
+        self._subscribers = network.subscribers
+
+    def on_message_received(self, msg: can.Message) -> None:
         if msg.is_error_frame:
             self.errors += 1
-        elif not (msg.is_extended_id or msg.is_fd):
-            self.on_message_received(msg)  # type: ignore[no-untyped-call]
+        elif not (msg.is_extended_id or msg.is_fd or msg.is_remote_frame):
+            try:
+                for callback in self._subscribers.get(msg.arbitration_id, ()):
+                    callback(msg.arbitration_id, msg.data, msg.timestamp)
+            except Exception as error:  # of a frame that is malformed
+                logging.getLogger("canopen").error("%s", error)
+
+    __call__ = on_message_received
 
 
 def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:

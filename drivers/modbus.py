@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import select
 import struct
 import threading
 from collections.abc import Callable
@@ -34,14 +36,19 @@ class _SerialClient(ModbusSerialClient):
 
     def recv(self, size: int | None) -> bytes:
         """What has come, once anything has; nothing after the time-out. A reply in pieces is put together above."""
-        if not self.socket:
+        line = self.socket
+        if not line:
             raise ConnectionException(str(self))
         try:
-            first: bytes = self.socket.read(1)
-            return first + self.socket.read(self.socket.in_waiting) if first else b""
+            if not select.select([line], [], [], line.timeout)[0]:
+                return b""
+            heard = os.read(line.fileno(), LARGEST_REPLY)
         except OSError:
+            heard = b""
+        if not heard:  # ready to be read, and nothing to read: it was unplugged
             self.close()  # type: ignore[no-untyped-call]
-            raise ConnectionException(str(self)) from None
+            raise ConnectionException(str(self))
+        return heard
 
 
 class _StrictDecoder(DecodePDU):

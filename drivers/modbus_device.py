@@ -30,7 +30,7 @@ class ModbusDevice(Device):
         self.link = link
         self.unit = unit
         self._settings: dict[str, Value] = {}
-        self._block = cache(self.contract.block)
+        self._layout = cache(self.contract.layout)
 
     def connect(self) -> None:
         """Raises as `identify`."""
@@ -86,7 +86,7 @@ class ModbusDevice(Device):
         return self._asked(lambda: self._read(names))
 
     def _read(self, names: tuple[str, ...]) -> list[float]:
-        start, count = self._block(names)
+        start, count, places = self._layout(names)
         try:
             reply = self.link.transact(self.name, read_registers, start, count, self.unit)
         except DeviceError as error:
@@ -97,12 +97,7 @@ class ModbusDevice(Device):
                 f"where function 3 with {count} was asked; the reply is not used"
             )
         data = struct.pack(f">{count}H", *reply.registers)
-        values = []
-        for name in names:
-            field = self.contract[name]
-            at = 2 * (field.address - start)
-            values.append(self.contract.decode(name, data[at : at + field.size]))
-        return values
+        return [self.contract.decode(name, data[place]) for name, place in zip(names, places, strict=True)]
 
     def set(self, **values: Value) -> None:
         """Write fields that stand together in one FC16 request; never repeated.

@@ -200,6 +200,12 @@ class Contract:
         end = max(f.address + f.size // 2 for f in fields)
         return start, end - start
 
+    def layout(self, names: tuple[str, ...]) -> tuple[int, int, list[slice]]:
+        """As `block`, and where in its bytes each of the named fields stands (Modbus)."""
+        start, count = self.block(names)
+        ends = [(2 * (f.address - start), f.size) for f in (self[name] for name in names)]
+        return start, count, [slice(at, at + size) for at, size in ends]
+
     def digest(self) -> str:
         """SHA-256 of the whole declaration, kept with each run."""
         declared = {

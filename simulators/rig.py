@@ -152,12 +152,12 @@ class Rig:
         """
         return self._paths[-1].outputs(time_ns, slice(0, len(self._films)), step_ns)
 
-    def cell_force(self, time_ns: npt.NDArray[np.int64]) -> Floats:
-        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s."""
+    def cell_force(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
+        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s; `step_ns` as of `film_voltages`."""
         rows = slice(self._last.force, self._last.force + 1)
         pieces = np.split(time_ns, np.searchsorted(time_ns, [path.start_ns for path in self._paths][1:]))
         parts = zip(self._paths, pieces, strict=True)
-        force: Floats = np.concatenate([path.outputs(piece, rows)[0] for path, piece in parts if len(piece)])
+        force: Floats = np.concatenate([path.outputs(piece, rows, step_ns)[0] for path, piece in parts if len(piece)])
         return force
 
     def filtered_cell_force(self, time_ns: int) -> float:

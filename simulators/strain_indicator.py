@@ -21,6 +21,7 @@ GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
 IDEAL_DECIMALS = 4
 UPDATE_NS = 100_000_000  # the display is renewed ten times a second [A]
 DETECTOR_RATE = 2400  # samples a second of the peak detector [A]
+DETECTOR_NS = 1_000_000_000 // DETECTOR_RATE  # between two of them
 SETTLING = 7  # time constants of the filter after which a reading counts as stable [A]
 COMMAND_NS = 50_000_000  # a command is carried out after this long [A]
 
@@ -114,8 +115,8 @@ class StrainIndicator(SimulatedDevice):
             standing = self._rig.filtered_cell_force(now)
             return self._cell.crept(standing, self._rig.placed, now) if self._cell else standing
         count = max(2, math.ceil(self.settings["filter"] * DETECTOR_RATE))
-        window = now - np.arange(count) * (1_000_000_000 // DETECTOR_RATE)
-        force = self._rig.cell_force(window[::-1])
+        window = now - np.arange(count - 1, -1, -1) * DETECTOR_NS
+        force = self._rig.cell_force(window, DETECTOR_NS)
         return float(force.max() - force.min())
 
     def _stable(self) -> bool:
