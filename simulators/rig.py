@@ -153,7 +153,7 @@ class Rig:
         return self._paths[-1].outputs(time_ns, slice(0, len(self._films)), step_ns)
 
     def cell_force(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
-        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s; `step_ns` as of `film_voltages`."""
+        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s; `step_ns` as for films."""
         rows = slice(self._last.force, self._last.force + 1)
         pieces = np.split(time_ns, np.searchsorted(time_ns, [path.start_ns for path in self._paths][1:]))
         parts = zip(self._paths, pieces, strict=True)
