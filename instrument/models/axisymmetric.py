@@ -23,10 +23,10 @@ from instrument.errors import RangeError
 from instrument.models import elements as el
 from instrument.models.axisymmetric_fields import FacePressure, Field, OnMesh, displacements, face, on
 from instrument.models.condensed import Elements
-from instrument.models.condensed import solve as solve_elements
 from instrument.models.mesh import Grid, grid
 from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, within
 from instrument.models.parameters import RoundParameters
+from instrument.models.refinement import solve as solve_elements
 
 Array = NDArray[np.float64]
 
@@ -186,7 +186,7 @@ def assemble(
 ) -> Elements:
     """Element matrices of all bodies, per radian."""
     numbering: Numbering = number(parameters, mesh, r, z, bodies)
-    stiffness: list[Array] = []
+    stiffness = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:]))
     mixed: list[int] = []
     pairs = r.dilatation.shape[1] ** 2
     dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
@@ -197,7 +197,7 @@ def assemble(
         shear = part.body.modulus / (2 * (1 + nu))
         keeps_pressure = nu >= mixed_poisson
         lame = 0.0 if keeps_pressure else 2 * shear * nu / (1 - 2 * nu)
-        stiffness.append(el.stiffness(r, z, part.columns, part.rows, shear, lame))
+        el.stiffness(r, z, part.columns, part.rows, shear, lame, out=stiffness[part.elements])
         if keeps_pressure:
             dilatation.append(el.dilatation(r, z, part.columns, part.rows))
             count = len(dilatation[-1])
@@ -205,11 +205,13 @@ def assemble(
             compliance += [(1 - 2 * nu) / (2 * shear * nu)] * count
             bound += [1 / (BULK_BOUND * shear)] * count
     return Elements(
-        stiffness=np.concatenate(stiffness),
+        stiffness=stiffness,
         unknowns=numbering.unknowns,
         inner=numbering.inner,
         size=numbering.size,
         shared=numbering.shared,
+        subdomain=numbering.subdomain,
+        seam=numbering.seam,
         mixed=np.array(mixed, dtype=np.intp),
         dilatation=np.concatenate(dilatation),
         compliance=np.array(compliance),

@@ -1,33 +1,26 @@
-"""Solve element matrices: the inside of each element is eliminated first, the rest by one sparse factorisation.
+"""Factors of the stiffness of finite elements: the inside of each is eliminated first, then each half by itself.
 
-Nearly incompressible material keeps its pressure as an unknown: the factorised matrix has a bounded bulk
-modulus, and steps of iterative refinement on the displacement-pressure equations carry the answer to the
-true one, Poisson ratio 0.5 included. A high bound costs digits in the factorisation, and in a foil of 10 µm
-all of them; with a low one the steps creep where rubber is squeezed flat. So the bound is eased on demand.
+The first cut of a nested dissection leaves two subdomains that meet along a seam. Each eliminates the inside
+of its elements, in batches, and then all that it does not share with the other, in a thread of its own.
+What is left of it is its stiffness against the seam, small and dense; both add up to one last matrix.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.errors import EstimateError
 from instrument.models.elements import differences, nodal
-from instrument.models.linear_solver import factorised
+from instrument.models.linear_solver import ordered_factors
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-RESIDUAL_GOAL, RESIDUAL_LIMIT = 1e-13, 1e-9
-STEPS = 20
-BATCH = 128  # elements that a thread condenses in one go; more of them leave the cache
-# What the bound is divided by, in turn.
-EASINGS = (1.0, 30.0, 1000.0)
+BATCH = 32  # elements that are worked on in one go; more of them leave the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +37,8 @@ class Elements:
         dilatation: (mixed, q, n), projected dilatation, of `elements.differences`.
         compliance: (mixed,) 1/λ [1/Pa], 0 at Poisson ratio 0.5.
         bound: (mixed,) the least compliance that is factorised [1/Pa].
+        subdomain: (elements,) 0 or 1; all 0 where there is but one.
+        seam: how many unknowns lie in one subdomain only: those of the first come first, then the second's.
     """
 
     stiffness: Array
@@ -55,16 +50,22 @@ class Elements:
     dilatation: Array
     compliance: Array
     bound: Array
+    subdomain: Indices
+    seam: int
 
     def strained(self, displacement: Array, rest: Array) -> Array:
         """Unknowns of the element matrices, (elements, n), of a displacement and what it is rounded by."""
         return differences(displacement[self.unknowns], rest[self.unknowns])
 
-    def internal_forces(self, strained: Array, pressure: Array) -> Array:
-        """Element by element: (elements, n)."""
-        forces = self._multiply(self.stiffness, strained)
-        forces[self.mixed] += self._multiply(self.dilatation.transpose(0, 2, 1), pressure)
-        return forces
+    def internal_forces(self, strained: Array, pressure: Array) -> tuple[Array, float]:
+        """Element by element, (elements, n); and the norm of the terms that those without pressure are sums of."""
+        forces, terms = np.empty_like(strained), 0.0
+        # What the cache holds is read twice in the time of once.
+        for batch in batches(len(strained)):
+            forces[batch] = product(self.stiffness[batch], strained[batch])
+            terms += float(np.square(product(np.abs(self.stiffness[batch]), np.abs(strained[batch]))).sum())
+        forces[self.mixed] += product(self.dilatation.transpose(0, 2, 1), pressure)
+        return forces, math.sqrt(terms)
 
     def gather(self, forces: Array) -> Array:
         """Sum of element forces on nodes, (size + 1,), its last entry zero."""
@@ -74,137 +75,135 @@ class Elements:
         total[self.size] = 0.0
         return total
 
-    @staticmethod
-    def _multiply(matrices: Array, vectors: Array) -> Array:
-        product: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
-        return product
+
+def product(matrices: Array, vectors: Array) -> Array:
+    """Of each matrix (elements, m, n) with its vector (elements, n)."""
+    found: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+    return found
 
 
-@dataclass(frozen=True, slots=True)
-class Solved:
-    """Displacement (size + 1,), the last entry zero; forces on nodes (elements, n); residual over its terms."""
-
-    displacement: Array
-    internal: Array
-    residual: float
+def batches(count: int) -> list[slice]:
+    """As many elements at a time as the cache holds."""
+    return [slice(start, start + BATCH) for start in range(0, count, BATCH)]
 
 
-def solve(elements: Elements, load: Array) -> Solved:
-    """Displacement and pressure under a load vector (size + 1,).
-
-    Raises:
-        EstimateError: the residual stays above 1e-9 of its terms.
-    """
-    tried: list[Solved] = []
-    before = None
-    for easing in EASINGS:
-        bounded = np.maximum(elements.compliance, easing * elements.bound)
-        if before is not None and np.array_equal(bounded, before):
-            continue
-        before = bounded
-        tried.append(_refine(elements, load, bounded))
-        if tried[-1].residual <= RESIDUAL_GOAL:
-            break
-    best = min(tried, key=lambda solved: solved.residual)
-    if not (best.residual <= RESIDUAL_LIMIT):
-        raise EstimateError(
-            f"finite elements: residual {best.residual:.1e} of its terms stays above {RESIDUAL_LIMIT:g};"
-            " bring moduli and dimensions closer together"
-        )
-    return best
-
-
-def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
-    """Steps of iterative refinement, as long as they gain a digit."""
-    solver = _Factorised(elements, bounded)
-    # Displacements carry the digits that a double has no room for in a second one.
-    displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
-    pressure = np.zeros(elements.dilatation.shape[:2])
-    spread = elements.dilatation.transpose(0, 2, 1)
-    magnitude = np.abs(elements.stiffness)
-    right, gap, best = load, np.zeros_like(pressure), math.inf
-    for step in range(STEPS):
-        change = solver(right)
-        moved = elements.strained(change, np.zeros_like(change))[elements.mixed]
-        pressure += (elements._multiply(elements.dilatation, moved) + gap) / bounded[:, None]
-        total = displacement + change
-        kept = total - displacement
-        rest += (displacement - (total - kept)) + (change - kept)
-        displacement = total
-        strained = elements.strained(displacement, rest)
-        internal = elements.internal_forces(strained, pressure)
-        gap = elements._multiply(elements.dilatation, strained[elements.mixed])
-        gap -= elements.compliance[:, None] * pressure
-        residual = max(
-            _relative(load - elements.gather(internal), elements._multiply(magnitude, np.abs(strained))),
-            _relative(gap, elements._multiply(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))),
-        )
-        if step > 0 and residual > 0.1 * best:
-            break
-        best = residual
-        lacking = internal.copy()
-        lacking[elements.mixed] += elements._multiply(spread, gap / bounded[:, None])
-        right = load - elements.gather(lacking)
-    return Solved(displacement, nodal(internal), residual)
-
-
-def _relative(remainder: Array, terms: Array) -> float:
-    """Norm of what is left over that of the terms it is the sum of; 0 where there are none."""
-    # BLAS wakes threads for a norm, and waits for them longer than all else takes on a busy machine.
-    left, size = (math.sqrt(np.square(part).sum()) for part in (remainder, terms))
-    return left / size if size else 0.0
-
-
-class _Factorised:
+class Factorised:
     """The factorised stiffness, with bounded bulk moduli."""
 
     def __init__(self, elements: Elements, bounded: Array) -> None:
-        from scipy.sparse import coo_array
+        from scipy.linalg import lu_factor
 
-        # The inside first, so that all blocks are slices.
-        order, inner = np.argsort(~elements.inner, kind="stable"), int(elements.inner.sum())
-        unknowns = elements.unknowns[:, order].astype(np.int32)
-        self._elements = elements
-        self._inner, self._outer = unknowns[:, :inner], unknowns[:, inner:]
-        # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
-        rim = nodal(np.eye(len(order)), axis=0)[np.ix_(order[inner:], order[inner:])].T
-
-        def condense(start: int) -> tuple[Array, Array, Array]:
-            matrix = elements.stiffness[start : start + BATCH].take(order, axis=1).take(order, axis=2)
-            mixed = slice(*np.searchsorted(elements.mixed, [start, start + BATCH]))
-            spread = elements.dilatation[mixed].take(order, axis=2)
-            matrix[elements.mixed[mixed] - start] += spread.transpose(0, 2, 1) @ (spread / bounded[mixed, None, None])
-            coupling = matrix[:, :inner, inner:] @ rim
-            inverse = np.linalg.inv(matrix[:, :inner, :inner]).astype(np.float64, copy=False)
-            eliminated = inverse @ coupling
-            outer = rim.T @ (matrix[:, inner:, inner:] @ rim) - coupling.transpose(0, 2, 1) @ eliminated
-            return inverse, eliminated, outer
-
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            parts = zip(*pool.map(condense, range(0, len(unknowns), BATCH)), strict=True)
-        condensed: Array
-        self._inverse, self._eliminated, condensed = (np.concatenate(part) for part in parts)
-
-        # One more stands for all that is fixed: it has a stiffness of its own and no other.
-        joined = np.minimum(self._outer, elements.shared)
-        own = np.einsum("eii->ei", condensed)
-        self._scale = 1 / np.sqrt(np.bincount(joined.ravel(), own.ravel(), elements.shared + 1))
-        self._scale[-1] = 0.0
-        condensed *= self._scale[joined][:, :, None] * self._scale[joined][:, None, :]
-        own[joined == elements.shared] = 1.0
-        rows, columns = np.broadcast_arrays(joined[:, :, None], joined[:, None, :])
-        shape = (elements.shared + 1,) * 2
-        assembled = coo_array((condensed.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-        self._factor = factorised(assembled.tocsc(), ordered=True)
+        self._seam = slice(elements.seam, elements.shared + 1)
+        members = [np.flatnonzero(elements.subdomain == number) for number in range(elements.subdomain.max() + 1)]
+        with ThreadPoolExecutor() as pool:
+            # In a thread, one alone would only lose the memory that the last one left.
+            every = pool.map if len(members) > 1 else map
+            self._subdomains = list(every(lambda own: _Subdomain(elements, own, bounded), members))
+        self._scale = 1 / np.sqrt(sum(each.springs for each in self._subdomains))
+        stiffness = sum(each.stiffness for each in self._subdomains) * np.outer(self._scale, self._scale)
+        self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
 
     def __call__(self, right: Array) -> Array:
-        elements, shared = self._elements, self._elements.shared
-        inside = right[self._inner]
-        local = elements._multiply(self._eliminated.transpose(0, 2, 1), inside)
-        left = right - np.bincount(self._outer.ravel(), local.ravel(), len(right))
+        """Displacements under forces, both (size + 1,), the last entry zero."""
+        from scipy.linalg import lu_solve
+
+        forward = [(each, *each.forward(right)) for each in self._subdomains]
+        forces = right[self._seam] + sum(each.held(found) for each, _, found in forward)
+        forces[-1] = 0.0
+        moved = self._scale * lu_solve(self._factors, self._scale * forces, check_finite=False)
         answer = np.zeros_like(right)
-        answer[: shared + 1] = self._scale * self._factor(self._scale * left[: shared + 1])
-        answer[self._inner] = elements._multiply(self._inverse, inside) - elements._multiply(
-            self._eliminated, answer[self._outer]
-        )
+        answer[self._seam] = moved
+        for each, load, found in forward:
+            each.back(right, load, found, moved, answer)
         return answer
+
+
+class _Subdomain:
+    """Elements on one side of the seam, condensed and factorised.
+
+    Without the others nothing need hold it, so springs do, along the seam, as stiff as its elements there are.
+
+    Attributes:
+        stiffness: against displacements of the seam, the last of which stands for all that is fixed.
+        springs: the diagonal of their stiffness.
+    """
+
+    def __init__(self, elements: Elements, members: Indices, bounded: Array) -> None:
+        unknowns, seam = elements.unknowns[members], elements.seam
+        self._inner = unknowns[:, elements.inner]
+        # One more stands for all that is fixed: it has a stiffness of its own and no other.
+        outer = np.minimum(unknowns[:, ~elements.inner], elements.shared)
+        alone = outer < seam
+        self._alone = slice(int(outer.min()), int(outer[alone].max()) + 1)
+        # Numbers in here: first of the unknowns that it has alone, then of the seam's.
+        self._count = self._alone.stop - self._alone.start
+        self._size = self._count + elements.shared + 1 - seam
+        self._outer = np.where(alone, outer - self._alone.start, outer - seam + self._count).astype(np.int32)
+        self._factorise(self._condense(elements, members, bounded))
+
+    def forward(self, right: Array) -> tuple[Array, Array]:
+        """Forces (size,) that do not act on the seam, those inside elements condensed, and displacements by them."""
+        inside = product(self._eliminated.transpose(0, 2, 1), right[self._inner])
+        load = np.zeros(self._size)
+        load[: self._count] = right[self._alone]
+        load -= np.bincount(self._outer.ravel(), inside.ravel(), self._size)
+        load[-1] = 0.0
+        return load, self._factors.solve(load)
+
+    def held(self, found: Array) -> Array:
+        """Forces that such displacements of the seam take, springs included."""
+        # Not by BLAS, which wakes threads.
+        forces: Array = np.einsum("ij,j->i", self._held, found[self._count :])
+        return forces
+
+    def back(self, right: Array, load: Array, found: Array, moved: Array, answer: Array) -> None:
+        """Fill in displacements, from what was found forward and those of the seam."""
+        found[self._count :] -= moved
+        push = self.held(found)
+        if push.any():
+            load[self._count :] -= push
+            found = self._factors.solve(load)
+        found[self._count :] = moved
+        answer[self._alone] = found[: self._count]
+        inside = product(self._inverse, right[self._inner]) - product(self._eliminated, found[self._outer])
+        answer[self._inner] = inside
+
+    def _condense(self, elements: Elements, members: Indices, bounded: Array) -> Array:
+        """Stiffness of each element against its rim."""
+        inner, outer = (np.flatnonzero(which) for which in (elements.inner, ~elements.inner))
+        pairs = ((inner, inner), (inner, outer), (outer, outer))
+        blocks = [rows[:, None] * len(elements.inner) + columns for rows, columns in pairs]
+        self._inverse, self._eliminated, condensed = (np.empty((len(members), *block.shape)) for block in blocks)
+        for batch in batches(len(members)):
+            matrix = elements.stiffness[members[batch]]
+            _, mixed, own = np.intersect1d(elements.mixed, members[batch], assume_unique=True, return_indices=True)
+            spread = elements.dilatation[mixed]
+            matrix[own] += spread.transpose(0, 2, 1) @ (spread / bounded[mixed, None, None])
+            # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
+            flat = nodal(nodal(matrix, axis=1), axis=2).reshape(len(matrix), -1)
+            inside, coupling, rim = (flat.take(block, axis=1) for block in blocks)
+            self._inverse[batch] = inverse = np.linalg.inv(inside)
+            self._eliminated[batch] = eliminated = inverse @ coupling
+            condensed[batch] = rim - coupling.transpose(0, 2, 1) @ eliminated
+        return condensed
+
+    def _factorise(self, condensed: Array) -> None:
+        from scipy.sparse import coo_array
+
+        fixed, seam = self._outer == self._size - 1, self._outer >= self._count
+        condensed[fixed] = 0.0
+        condensed.transpose(0, 2, 1)[fixed] = 0.0
+        diagonal = np.einsum("eii->ei", condensed)
+        diagonal[fixed] = 1.0
+        self.springs = np.bincount(self._outer[seam] - self._count, diagonal[seam])
+        diagonal[seam] *= 2
+        rows, columns = np.broadcast_arrays(self._outer[:, :, None], self._outer[:, None, :])
+        assembled = coo_array((condensed.ravel(), (rows.ravel(), columns.ravel())), shape=(self._size,) * 2)
+        self._factors = ordered_factors(assembled.tocsc())
+        self._held = np.diag(2 * self.springs)
+        if len(self._held) > 1:
+            # A half of a sensor hangs together without its seam, so that SuperLU leaves the seam last.
+            lower, upper = (part[self._count :, self._count :].toarray() for part in (self._factors.L, self._factors.U))
+            # A few rows at a time: for more BLAS wakes threads, and waits for them.
+            self._held = np.concatenate([lower[row : row + 4] @ upper for row in range(0, len(lower), 4)])
+        self.stiffness = self._held - np.diag(self.springs)

@@ -94,38 +94,41 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
     return gauss, weights / 2, shapes, slopes, tests
 
 
-def product(radial: Array, axial: Array) -> Array:
+def product(radial: Array, axial: Array, out: Array | None = None) -> Array:
     """Kronecker products of all radial with all axial matrices: (n_r, n_z, rows, columns)."""
     (_, a, b), (count, c, d) = radial.shape, axial.shape
     repeated = np.broadcast_to(axial[:, None, :, None], (count, a, c, b, d)).reshape(count, a * c, b * d)
-    products: Array = radial.repeat(c, 1).repeat(d, 2)[:, None] * repeated
+    products: Array = np.multiply(radial.repeat(c, 1).repeat(d, 2)[:, None], repeated, out=out)
     return products
 
 
-def stiffness(r: Line, z: Line, columns: Indices, rows: Indices, shear: float, lame: float) -> Array:
+def stiffness(
+    r: Line, z: Line, columns: Indices, rows: Indices, shear: float, lame: float, out: Array | None = None
+) -> Array:
     """Stiffness of the elements in `columns` x `rows`, per radian: (elements, 2 (p + 1)^2, the same).
 
     Unknowns of an element: radial displacement, then axial, each with the axial shape function running
     fastest; `differences` gives them. `shear` is the modulus G, `lame` the modulus λ of the dilatation
-    taken in full [Pa].
+    taken in full [Pa]. Written to `out` where that is given.
     """
-
     count = r.dofs.shape[1] ** 2
-    matrices = np.empty((len(columns), len(rows), 2, count, 2, count))
+    if out is None:
+        out = np.empty((len(columns) * len(rows), 2 * count, 2 * count))
+    matrices = out.reshape(len(columns), len(rows), 2, count, 2, count)
     rr, rz, zr, zz = (matrices[:, :, i, :, j] for i in (0, 1) for j in (0, 1))
 
-    def of(radial: Array, axial: Array) -> Array:
-        return product(radial[columns], axial[rows])
+    def of(radial: Array, axial: Array, out: Array | None = None) -> Array:
+        return product(radial[columns], axial[rows], out)
 
-    rr[:] = of(2 * shear * (r.slope_slope + r.hoop) + lame * r.dilatation_dilatation, z.value_value)
+    of(2 * shear * (r.slope_slope + r.hoop) + lame * r.dilatation_dilatation, z.value_value, rr)
     rr += of(shear * r.value_value, z.slope_slope)
-    zz[:] = of((2 * shear + lame) * r.value_value, z.slope_slope)
+    of((2 * shear + lame) * r.value_value, z.slope_slope, zz)
     zz += of(shear * r.slope_slope, z.value_value)
-    rz[:] = of(shear * r.slope_value.transpose(0, 2, 1), z.slope_value)
+    of(shear * r.slope_value.transpose(0, 2, 1), z.slope_value, rz)
     if lame:
         rz += of(lame * r.dilatation_value, z.slope_value.transpose(0, 2, 1))
     zr[:] = rz.swapaxes(2, 3)
-    return matrices.reshape(len(columns) * len(rows), 2 * count, 2 * count)
+    return out
 
 
 def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:

@@ -13,14 +13,15 @@ import importlib.util
 import os
 import sys
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from instrument.errors import EstimateError, UnknownName
 
@@ -84,21 +85,36 @@ class SymmetricSolver:
         return solution
 
 
-def factorised(scaled: sparse.csc_array, backend: str = "", ordered: bool = False) -> Factor:
+def factorised(scaled: sparse.csc_array, backend: str = "") -> Factor:
     """Solves with a symmetric positive definite matrix, shape (n, n), of unit diagonal.
-
-    Args:
-        ordered: its unknowns stand in a good order for elimination: SuperLU then needs no longer than PARDISO.
 
     Raises:
         UnknownName, EstimateError: as SymmetricSolver; of the matrix only that its factors do not fit.
     """
-    name = chosen("superlu" if ordered else backend)
+    name = chosen(backend)
+    with _fitting(scaled, name):
+        return BACKENDS[name](scaled)
+
+
+def ordered_factors(matrix: sparse.csc_array) -> SuperLU:
+    """Factors of a symmetric positive definite matrix whose unknowns stand in a good order for elimination.
+
+    SuperLU then needs no longer than PARDISO.
+
+    Raises:
+        EstimateError: they do not fit.
+    """
+    with _fitting(matrix, "superlu"):
+        return _factors(matrix, "NATURAL")
+
+
+@contextmanager
+def _fitting(matrix: sparse.csc_array, name: str) -> Iterator[None]:
     try:
-        return _superlu(scaled, "NATURAL") if ordered else BACKENDS[name](scaled)
+        yield
     except MemoryError:
         raise EstimateError(
-            f"the factors of {scaled.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
+            f"the factors of {matrix.shape[0]} unknowns do not fit into what {name!r} can hold; give a larger"
             " tolerance, or install the extra 'fast'"
         ) from None
 
@@ -122,8 +138,12 @@ def available() -> tuple[str, ...]:
     return tuple(name for name in BACKENDS if name != "pardiso" or installed)
 
 
-def _superlu(matrix: sparse.csc_array, order: Literal["NATURAL", "MMD_AT_PLUS_A"] = "MMD_AT_PLUS_A") -> Factor:
-    factors = splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+def _factors(matrix: sparse.csc_array, order: Literal["NATURAL", "MMD_AT_PLUS_A"]) -> SuperLU:
+    return splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def _superlu(matrix: sparse.csc_array) -> Factor:
+    factors = _factors(matrix, "MMD_AT_PLUS_A")
 
     def solve(load: Vector) -> Vector:
         return cast(Vector, factors.solve(load))

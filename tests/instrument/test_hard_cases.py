@@ -13,7 +13,7 @@ from scipy.sparse.linalg import cg
 
 from instrument.designs import get_design
 from instrument.errors import EstimateError
-from instrument.models import axisymmetric, beam, condensed, hetenyi, mesh, solid, springs, surface
+from instrument.models import axisymmetric, beam, hetenyi, mesh, refinement, solid, springs, surface
 from instrument.models.axisymmetric import solve, solve_on
 from instrument.models.beam import Stretch
 from instrument.models.parameter_sets import PHYSICAL
@@ -80,7 +80,7 @@ def test_a_foil_of_rubber_like_poisson_ratio_keeps_its_digits_with_a_bound_below
 ) -> None:
     foil = replace(FOIL, sensed_poisson=0.4999, ring_inner_radius=CASE_A.tooth_radius + 1e-6)
     assert solve_on(foil, 3, 3).imbalance < 1e-10
-    monkeypatch.setattr(condensed, "EASINGS", (1.0,))
+    monkeypatch.setattr(refinement, "EASINGS", (1.0,))
     with pytest.raises(EstimateError, match="residual"):
         solve_on(foil, 3, 3)
 

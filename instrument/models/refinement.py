@@ -1,0 +1,101 @@
+"""Solve for the displacements of finite elements, to the last digit.
+
+Nearly incompressible material keeps its pressure as an unknown: the factorised matrix has a bounded bulk
+modulus, and steps of iterative refinement on the displacement-pressure equations carry the answer to the
+true one, Poisson ratio 0.5 included. A high bound costs digits in the factorisation, and in a foil of 10 µm
+all of them; with a low one the steps creep where rubber is squeezed flat. So the bound is eased on demand.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.errors import EstimateError
+from instrument.models.condensed import Elements, Factorised, product
+from instrument.models.elements import nodal
+
+Array = NDArray[np.float64]
+
+RESIDUAL_GOAL, RESIDUAL_LIMIT = 1e-13, 1e-9
+STEPS = 20
+# What the bound is divided by, in turn.
+EASINGS = (1.0, 30.0, 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """Displacement (size + 1,), the last entry zero; forces on nodes (elements, n); residual over its terms."""
+
+    displacement: Array
+    internal: Array
+    residual: float
+
+
+def solve(elements: Elements, load: Array) -> Solved:
+    """Displacement and pressure under a load vector (size + 1,).
+
+    Raises:
+        EstimateError: the residual stays above 1e-9 of its terms.
+    """
+    tried: list[Solved] = []
+    before = None
+    for easing in EASINGS:
+        bounded = np.maximum(elements.compliance, easing * elements.bound)
+        if before is not None and np.array_equal(bounded, before):
+            continue
+        before = bounded
+        tried.append(_refine(elements, load, bounded))
+        if tried[-1].residual <= RESIDUAL_GOAL:
+            break
+    best = min(tried, key=lambda solved: solved.residual)
+    if not (best.residual <= RESIDUAL_LIMIT):
+        raise EstimateError(
+            f"finite elements: residual {best.residual:.1e} of its terms stays above {RESIDUAL_LIMIT:g};"
+            " bring moduli and dimensions closer together"
+        )
+    return best
+
+
+def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
+    """Steps of iterative refinement, as long as they gain a digit."""
+    solver = Factorised(elements, bounded)
+    # Displacements carry the digits that a double has no room for in a second one.
+    displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
+    pressure = np.zeros(elements.dilatation.shape[:2])
+    spread = elements.dilatation.transpose(0, 2, 1)
+    right, gap, best = load, np.zeros_like(pressure), math.inf
+    for step in range(STEPS):
+        change = solver(right)
+        moved = elements.strained(change, np.zeros_like(change))[elements.mixed]
+        pressure += (product(elements.dilatation, moved) + gap) / bounded[:, None]
+        total = displacement + change
+        kept = total - displacement
+        rest += (displacement - (total - kept)) + (change - kept)
+        displacement = total
+        strained = elements.strained(displacement, rest)
+        internal, terms = elements.internal_forces(strained, pressure)
+        gap = product(elements.dilatation, strained[elements.mixed])
+        gap -= elements.compliance[:, None] * pressure
+        gap_terms = product(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))
+        residual = max(_relative(load - elements.gather(internal), terms), _relative(gap, _norm(gap_terms)))
+        if step > 0 and residual > 0.1 * best:
+            break
+        best = residual
+        lacking = internal.copy()
+        lacking[elements.mixed] += product(spread, gap / bounded[:, None])
+        right = load - elements.gather(lacking)
+    return Solved(displacement, nodal(internal), residual)
+
+
+def _relative(remainder: Array, terms: float) -> float:
+    """Norm of what is left over that of the terms it is the sum of; 0 where there are none."""
+    return _norm(remainder) / terms if terms else 0.0
+
+
+def _norm(vector: Array) -> float:
+    # BLAS wakes threads for a norm, and waits for them longer than all else takes on a busy machine.
+    return math.sqrt(np.square(vector).sum())
