@@ -43,7 +43,7 @@ class Keyboard:
 @contextmanager
 def keyboard() -> Iterator[Pause]:
     """The keyboard where someone sits at it; else nobody."""
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():  # None: a service manager has closed it
         yield NOBODY
         return
     terminal = sys.stdin.fileno()

@@ -7,7 +7,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,7 +100,7 @@ def serve_until_told(wish: Wish, output: Output, shows_status: bool) -> None:
     with _ending(), serving(wish) as served, ExitStack() as stack:
         _announce(wish, served.description, output)
         look = stack.enter_context(_page(served)) if shows_status and output.for_people else _unseen
-        _attend(served, wish.step, look, sys.stdin.fileno())
+        _attend(served, wish.step, look, [sys.stdin.fileno()] if sys.stdin is not None else [])
 
 
 def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
@@ -127,19 +127,19 @@ def _announce(wish: Wish, description: BenchDescription, output: Output) -> None
     sys.stdout.flush()
 
 
-def _attend(served: Served, step: float | None, look: Callable[[], None], typed: int) -> None:
+def _attend(served: Served, step: float | None, look: Callable[[], None], typed: Sequence[int]) -> None:
     """Do what is typed, line by line, until "quit"; the end of the input ends nothing."""
     person = Person(served.sim)
     rest = b""
-    watched = [typed]
     try:
         while not served.failures:
-            if not select.select(watched, [], [], REFRESH)[0]:
+            ready, _, _ = select.select(typed, [], [], REFRESH)
+            if not ready:
                 look()
                 continue
-            chunk = os.read(typed, CHUNK)
+            chunk = os.read(ready[0], CHUNK)
             if not chunk:
-                watched = []
+                typed = []
             *lines, rest = (rest + chunk).split(b"\n")
             for line in lines:
                 text = line.decode(errors="replace").strip()

@@ -125,7 +125,7 @@ def _described(sample: Sample) -> str:
 def _ask(what: str) -> None:
     """Not click's prompt, to which Ctrl-C and the end of input are the same."""
     click.echo(f"{what}, then press Enter", err=True)
-    if not sys.stdin.readline():
+    if sys.stdin is None or not sys.stdin.readline():
         raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")
 
 

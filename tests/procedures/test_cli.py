@@ -228,8 +228,11 @@ def test_what_the_person_is_asked_is_seen_beside_the_progress_bar(
     assert "Mount sample 1" in seen[0]
 
 
-def test_nobody_at_the_console_ends_the_run(palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdin", StringIO(""))
+@pytest.mark.parametrize("console", [StringIO(""), None], ids=["empty", "closed"])
+def test_nobody_at_the_console_ends_the_run(
+    palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch, console: StringIO | None
+) -> None:
+    monkeypatch.setattr(sys, "stdin", console)
     said = palpate(*ONE_POINT, "--bench", lab)
     assert said.status == 1
     assert "run palpate in a terminal" in said.err
