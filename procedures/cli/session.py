@@ -21,7 +21,7 @@ from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import BenchError, UsageError
+from instrument.errors import BenchError, RecordError, UsageError
 from instrument.film_calibration import FilmCalibration
 from instrument.operator import Operator
 from instrument.quantity import show
@@ -172,7 +172,9 @@ def open_session(
         assert description is not None
         opening = stack.enter_context(ExitStack())
         opened = Bench(description, clock, operator)
-        log = None if choice.log is None else stack.enter_context(BusLog(opened, clock, choice.log, started))
+        log = None
+        if choice.log is not None:
+            log = stack.enter_context(_logging(BusLog(opened, clock, choice.log, started), folder))
         if replay is not None:
             replay.wire.attach(opened)
         opening.enter_context(opened)
@@ -222,6 +224,20 @@ def open_session(
                 remedy = "" if replay else f"; go on with: palpate runs resume {record.folder}"
                 error.add_note(f"points already taken are kept in {record.folder}{remedy}")
             raise
+
+
+@contextmanager
+def _logging(log: BusLog, folder: Path) -> Iterator[BusLog]:
+    """A log; where its end alone fails, the error says where the run is."""
+    ended = False
+    try:
+        with log:
+            yield log
+            ended = True
+    except RecordError as error:
+        if ended:
+            error.add_note(f"the run is kept in {folder}; look at it with palpate runs show")
+        raise
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from drivers.bench import Bench
 from drivers.bus_log import BusLog
 from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from instrument.errors import RecordError
+from procedures.run import Run
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import Palpate, Spoken
 
@@ -155,6 +156,19 @@ def test_what_is_no_log_is_named(palpate: Palpate, name: str, data: bytes | None
     if data is not None:
         Path(name).write_bytes(data)
     failed(palpate("bus", "show", name), status, name)
+
+
+@pytest.mark.slow  # a whole sweep
+def test_a_run_whose_log_ends_before_it_is_complete_and_named(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_writer: PcapngWriter, _packet: Packet) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PcapngWriter, "write", full)
+    said = palpate("sweep", "loads", "--samples", "1", "--loads", "2 N", "--log", "t.blf", "--out", "day")
+    failed(said, 1, "t.blf: the bus log is not whole: ", "the run is kept in day; look at it with palpate runs show")
+    assert Run.open(Path("day")).status == "complete"
 
 
 def test_a_log_that_ends_before_its_run_is_said_at_the_end(
