@@ -56,11 +56,11 @@ class Rig:
         self._changed_ns = 0
         self.changes = 0  # so often anything has changed
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
-        chain = self._chain()
+        self._settings: tuple[object, ...] = ()  # that the last chain is of
+        self._last = chain = self._chain()
         mode = chain.mode(Touch(contact=False, drag=(0,) * chain.plays))
         self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
         self._voltage = silence
-        self._last = chain
 
     # --- what can change -------------------------------------------------------------------------------
 
@@ -228,15 +228,15 @@ class Rig:
             self._paths.popleft()
 
     def _chain(self) -> Chain:
-        return chain_of(
-            self.scene,
-            self._mounted,
-            self._film_signals(),
-            self._leakage(),
-            self.position,
-            self._bridge_tau,
-            self._weight,
-        )
+        """Of the present settings; where they are as they were, the last one, which knows its modes."""
+        signals = self._film_signals()
+        settings = (self._mounted, self._leakage(), self.position, self._bridge_tau, self._weight)
+        matrices = tuple(matrix.tobytes() for matrix in (signals.a, signals.b, signals.c, signals.d))
+        if (settings, matrices) == self._settings:
+            return self._last
+        self._settings = settings, matrices
+        mounted, *others = settings
+        return chain_of(self.scene, mounted, signals, *others)
 
     def _film_signals(self) -> StateSpace:
         return film_signals(self.scene, self._mounted, self._streams, self._set_at_ns, self._ambient)

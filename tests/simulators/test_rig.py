@@ -250,15 +250,25 @@ def test_what_was_before_a_change_is_freed_without_the_garbage_collector() -> No
     rig = Rig(scene("charge_amplifier"), clock)
     clock.add(rig)
     pressed(rig, "2", BALANCE + 8e-3, 0.5)
-    before = weakref.ref(rig._last)
+    chain, path = weakref.ref(rig._last), weakref.ref(rig._paths[-1])
     gc.disable()
     try:
-        for voltage in (0.6, 0.7):
+        for number in (1, 2):
             clock.wait(20.0)  # longer than the cell remembers
-            rig.set_voltage(waveform("sine", voltage))
-        assert before() is None
+            rig.set_position(BALANCE + 8e-3 + number * 1e-4)
+        assert (chain(), path()) == (None, None)
     finally:
         gc.enable()
+
+
+def test_gains_scatter_anew_with_each_load_set_though_nothing_else_changes() -> None:
+    clock = VirtualClock()
+    rig = Rig(scene("gain_scatter"), clock)
+    pressed(rig, "2", BALANCE + 8e-3, 1.0)
+    gains = rig.transfer(10.0)
+    clock.wait(1.0)
+    rig.set_voltage(waveform("sine", 1.2))
+    assert (rig.transfer(10.0)[:2] != gains[:2]).all()
 
 
 def test_only_a_drive_that_drives_is_a_change() -> None:
