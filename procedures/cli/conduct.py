@@ -63,7 +63,7 @@ def refuse(procedure: Procedure[S, R], settings: S, target: Target, *, by_store:
         simulated = target.model is not None
         stored = check_store(*procedure.loads(settings), simulated, datetime.now(UTC).date())
         if not (stored or simulated):
-            return "no stored calibration tells these loads: on a real bench run palpate calibrate load-cell first"
+            return "no stored calibration of a real bench tells these loads: run palpate calibrate load-cell there"
     return ""
 
 
