@@ -92,7 +92,10 @@ class PriceList(Config):
             and price.answer_s is not None
             and (promise := price.promise(intervals)) is not None
         ]
-        where = f"design {design!r} and moduli of {show(low, 'Pa')} to {show(high, 'Pa')}"
+        moduli = (
+            f"a modulus of {show(low, 'Pa')}" if low == high else f"moduli of {show(low, 'Pa')} to {show(high, 'Pa')}"
+        )
+        where = f"design {design!r} and {moduli}"
         if not offers:
             raise RangeError(f"no price was measured for {where}; ask a finite-element model itself")
         good = [offer for offer in offers if offer[1] <= tolerance]

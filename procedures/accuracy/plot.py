@@ -26,7 +26,7 @@ def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
     references = {reference.design: reference for reference in prices.references if reference.design in designs}
     columns = min(2, len(references)) or 1
     rows = -(-len(references) // columns) or 1
-    figure = Figure(figsize=(6.4 * columns, 4.6 * rows), layout="constrained")
+    figure = Figure(figsize=(7.6 * columns, 4.6 * rows), layout="constrained")
     low, high = prices.moduli_Pa[INTERVAL : INTERVAL + 2]
     figure.suptitle(
         f"Greatest error of the force ratio for objects of {show(low, 'Pa', 3)} to {show(high, 'Pa', 3)}"
@@ -51,7 +51,7 @@ def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
             ylabel="error",
         )
         ax.grid(alpha=0.3)
-        ax.legend(fontsize=7)
+        ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     with storing(path):
         figure.savefig(path, dpi=120, metadata={"Software": None})
 

@@ -115,6 +115,7 @@ def test_the_reason_names_model_refinement_error_time_and_range() -> None:
     for part in ("surface (3)", "4.0e-04", "5 µs", "cheapest of 2", "0.02", "'single_round'", "20 kPa", "90 kPa"):
         assert part in why
     assert "\n" not in why
+    assert LIST.choose(ROUND.name, 2e4, 2e4, 0.02).why.endswith("and a modulus of 20 kPa")
 
 
 def test_a_tolerance_that_no_model_meets_is_refused_with_the_best_there_is() -> None:
