@@ -186,7 +186,7 @@ def assemble(
 ) -> Elements:
     """Element matrices of all bodies, per radian."""
     numbering: Numbering = number(parameters, mesh, r, z, bodies)
-    stiffness = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:]))
+    stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
     mixed: list[int] = []
     pairs = r.dilatation.shape[1] ** 2
     dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
@@ -197,7 +197,7 @@ def assemble(
         shear = part.body.modulus / (2 * (1 + nu))
         keeps_pressure = nu >= mixed_poisson
         lame = 0.0 if keeps_pressure else 2 * shear * nu / (1 - 2 * nu)
-        el.stiffness(r, z, part.columns, part.rows, shear, lame, out=stiffness[part.elements])
+        fill(part.columns, part.rows, shear, lame, out=stiffness[part.elements])
         if keeps_pressure:
             dilatation.append(el.dilatation(r, z, part.columns, part.rows))
             count = len(dilatation[-1])

@@ -70,7 +70,7 @@ class Elements:
     def gather(self, forces: Array) -> Array:
         """Sum of element forces on nodes, (size + 1,), its last entry zero."""
         total: Array = np.bincount(
-            self.unknowns.ravel(), weights=nodal(forces).ravel(), minlength=self.size + 1
+            self.unknowns.ravel(), weights=nodal(forces.copy()).ravel(), minlength=self.size + 1
         ).astype(np.float64)
         total[self.size] = 0.0
         return total
@@ -180,7 +180,7 @@ class _Subdomain:
             spread = elements.dilatation[mixed]
             matrix[own] += spread.transpose(0, 2, 1) @ (spread / bounded[mixed, None, None])
             # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
-            flat = nodal(nodal(matrix, axis=1), axis=2).reshape(len(matrix), -1)
+            flat = nodal(matrix).reshape(len(matrix), -1)
             inside, coupling, rim = (flat.take(block, axis=1) for block in blocks)
             self._inverse[batch] = inverse = np.linalg.inv(inside)
             self._eliminated[batch] = eliminated = inverse @ coupling

@@ -94,41 +94,59 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
     return gauss, weights / 2, shapes, slopes, tests
 
 
-def product(radial: Array, axial: Array, out: Array | None = None) -> Array:
+def product(radial: Array, axial: Array) -> Array:
     """Kronecker products of all radial with all axial matrices: (n_r, n_z, rows, columns)."""
-    (_, a, b), (count, c, d) = radial.shape, axial.shape
-    repeated = np.broadcast_to(axial[:, None, :, None], (count, a, c, b, d)).reshape(count, a * c, b * d)
-    products: Array = np.multiply(radial.repeat(c, 1).repeat(d, 2)[:, None], repeated, out=out)
+    products: Array = spread(radial, axial)[:, None] * tiled(axial, radial)
     return products
 
 
-def stiffness(
-    r: Line, z: Line, columns: Indices, rows: Indices, shear: float, lame: float, out: Array | None = None
-) -> Array:
-    """Stiffness of the elements in `columns` x `rows`, per radian: (elements, 2 (p + 1)^2, the same).
+def spread(matrices: Array, others: Array) -> Array:
+    """First factor of a Kronecker product with matrices of the others' shape, as large as the product."""
+    _, rows, columns = others.shape
+    return matrices.repeat(rows, 1).repeat(columns, 2)
+
+
+def tiled(matrices: Array, others: Array) -> Array:
+    """Second factor of a Kronecker product, as large as the product."""
+    return np.tile(matrices, (1, *others.shape[1:]))
+
+
+class Stiffness:
+    """Stiffness of elements on the grid of two lines, per radian.
 
     Unknowns of an element: radial displacement, then axial, each with the axial shape function running
-    fastest; `differences` gives them. `shear` is the modulus G, `lame` the modulus λ of the dilatation
-    taken in full [Pa]. Written to `out` where that is given.
+    fastest; `differences` gives them.
     """
-    count = r.dofs.shape[1] ** 2
-    if out is None:
-        out = np.empty((len(columns) * len(rows), 2 * count, 2 * count))
-    matrices = out.reshape(len(columns), len(rows), 2, count, 2, count)
-    rr, rz, zr, zz = (matrices[:, :, i, :, j] for i in (0, 1) for j in (0, 1))
 
-    def of(radial: Array, axial: Array, out: Array | None = None) -> Array:
-        return product(radial[columns], axial[rows], out)
+    def __init__(self, r: Line, z: Line) -> None:
+        # Spread and tiled once for all bodies: on coarse grids that takes longer than the products.
+        radial = [r.slope_slope + r.hoop, r.value_value, r.slope_slope, r.slope_value.transpose(0, 2, 1)]
+        radial += [r.dilatation_dilatation, r.dilatation_value]
+        axial = [z.value_value, z.slope_slope, z.slope_value, z.slope_value.transpose(0, 2, 1)]
+        self._radial = [spread(factor, z.value_value)[:, None] for factor in radial]
+        self._axial = [tiled(factor, r.value_value) for factor in axial]
 
-    of(2 * shear * (r.slope_slope + r.hoop) + lame * r.dilatation_dilatation, z.value_value, rr)
-    rr += of(shear * r.value_value, z.slope_slope)
-    of((2 * shear + lame) * r.value_value, z.slope_slope, zz)
-    zz += of(shear * r.slope_slope, z.value_value)
-    of(shear * r.slope_value.transpose(0, 2, 1), z.slope_value, rz)
-    if lame:
-        rz += of(lame * r.dilatation_value, z.slope_value.transpose(0, 2, 1))
-    zr[:] = rz.swapaxes(2, 3)
-    return out
+    def __call__(self, columns: Indices, rows: Indices, shear: float, lame: float, out: Array | None = None) -> Array:
+        """Of the elements in `columns` x `rows`: (elements, 2 (p + 1)^2, the same), in `out` where that is given.
+
+        `shear` is the modulus G, `lame` the modulus λ of the dilatation taken in full [Pa].
+        """
+        hoop_slope, value, slope, value_slope, dilatation, dilatation_value = (of[columns] for of in self._radial)
+        z_value, z_slope, z_slope_value, z_value_slope = (of[rows] for of in self._axial)
+        count = z_value.shape[1]
+        if out is None:
+            out = np.empty((len(columns) * len(rows), 2 * count, 2 * count))
+        matrices = out.reshape(len(columns), len(rows), 2, count, 2, count)
+        rr, rz, zr, zz = (matrices[:, :, i, :, j] for i in (0, 1) for j in (0, 1))
+        np.multiply(2 * shear * hoop_slope + lame * dilatation, z_value, out=rr)
+        rr += shear * value * z_slope
+        np.multiply((2 * shear + lame) * value, z_slope, out=zz)
+        zz += shear * slope * z_value
+        np.multiply(shear * value_slope, z_slope_value, out=rz)
+        if lame:
+            rz += lame * dilatation_value * z_value_slope
+        zr[:] = rz.swapaxes(2, 3)
+        return out
 
 
 def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
@@ -154,14 +172,18 @@ def differences(nodal: Array, rest: Array) -> Array:
     return (value + small).reshape(nodal.shape)
 
 
-def nodal(forces: Array, axis: int = 1) -> Array:
-    """Forces on nodes, from those on the unknowns of the element matrices, 2 (p + 1)^2 of them along `axis`."""
-    shapes = math.isqrt(forces.shape[axis] // 2)
-    moved = np.array(forces, order="C")
-    view = moved.reshape(2 * math.prod(forces.shape[:axis]), shapes, shapes, -1)
-    view[:, :, 0] -= view[:, :, 1]
-    view[:, 0] -= view[:, 1]
-    return moved
+def nodal(forces: Array) -> Array:
+    """Forces on nodes, in place, from those on the unknowns of the element matrices, (elements, n).
+
+    Of a stiffness, (elements, n, n), along both axes.
+    """
+    shapes = math.isqrt(forces.shape[1] // 2)
+    view = forces.reshape(len(forces), *(forces.ndim - 1) * (2, shapes, shapes))
+    for axis in range(1, view.ndim, 3):
+        for shape in (axis + 2, axis + 1):
+            first, second = (view[(slice(None),) * shape + (index,)] for index in (0, 1))
+            first -= second
+    return forces
 
 
 def shape_functions(degree: int, points: Array) -> tuple[Array, Array]:

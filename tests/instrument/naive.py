@@ -71,7 +71,7 @@ def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[El
     grid = mesh.grid(parameters, layers)
     lines = [elements.line(at, degree, radial) for at, radial in ((grid.radii, True), (grid.heights, False))]
     found = axisymmetric.assemble(parameters, grid, *lines, numbering.parts(grid), mixed_poisson=math.inf)
-    local = elements.nodal(elements.nodal(found.stiffness, axis=1), axis=2)
+    local = elements.nodal(found.stiffness.copy())
     count = found.unknowns.shape[1]
     rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()
     free = (rows < found.size) & (columns < found.size)
