@@ -34,6 +34,20 @@ BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
 class _SerialClient(ModbusSerialClient):
     """pymodbus' serial client, which sleeps in steps of 1 ms to see whether a reply has come, woken by it."""
 
+    def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
+        """What has come unasked is thrown away. Once the system has taken the request there is nothing to wait for."""
+        line = self.socket
+        if not line:
+            raise ConnectionException(str(self))
+        try:
+            if late := line.in_waiting:
+                line.read(late)
+            sent = os.write(line.fileno(), request)
+            return sent if sent == len(request) else sent + (line.write(request[sent:]) or 0)
+        except OSError:
+            self.close()  # type: ignore[no-untyped-call]
+            raise ConnectionException(str(self)) from None
+
     def recv(self, size: int | None) -> bytes:
         """What has come, once anything has; nothing after the time-out. A reply in pieces is put together above."""
         line = self.socket
