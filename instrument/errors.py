@@ -48,12 +48,16 @@ class RangeError(UsageError, ValueError):
     pass
 
 
+MOST_LISTED = 60  # names in a message; a store holds thousands of runs
+
+
 class UnknownName(UsageError, LookupError):
     """No such thing; the message lists the valid names and the nearest one."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         names = sorted(valid)
-        listed = f"valid: {', '.join(names)}" if names else "there is none yet"
+        more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
+        listed = f"valid: {', '.join(names[:MOST_LISTED] + more)}" if names else "there is none yet"
         super().__init__(f"unknown {kind} {str(name)!r}{nearest(str(name), names)}; {listed}")
 
 

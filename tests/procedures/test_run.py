@@ -222,6 +222,12 @@ def test_a_run_is_found_by_path_and_by_name(tmp_path: Path) -> None:
         find_run("20250314T150926Z-swep", tmp_path / "store")
 
 
+def test_of_very_many_names_a_message_lists_some_and_the_nearest() -> None:
+    message = str(UnknownName("run", "day0500 ", (f"day{number:04}" for number in range(1000))))
+    assert message.startswith("unknown run 'day0500 ' (did you mean 'day0500'?); valid: day0000, day0001, ")
+    assert message.endswith(", day0059, and 940 more")
+
+
 def test_the_table_says_in_each_row_whether_it_is_simulated(tmp_path: Path) -> None:
     table = finished(tmp_path).table()
     assert list(table.columns) == ["id", "bench_ns", "simulated", "force_ratio", "load_N"]
