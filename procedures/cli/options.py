@@ -31,7 +31,7 @@ class Command(click.Command):
         given, _, _ = parser.parse_args(list(args))
         for option in single:
             values = [repr(value) for value in given.get(option.name, ())]
-            if len(values) > 1:
+            if len(values) > 1 and not ctx.resilient_parsing:  # as a shell does that completes a line
                 name = max(option.opts, key=len)
                 raise UsageError(f"{name} is given {len(values)} times, as {' and '.join(values)}; give it once")
         return super().parse_args(ctx, args)

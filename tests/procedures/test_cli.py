@@ -68,6 +68,8 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused_by_every_command(
                 name = option.opts[0]
                 with pytest.raises(UsageError, match=f"^{name} is given 2 times, as '1 s' and '2 s'; give it once$"):
                     command.parse_args(click.Context(command), [name, "1 s", f"{name}=2 s"])
+    loads = root.commands["sweep"].commands["loads"]  # type: ignore[attr-defined]
+    loads.parse_args(click.Context(loads, resilient_parsing=True), 2 * ["--dwell", "1 s"])  # a shell that completes
     said = palpate("sweep", "loads", "--dwell", "1 s", "--dwell", "2 s")
     assert (said.status, said.complaint) == (2, "--dwell is given 2 times, as '1 s' and '2 s'; give it once")
 
