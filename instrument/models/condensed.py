@@ -95,10 +95,9 @@ class Factorised:
 
         self._seam = slice(elements.seam, elements.shared + 1)
         members = [np.flatnonzero(elements.subdomain == number) for number in range(elements.subdomain.max() + 1)]
-        with ThreadPoolExecutor() as pool:
-            # In a thread, one alone would only lose the memory that the last one left.
-            every = pool.map if len(members) > 1 else map
-            self._subdomains = list(every(lambda own: _Subdomain(elements, own, bounded), members))
+        # In a thread, one alone would only lose the memory that the last one left.
+        self._each = ThreadPoolExecutor(len(members)).map if len(members) > 1 else map
+        self._subdomains = list(self._each(lambda own: _Subdomain(elements, own, bounded), members))
         self._scale = 1 / np.sqrt(sum(each.springs for each in self._subdomains))
         stiffness = sum(each.stiffness for each in self._subdomains) * np.outer(self._scale, self._scale)
         self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
@@ -107,14 +106,13 @@ class Factorised:
         """Displacements under forces, both (size + 1,), the last entry zero."""
         from scipy.linalg import lu_solve
 
-        forward = [(each, *each.forward(right)) for each in self._subdomains]
+        forward = list(self._each(lambda each: (each, *each.forward(right)), self._subdomains))
         forces = right[self._seam] + sum(each.held(found) for each, _, found in forward)
         forces[-1] = 0.0
         moved = self._scale * lu_solve(self._factors, self._scale * forces, check_finite=False)
         answer = np.zeros_like(right)
         answer[self._seam] = moved
-        for each, load, found in forward:
-            each.back(right, load, found, moved, answer)
+        list(self._each(lambda done: done[0].back(right, *done[1:], moved, answer), forward))
         return answer
 
 
@@ -152,8 +150,7 @@ class _Subdomain:
 
     def held(self, found: Array) -> Array:
         """Forces that such displacements of the seam take, springs included."""
-        # Not by BLAS, which wakes threads.
-        forces: Array = np.einsum("ij,j->i", self._held, found[self._count :])
+        forces: Array = self._held @ found[self._count :]
         return forces
 
     def back(self, right: Array, load: Array, found: Array, moved: Array, answer: Array) -> None:
@@ -204,6 +201,5 @@ class _Subdomain:
         if len(self._held) > 1:
             # A half of a sensor hangs together without its seam, so that SuperLU leaves the seam last.
             lower, upper = (part[self._count :, self._count :].toarray() for part in (self._factors.L, self._factors.U))
-            # A few rows at a time: for more BLAS wakes threads, and waits for them.
-            self._held = np.concatenate([lower[row : row + 4] @ upper for row in range(0, len(lower), 4)])
+            self._held = lower @ upper
         self.stiffness = self._held - np.diag(self.springs)

@@ -8,11 +8,13 @@ all of them; with a low one the steps creep where rubber is squeezed flat. So th
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from instrument.errors import EstimateError
 from instrument.models.condensed import Elements, Factorised, product
@@ -41,6 +43,19 @@ def solve(elements: Elements, load: Array) -> Solved:
     Raises:
         EstimateError: the residual stays above 1e-9 of its terms.
     """
+    if not elements.subdomain.any():
+        return _eased(elements, load)
+    # Its threads, which spin for more work, would take the cores from those of the subdomains.
+    with _blas().limit(limits=1, user_api="blas"):
+        return _eased(elements, load)
+
+
+@functools.cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _eased(elements: Elements, load: Array) -> Solved:
     tried: list[Solved] = []
     before = None
     for easing in EASINGS:

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from instrument.designs import get_design
 from instrument.errors import RangeError, UnknownName
-from instrument.models import axisymmetric, elements
+from instrument.models import axisymmetric, elements, numbering
 from instrument.models.axisymmetric import AxisymmetricSolution, solve, solve_on, solve_to
 from instrument.models.parameter_sets import IDENTIFIED_ROUND
 from instrument.models.parameters import RoundParameters, round_parameters
@@ -168,6 +168,25 @@ def test_the_unknowns_stand_in_an_order_that_fills_the_factors_no_more_than_supe
         for order in ("NATURAL", "MMD_AT_PLUS_A")
     }
     assert shared.nnz < filled["NATURAL"] < filled["MMD_AT_PLUS_A"]
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        replace(CASE_A, support="rigid", interface="frictionless"),
+        replace(CASE_A, sensed_poisson=0.5, compliant_poisson=0.5),
+        replace(CASE_A, sensed_modulus=140e9, sensed_thickness=1e-5),
+    ],
+    ids=["rigid support", "incompressible", "foil"],
+)
+def test_two_halves_factorised_apart_give_the_answer_of_the_whole(
+    sensor: RoundParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = solve_on(sensor, 3, 1)
+    monkeypatch.setattr(numbering, "WHOLE", 0)
+    halves = solve_on(sensor, 3, 1)
+    assert halves.force_ratio == pytest.approx(whole.force_ratio, abs=axisymmetric.ROUND_OFF)
+    assert max(whole.residual, halves.residual) < 1e-15
 
 
 def test_displacements_are_sampled_over_every_body() -> None:
