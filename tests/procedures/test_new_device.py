@@ -46,7 +46,8 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def conform(pytester: pytest.Pytester, test: Path, *choice: str) -> pytest.RunResult:
     """One file of tests, in this process, with the fixtures of all."""
-    options = ("--disable-plugin-autoload", "--import-mode=importlib", "-p", "tests.conftest")
+    alone = pytester.makefile(".ini", pytest="")  # else a project's in a folder above, such as one that $TMPDIR lies in
+    options = ("--disable-plugin-autoload", "--import-mode=importlib", "-p", "tests.conftest", "-c", str(alone))
     return pytester.runpytest_inprocess(*options, *choice, str(test))
 
 

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 def run(pytester: pytest.Pytester, test: str, *options: str) -> pytest.RunResult:
     """One file of tests, in this process."""
     pytester.makepyfile(f"import pytest\n{test}")
+    pytester.makefile(".ini", pytest="")  # else a project's in a folder above, such as one that $TMPDIR lies in
     return pytester.runpytest_inprocess(*ALONE, *options)
 
 
