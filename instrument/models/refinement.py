@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 RESIDUAL_GOAL, RESIDUAL_LIMIT = 1e-13, 1e-9
 STEPS = 20
+SETTLED = 1e-10  # of the displacement: the step after one so small is as much smaller, and rounding
 # What the bound is divided by, in turn.
 EASINGS = (1.0, 30.0, 1000.0)
 
@@ -76,7 +77,10 @@ def _eased(elements: Elements, load: Array) -> Solved:
 
 
 def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
-    """Steps of iterative refinement, as long as they gain a digit."""
+    """Steps of iterative refinement, as long as they gain a digit, until they no longer move anything.
+
+    The residual alone does not tell the last: beside rubber it is down to rounding while a foil still moves.
+    """
     solver = Factorised(elements, bounded)
     # Displacements carry the digits that a double has no room for in a second one.
     displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
@@ -97,7 +101,7 @@ def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
         gap -= elements.compliance[:, None] * pressure
         gap_terms = product(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))
         residual = max(_relative(load - elements.gather(internal), terms), _relative(gap, _norm(gap_terms)))
-        if step > 0 and residual > 0.1 * best:
+        if step > 0 and (residual > 0.1 * best or _norm(change) <= SETTLED * _norm(displacement)):
             break
         best = residual
         lacking = internal.copy()
