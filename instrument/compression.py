@@ -70,7 +70,7 @@ class Compression:
     thickness: Propagated
     compliance: Propagated
     linearity: float
-    energy_loss: float
+    energy_loss: Propagated
     points: tuple[CompressionPoint, ...]
 
 
@@ -140,6 +140,12 @@ def compress(
     points = tuple(step(name, index) for name, line in lines.items() for index in range(len(line.loads)))
     up = lines[LOADING]
     last = int(np.argmax(up.positions))
+    loads = [
+        Input(f"{name} load {index}", float(load), line.scatter, line.degrees_of_freedom, "A")
+        for name, line in lines.items()
+        for index, load in enumerate(line.loads)
+    ]
+    each = [up.shares(index, f"{LOADING} load {index}") for index in range(len(up.loads))]
     furthest = Input("load", float(up.loads[last]), up.scatter, up.degrees_of_freedom, "A")
     return Compression(
         tangent=found("tangent modulus", "Pa", lambda v: pad.modulus(v, LOADING)),
@@ -154,7 +160,14 @@ def compress(
         thickness=found("thickness", "m", pad.thickness),
         compliance=found("compliance of the bench", "m/N", pad.compliance),
         linearity=up.deviation / float(np.ptp(up.loads)),
-        energy_loss=1 - _work(points, UNLOADING) / _work(points, LOADING),
+        energy_loss=found(
+            "energy loss",
+            "1",
+            lambda v: 1 - pad.work(v, lines[UNLOADING]) / pad.work(v, up),
+            *loads,
+            method=LINEAR,
+            shared={pair: value for shares in each for pair, value in shares.items()},
+        ),
         points=points,
     )
 
@@ -192,9 +205,12 @@ class _Pad:
     def secant(self, v: Values, position: float) -> Floats:
         return self.stress(v) / self.strain(v, position)
 
-
-def _work(points: tuple[CompressionPoint, ...], direction: str) -> float:
-    """Of one way, by volume: trapezoids from no strain on [J/m3]."""
-    way = sorted((p.strain, p.stress_Pa) for p in points if p.direction == direction)
-    strain, stress = np.array([(0.0, 0.0), *way]).T
-    return float(np.trapezoid(stress, strain))
+    def work(self, v: Values, line: LoadLine) -> Floats:
+        """Of one way, by volume: trapezoids from no strain on [J/m3]."""
+        stress, strain = [np.zeros_like(v["zero"])], [np.zeros_like(v["zero"])]
+        for index in np.argsort(line.positions):
+            at = {**v, "load": v[f"{line.name} load {index}"]}
+            stress.append(self.stress(at))
+            strain.append(self.strain(at, float(line.positions[index])))
+        work: Floats = np.trapezoid(np.array(stress), np.array(strain), axis=0)
+        return work

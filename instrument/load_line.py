@@ -90,12 +90,12 @@ class LoadLine:
     def position(self) -> float:
         return float(self.positions.mean())
 
-    def shares(self, index: int) -> Correlations:
-        """Correlations of the error of a load with those of the line, of which it is one point in n."""
+    def shares(self, index: int, load: str = "load") -> Correlations:
+        """Correlations of the error of a load, under that name, with those of the line: it is one point of n."""
         away = self.positions - self.positions.mean()
         return {
-            ("load", f"{self.name} mean"): 1 / math.sqrt(len(away)),
-            ("load", f"{self.name} slope"): float(away[index] / np.linalg.norm(away)),
+            (load, f"{self.name} mean"): 1 / math.sqrt(len(away)),
+            (load, f"{self.name} slope"): float(away[index] / np.linalg.norm(away)),
         }
 
     def inputs(self) -> tuple[Input, Input]:

@@ -71,7 +71,8 @@ class ModulusResult:
         return {
             **public,
             "linearity": self.compression.linearity,
-            "energy_loss": self.compression.energy_loss,
+            "energy_loss": self.compression.energy_loss.value,
+            "energy_loss_u": self.compression.energy_loss.u,
             "thesis_modulus_Pa": self.sample.modulus,
         }
 
