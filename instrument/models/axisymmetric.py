@@ -30,7 +30,7 @@ from instrument.models.refinement import solve as solve_elements
 
 Array = NDArray[np.float64]
 
-# The last takes seconds and is good to 1e-7; finer meshes are for references.
+# The last takes a second and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
 # From this Poisson ratio on, a body keeps its pressure as an unknown.
 MIXED_POISSON = 0.4
