@@ -8,8 +8,9 @@ What is left of it is its stiffness against the seam, small and dense; both add 
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from instrument.models.linear_solver import ordered_factors
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Each = Callable[..., Iterable[Any]]
 
 BATCH = 32  # elements that are worked on in one go; more of them leave the cache
 
@@ -88,26 +90,29 @@ def batches(count: int) -> list[slice]:
 
 
 class Factorised:
-    """The factorised stiffness, with bounded bulk moduli."""
+    """The factorised stiffness, with bounded bulk moduli.
 
-    def __init__(self, elements: Elements, bounded: Array) -> None:
+    Args:
+        each: works on all subdomains, `map` or threads at once.
+    """
+
+    def __init__(self, elements: Elements, bounded: Array, each: Each) -> None:
         from scipy.linalg import lu_factor
 
         self._seam = slice(elements.seam, elements.shared + 1)
         members = [np.flatnonzero(elements.subdomain == number) for number in range(elements.subdomain.max() + 1)]
-        # In a thread, one alone would only lose the memory that the last one left.
-        self._each = ThreadPoolExecutor(len(members)).map if len(members) > 1 else map
-        self._subdomains = list(self._each(lambda own: _Subdomain(elements, own, bounded), members))
-        self._scale = 1 / np.sqrt(sum(each.springs for each in self._subdomains))
-        stiffness = sum(each.stiffness for each in self._subdomains) * np.outer(self._scale, self._scale)
+        self._each = each
+        self._subdomains = list(each(lambda own: _Subdomain(elements, own, bounded), members))
+        self._scale = 1 / np.sqrt(sum(part.springs for part in self._subdomains))
+        stiffness = sum(part.stiffness for part in self._subdomains) * np.outer(self._scale, self._scale)
         self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
 
     def __call__(self, right: Array) -> Array:
         """Displacements under forces, both (size + 1,), the last entry zero."""
         from scipy.linalg import lu_solve
 
-        forward = list(self._each(lambda each: (each, *each.forward(right)), self._subdomains))
-        forces = right[self._seam] + sum(each.held(found) for each, _, found in forward)
+        forward = list(self._each(lambda part: (part, *part.forward(right)), self._subdomains))
+        forces = right[self._seam] + sum(part.held(found) for part, _, found in forward)
         forces[-1] = 0.0
         moved = self._scale * lu_solve(self._factors, self._scale * forces, check_finite=False)
         answer = np.zeros_like(right)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from instrument.errors import EstimateError
-from instrument.models.condensed import Elements, Factorised, product
+from instrument.models.condensed import Each, Elements, Factorised, product
 from instrument.models.elements import nodal
 
 Array = NDArray[np.float64]
@@ -44,11 +45,12 @@ def solve(elements: Elements, load: Array) -> Solved:
     Raises:
         EstimateError: the residual stays above 1e-9 of its terms.
     """
-    if not elements.subdomain.any():
-        return _eased(elements, load)
-    # Its threads, which spin for more work, would take the cores from those of the subdomains.
-    with _blas().limit(limits=1, user_api="blas"):
-        return _eased(elements, load)
+    threads = int(elements.subdomain.max()) + 1
+    if threads == 1:  # another thread would only lose the memory that the last solution left
+        return _eased(elements, load, map)
+    # The threads of BLAS, which spin for more work, would take the cores from these.
+    with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
+        return _eased(elements, load, pool.map)
 
 
 @functools.cache
@@ -56,7 +58,7 @@ def _blas() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _eased(elements: Elements, load: Array) -> Solved:
+def _eased(elements: Elements, load: Array, each: Each) -> Solved:
     tried: list[Solved] = []
     before = None
     for easing in EASINGS:
@@ -64,7 +66,7 @@ def _eased(elements: Elements, load: Array) -> Solved:
         if before is not None and np.array_equal(bounded, before):
             continue
         before = bounded
-        tried.append(_refine(elements, load, bounded))
+        tried.append(_refine(elements, load, bounded, each))
         if tried[-1].residual <= RESIDUAL_GOAL:
             break
     best = min(tried, key=lambda solved: solved.residual)
@@ -76,12 +78,12 @@ def _eased(elements: Elements, load: Array) -> Solved:
     return best
 
 
-def _refine(elements: Elements, load: Array, bounded: Array) -> Solved:
+def _refine(elements: Elements, load: Array, bounded: Array, each: Each) -> Solved:
     """Steps of iterative refinement, as long as they gain a digit, until they no longer move anything.
 
     The residual alone does not tell the last: beside rubber it is down to rounding while a foil still moves.
     """
-    solver = Factorised(elements, bounded)
+    solver = Factorised(elements, bounded, each)
     # Displacements carry the digits that a double has no room for in a second one.
     displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
     pressure = np.zeros(elements.dilatation.shape[:2])
