@@ -30,7 +30,7 @@ def print_modulus(result: ModulusResult, outcome: dict[str, Any], plot: Path) ->
             "no" if p.extrapolated else "yes", f"{p.strain:.4f}", f"{p.strain_u:.4f}", f"{1e-3 * p.stress_Pa:.2f}",
             f"{1e-3 * p.stress_u:.2f}", f"{1e-3 * p.secant_modulus_Pa:.1f}", f"{1e-3 * p.secant_modulus_u:.1f}",
         )  # fmt: skip
-    thesis = _thesis(sample.name)
+    thesis, loss = _thesis(sample.name), c.energy_loss
     print_all(
         steps,
         *(() if thesis is None else (_printed(thesis),)),
@@ -40,7 +40,7 @@ def print_modulus(result: ModulusResult, outcome: dict[str, Any], plot: Path) ->
         f"thickness          {_value(c.thickness)}, by the contacts on pad and bare support",
         f"bench              yields {1e3 * c.compliance.value:.4f} mm/N, u = {1e3 * c.compliance.u:.4f}, corrected",
         f"linearity          {100 * c.linearity:.2f} % of the span",
-        f"energy loss        {100 * c.energy_loss.value:.1f} % of the work of loading, u = {100 * c.energy_loss.u:.2g}",
+        f"energy loss        {100 * loss.value:.1f} % of the work of loading, u = {100 * loss.u:.2g} %",
         *(() if thesis is None else (f"Table {thesis.number}: {thesis.doubt}",)),
         *where(outcome, plot),
     )
