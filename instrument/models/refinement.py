@@ -10,8 +10,11 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +52,15 @@ def solve(elements: Elements, load: Array) -> Solved:
     if threads == 1:  # another thread would only lose the memory that the last solution left
         return _eased(elements, load, map)
     # The threads of BLAS, which spin for more work, would take the cores from these.
-    with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
-        return _eased(elements, load, pool.map)
+    with _blas().limit(limits=1, user_api="blas"), ExitStack() as stack:
+        pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(threads)]
+
+        def each(work: Callable[[Any], Any], subdomains: Sequence[Any]) -> list[Any]:
+            # A subdomain stays with its thread: SuperLU gives memory back in the thread alone that took it.
+            begun = [pool.submit(work, one) for pool, one in zip(pools, subdomains, strict=True)]
+            return [one.result() for one in begun]
+
+        return _eased(elements, load, each)
 
 
 @functools.cache
@@ -66,7 +76,8 @@ def _eased(elements: Elements, load: Array, each: Each) -> Solved:
         if before is not None and np.array_equal(bounded, before):
             continue
         before = bounded
-        tried.append(_refine(elements, load, bounded, each))
+        with closing(Factorised(elements, bounded, each)) as solver:
+            tried.append(_refine(elements, load, bounded, solver))
         if tried[-1].residual <= RESIDUAL_GOAL:
             break
     best = min(tried, key=lambda solved: solved.residual)
@@ -78,12 +89,11 @@ def _eased(elements: Elements, load: Array, each: Each) -> Solved:
     return best
 
 
-def _refine(elements: Elements, load: Array, bounded: Array, each: Each) -> Solved:
+def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised) -> Solved:
     """Steps of iterative refinement, as long as they gain a digit, until they no longer move anything.
 
     The residual alone does not tell the last: beside rubber it is down to rounding while a foil still moves.
     """
-    solver = Factorised(elements, bounded, each)
     # Displacements carry the digits that a double has no room for in a second one.
     displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
     pressure = np.zeros(elements.dilatation.shape[:2])
