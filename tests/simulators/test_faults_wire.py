@@ -17,7 +17,7 @@ from drivers.bench import Bench
 from drivers.sensor_node import Recording
 from instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
 from simulators.bench import Place, SimulatedBench
-from simulators.faults import FAULTS
+from simulators.faults import FAULTS, inject
 from simulators.faults.fault import parse_faults
 from simulators.scene import Scene
 from tests.writes import counted_writes
@@ -104,7 +104,10 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
             SimulatedBench(struck, Place("127.0.0.2", port)).__enter__()
 
 
-def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clock(scene: Scene) -> None:
+def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clock(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inject, "TIMEOUT", "10 s")  # nothing here waits in vain, unless the machine is busy
     with faulty(scene, {"kind": "connection_refused", "on": "signal_generator", "at": "1 s"}) as (sim, bench):
         sim.clock.wait(1.0)
         with pytest.raises(LinkError):
