@@ -117,8 +117,10 @@ def _other_process() -> Row:
                 found: dict[str, float] = json.loads(done.stdout)["samples"][0]
                 return found
 
-            served, own = sample("--bench", str(bench)), sample()
-            server.communicate("quit\n")
+            try:
+                served, own = sample("--bench", str(bench)), sample()
+            finally:
+                server.communicate("quit\n")
     apart = abs(served["force_ratio"] - own["force_ratio"])
     u = (served["force_ratio_u"] ** 2 + own["force_ratio_u"] ** 2) ** 0.5
     return Row(
