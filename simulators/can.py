@@ -190,7 +190,7 @@ class CanSegment:
         if active:
             period = self._sync_period_ns or int(1e6)
             films = self._rig.film_voltages(time_ns, period)
-            streams = [node.sample(time_ns, node.film_channels() @ films, period) for node in active]
+            streams = [node.sample(time_ns, node.film_channels @ films, period) for node in active]
         frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
         if self._timing is not None and send_sync:
             sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]

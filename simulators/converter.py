@@ -23,5 +23,5 @@ def convert(fraction: Floats, bits: int = FINEST) -> tuple[Floats, npt.NDArray[n
     else:
         saturated = ~((code >= -half) & (code <= half - 1))
         np.clip(code, -half, half - 1, out=code)
-    code /= half
+    code *= 1 / half
     return code, saturated

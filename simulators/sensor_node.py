@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code: manufacturer specific
 ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
+Source = tuple[InputEffect, Stream, int | slice]
 VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
 
 
@@ -53,7 +54,7 @@ class SensorNode(CanopenDevice):
         self._changed = changed
         self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
         self._added = {name: e for name, e in sorted(rig.scene.effects.items()) if isinstance(e, InputEffect)}
-        self._streams: dict[tuple[str, int, int, int], Stream] = {}
+        self._sources: dict[int, list[Source]] = {}
         super().__init__(clock, node_id, serial)
 
     def reset(self) -> None:
@@ -88,15 +89,9 @@ class SensorNode(CanopenDevice):
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
         """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
         volts = volts.copy()
-        rates = functools.cache(lambda: self.film_channels() @ self._rig.film_rates(time_ns, period_ns))
-        for name, effect in self._added.items():
-            for channel in range(CHANNELS):
-                stream = self._stream(name, channel, period_ns)
-                added = effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
-                if effect.common:
-                    volts += added
-                    break
-                volts[channel] += added
+        rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
+        for effect, stream, channel in self._added_by(period_ns):
+            volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
         volts /= ranges[:, np.newaxis]
         fraction, saturated = convert(volts) if self._adc is None else self._adc.convert(volts)
@@ -105,20 +100,28 @@ class SensorNode(CanopenDevice):
         if saturated.any():
             bits = np.packbits(saturated, axis=0, bitorder="little")[0]
             fraction[np.isnan(fraction)] = 0.0  # flagged; no integer stands for it
-        counts = fraction.T.astype("<i2", order="C")
+        counts = np.empty((len(time_ns), CHANNELS), "<i2")
+        for channel in range(CHANNELS):
+            counts[:, channel] = fraction[channel]  # twice as fast as all at once
         first_number = (int(self.settings["sample_counter"]) + 1) % ROLLOVER
         self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
         self.settings["saturation"] = float(bits[-1])
         self._last = counts[-1]
         return Samples(counts, bits, first_number)
 
-    def _stream(self, name: str, channel: int, period_ns: int) -> Stream:
-        """Of an effect on a channel; kept, as what it has drawn is."""
-        key = (name, self.id, channel, period_ns)
-        if key not in self._streams:
-            self._streams[key] = Stream(self._rig.scene.seed, *key)
-        return self._streams[key]
+    def _added_by(self, period_ns: int) -> list[Source]:
+        """Effects at the input, with their streams and channels; kept, as what a stream has drawn is."""
+        if period_ns not in self._sources:
+            its: list[Source] = []
+            for name, effect in self._added.items():
+                channels: Iterable[int | slice] = [slice(None)] if effect.common else range(CHANNELS)
+                for number, channel in enumerate(channels):
+                    stream = Stream(self._rig.scene.seed, name, self.id, number, period_ns)
+                    its.append((effect, stream, channel))
+            self._sources[period_ns] = its
+        return self._sources[period_ns]
 
+    @functools.cached_property
     def film_channels(self) -> npt.NDArray[np.float64]:
         """Matrix (4, films) that puts each film of this node on its channel."""
         films = self._rig.scene.design.films
@@ -136,6 +139,6 @@ class SensorNode(CanopenDevice):
         return channel if alike or node == self.id else None
 
 
-def _row(rows: Callable[[], npt.NDArray[np.float64]], number: int) -> npt.NDArray[np.float64]:
+def _row(rows: Callable[[], npt.NDArray[np.float64]], number: int | slice) -> npt.NDArray[np.float64]:
     row: npt.NDArray[np.float64] = rows()[number]
     return row

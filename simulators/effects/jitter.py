@@ -38,7 +38,9 @@ class Jitter(InputEffect):
         moving = rates()
         if not moving.any():
             return moving  # a channel without a film costs nothing
-        return self.delay * moving * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
+        late = self.delay * moving
+        late *= stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
+        return late
 
     def error(self, case: Case, film: Film) -> float:
         """Six standard deviations of a fit to noise of the film's greatest rate [V]."""

@@ -15,7 +15,7 @@ from simulators.linear.lti import Times
 from simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from simulators.planning.changes import of_source
 from simulators.planning.pickup import largest_tone
-from simulators.randomness import Stream
+from simulators.randomness import BLOCK, Stream
 
 
 class MainsHum(InputEffect):
@@ -33,11 +33,20 @@ class MainsHum(InputEffect):
     phase: float = Field(default=0.0, ge=0, lt=1, strict=True)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
-        """The hum at integer multiples of the sample period, shape (n,)."""
+        """The hum at integer multiples of the sample period, shape (n,), not to be written to."""
         phase, frequency = round(self.phase * CYCLE), round(self.frequency * HERTZ)
         hum = Periodic(0.0, frequency, 0, phase, np.array([1]), np.array([-1j * self.amplitude]))
-        volts: Floats = hum.summed(hum.amplitude[np.newaxis], time_ns, period_ns)[0]
-        return volts
+        repeat = hum.repeat(period_ns)
+        if repeat > BLOCK:
+            volts: Floats = hum.summed(hum.amplitude[np.newaxis], time_ns, period_ns)[0]
+            return volts
+        start = int(time_ns[0]) // period_ns % repeat
+        key, end = (self, period_ns), start + len(time_ns)
+        values: Floats | None = stream.kept.get(key)
+        if values is None or len(values) < end:
+            values = stream.kept[key] = np.tile(hum.at(period_ns * np.arange(repeat)), -(-end // repeat) + 1)
+            values.flags.writeable = False
+        return values[start:end]
 
     def error(self, case: Case, film: Film) -> float:
         """What the fit makes of the hum at its worst phase [V]: the trend's share alone over whole cycles of both."""

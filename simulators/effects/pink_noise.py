@@ -6,7 +6,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +22,8 @@ from simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
-SPAN = 16  # lines from point to point that are drawn by one row of a product
+ROW = 64  # points of a grid that one row of a product makes
+KEPT = 64  # sets of weights
 FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
 
 
@@ -60,11 +61,12 @@ class PinkNoise(InputEffect):
     corner: Hertz = Field(default=10.0, gt=0, le=1e6)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
-        """Noise voltages at integer multiples of the sample period, shape (n,)."""
+        """Noise voltages at integer multiples of the sample period, shape (n,), not to be written to."""
         first = int(time_ns[0]) // period_ns
-        if (self, period_ns) not in stream.kept:
-            stream.kept[self, period_ns] = _Sum(stream, _grids(1e9 / period_ns))
-        values: Floats = self._deviation() * stream.kept[self, period_ns].values(first, len(time_ns))
+        key = (self, period_ns)
+        if key not in stream.kept:
+            stream.kept[key] = _Sum(stream, self._deviation(), _grids(1e9 / period_ns))
+        values: Floats = stream.kept[key].values(first, len(time_ns))
         return values
 
     def error(self, case: Case, film: Film) -> float:
@@ -100,14 +102,12 @@ def _processes(rate: float) -> tuple[Process, ...]:
 class Grid:
     """The sum of the processes that have a step [samples] in common.
 
-    following, fresh: coefficients of its own earlier values and of the numbers of its stream, as of `lfilter`.
-    before: so many steps back it is forgotten.
+    falls, shares: (k,) a number of its stream gives the sum of shares * falls**n, n steps later.
     """
 
     step: int
-    following: tuple[float, ...]
-    fresh: tuple[float, ...]
-    before: int
+    falls: tuple[float, ...]
+    shares: tuple[float, ...]
 
 
 @functools.cache
@@ -129,19 +129,19 @@ def _grid(step: int, processes: Sequence[Process]) -> Grid:
         numerator += term
     roots = np.roots(numerator)  # w > 2: z and 1 / z, of which the lesser is taken
     fresh = np.atleast_1d(np.poly(roots / 2 - np.sqrt(roots * roots / 4 - 1)))
-    scale = math.sqrt(float(np.polyval(numerator, 2.0))) / float(fresh.sum())  # by the power at w = 2, z = 1
-    before = math.ceil(-math.log(FORGOTTEN) / min(process.decay for process in processes))
-    return Grid(step, tuple(np.poly(falls)), tuple(scale * fresh), before)
+    fresh *= math.sqrt(float(np.polyval(numerator, 2.0))) / float(fresh.sum())  # by the power at w = 2, z = 1
+    shares = [np.polyval(fresh, fall) / np.prod(fall - np.delete(falls, k)) for k, fall in enumerate(falls)]
+    return Grid(step, tuple(falls.tolist()), tuple(map(float, shares)))
 
 
 class _Sum:
-    """Of all processes from a grid on, at its points."""
+    """Of all processes from a grid on, at its points; `deviation`: of each process."""
 
-    def __init__(self, stream: Stream, grids: Sequence[Grid]) -> None:
-        self._grid = grids[0]
+    def __init__(self, stream: Stream, deviation: float, grids: Sequence[Grid]) -> None:
+        self._grid = replace(grids[0], shares=tuple(deviation * share for share in grids[0].shares))
         self._stream = stream.child(self._grid.step)
         self._blocks: dict[int, Floats] = {}
-        self._coarser = _Sum(stream, grids[1:]) if len(grids) > 1 else None
+        self._coarser = _Sum(stream, deviation, grids[1:]) if len(grids) > 1 else None
 
     def values(self, first: int, count: int) -> Floats:
         """At points `first` to `first + count - 1`, shape (count,)."""
@@ -152,23 +152,58 @@ class _Sum:
 
     def _found(self, number: int) -> Floats:
         """Each block starts afresh from what the numbers before it leave: a value depends on nothing else asked."""
-        from scipy.signal import lfilter
-
-        grid = self._grid
+        ratio = self._coarser._grid.step // self._grid.step if self._coarser else None
+        weights = _weights(self._grid, ratio)
         # Block 0 of the stream is before all blocks of the grid.
-        normals = np.concatenate([self._stream.block(number)[-grid.before :], self._stream.block(number + 1)])
-        values: Floats = lfilter(grid.fresh, grid.following, normals)[grid.before :]
-        if self._coarser is not None:
-            ratio = self._coarser._grid.step // grid.step
+        before, own = (self._stream.block(each).reshape(-1, ROW) for each in (number, number + 1))
+        left = np.concatenate([before[-weights.before :], own]) @ weights.left
+        others = [np.matmul(weights.passed_on, left.T[..., np.newaxis])[..., 0].T]
+        if self._coarser and ratio:
             points = self._coarser.values(number * BLOCK // ratio, BLOCK // ratio + 1)
-            spans = np.concatenate([points[:-1].reshape(-1, SPAN), points[SPAN::SPAN, np.newaxis]], axis=1)
-            values += (spans @ _lines(ratio)).ravel()
-        return values
+            spans = ROW // ratio
+            others += [points[:-1].reshape(-1, spans), points[spans::spans, np.newaxis]]
+        values: Floats = own @ weights.own
+        values += np.concatenate(others, axis=1) @ weights.others
+        return values.ravel()
 
 
-@functools.cache
+@dataclass(frozen=True)
+class _Weights:
+    """By which numbers become the points of a grid, row by row.
+
+    own: (ROW, ROW) of the row's own numbers. left: (ROW, k) of these in what is left at its end. before: so many rows
+    later that is forgotten. passed_on: (k, rows, before + rows) of what all rows leave in what each begins with.
+    others: (k + p, ROW) of what it begins with, and of p points of the next coarser grid, which lines join.
+    """
+
+    own: Floats
+    left: Floats
+    before: int
+    passed_on: Floats
+    others: Floats
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _weights(grid: Grid, ratio: int | None) -> _Weights:
+    falls: Floats = np.array(grid.falls)[:, np.newaxis]
+    shares: Floats = np.array(grid.shares)[:, np.newaxis]
+    steps, rows = np.arange(ROW), BLOCK // ROW
+    before = math.ceil(math.log(FORGOTTEN) / math.log(falls.max()) / ROW)
+    gone = np.arange(rows)[:, np.newaxis] + before - 1 - np.arange(before + rows)  # rows between
+    later = steps - steps[:, np.newaxis]
+    begun = shares * falls ** (steps + 1)
+    answer = (shares * falls**steps).sum(axis=0)
+    return _Weights(
+        own=np.where(later >= 0, answer[later], 0.0),
+        left=(falls ** steps[::-1]).T,
+        before=before,
+        passed_on=np.where(gone >= 0, falls[..., np.newaxis] ** (ROW * np.maximum(gone, 0)), 0.0),
+        others=np.concatenate([begun, _lines(ratio)]) if ratio else begun,
+    )
+
+
 def _lines(ratio: int) -> Floats:
-    """Weights (SPAN + 1, SPAN * ratio) of points on the straight lines between them, `ratio` values from each on."""
-    at = np.arange(SPAN * ratio) / ratio
-    weights: Floats = np.maximum(1 - np.abs(at - np.arange(SPAN + 1)[:, np.newaxis]), 0.0)
+    """Weights (ROW / ratio + 1, ROW) of points on the straight lines between them, `ratio` values from each on."""
+    points = np.arange(ROW // ratio + 1)[:, np.newaxis]
+    weights: Floats = np.maximum(1 - np.abs(np.arange(ROW) / ratio - points), 0.0)
     return weights

@@ -136,14 +136,21 @@ class Moments:
         if number not in self._waves:
             mode = (number - self._turns) // 2
             rates, cosine = self._rates[mode], self._turns + 2 * mode
-            decay: Floats = np.exp(np.maximum(rates.real[self.legs] * self._since, LEAST))
+            decay = self._exponent(rates.real)
+            np.exp(np.maximum(decay, LEAST, out=decay), out=decay)
             if rates.imag.any():
-                angle = rates.imag[self.legs] * self._since
+                angle = self._exponent(rates.imag)
                 self._waves[cosine], self._waves[cosine + 1] = decay * np.cos(angle), decay * np.sin(angle)
             else:
                 self._waves[cosine] = decay
         wave: Floats = self._waves[number]
         return wave
+
+    def _exponent(self, rates: Floats) -> Floats:
+        """Of rates (l,) in the legs, (n,)."""
+        exponent = rates.take(self.legs, mode="clip")
+        exponent *= self._since
+        return exponent
 
 
 class Cycle:
@@ -163,6 +170,8 @@ class Cycle:
         self._begins = np.array([leg.begin for leg in legs])
         self._inputs = legs[0].steady.inputs
         self._since_start = replace(self._inputs[0], start_phase=0)
+        one = np.eye(len(self._inputs[0].order))
+        self._cosines_and_sines = np.concatenate([one, -1j * one])
         # (l,) of the first mode in each leg, of the second, ...; 0 where there are no more
         own = itertools.zip_longest(*(leg.modes[0].tolist() for leg in legs), fillvalue=0j)
         self._rates = [np.array(rates) for rates in own]
@@ -172,7 +181,7 @@ class Cycle:
     def at(self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int) -> Floats:
         """Some of the system's outputs or of what is made of them, (p, n), at times from the start on."""
         table, moments = self._table((name, rows.start, rows.stop), row), self._moments(time_ns, step_ns)
-        value = table.means.take(moments.legs, axis=1)
+        value = table.means.take(moments.legs, axis=1, mode="clip")
         part = np.empty_like(value)
         for number, weights in table.waves.items():
             weights.take(moments.legs, axis=1, out=part, mode="clip")
@@ -215,9 +224,9 @@ class Cycle:
             drive = self._inputs[0]
             cycles = self._since_start.phase(time_ns, step_ns) / CYCLE
             legs = np.searchsorted(self._begins, cycles, side="right") - 1
-            since = (cycles - self._begins[legs]) * (period_of(self._inputs) / SECOND)
-            one = np.eye(len(drive.order))
-            turns = drive.summed(np.concatenate([one, -1j * one]), time_ns, step_ns)
+            since = cycles - self._begins.take(legs, mode="clip")
+            since *= period_of(self._inputs) / SECOND
+            turns = drive.summed(self._cosines_and_sines, time_ns, step_ns)
             self._last = {key: Moments(legs, since, turns, self._rates)}
         return self._last[key]
 

@@ -45,11 +45,11 @@ class FreeMotion:
         return rates.astype(complex), (units[:, np.newaxis] * shapes).astype(complex), inverse.astype(complex)
 
     @functools.cached_property
-    def _rates(self) -> Complexes:
-        """Of the modes that are real or turn forward; the other of a pair is its conjugate."""
+    def _rates(self) -> Floats | Complexes:
+        """Of the modes that are real or turn forward; the other of a pair is its conjugate. Real where none turns."""
         assert self.modes is not None
         rates: Complexes = self.modes[0][self.modes[0].imag >= 0]
-        return rates
+        return rates if rates.imag.any() else rates.real
 
     def seen(self, rows: Floats, x: Floats) -> Seen:
         """rows @ exp(A t) x, rows (p, s), as a function of time."""
@@ -58,7 +58,7 @@ class FreeMotion:
         rates, shapes, inverse = self.modes
         weights = ((rows @ shapes) * (inverse @ x))[:, rates.imag >= 0]
         weights *= np.where(self._rates.imag > 0, 2.0, 1.0)
-        return functools.partial(self._of_modes, weights)
+        return functools.partial(self._of_modes, weights if np.iscomplexobj(self._rates) else weights.real)
 
     def free(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n)."""
@@ -83,14 +83,14 @@ class FreeMotion:
             answer[:, used] = real_product(self._powers[bit], answer[:, used])
         return answer
 
-    def _of_modes(self, weights: Complexes, elapsed_ns: Times, step_ns: int) -> Floats:
+    def _of_modes(self, weights: Floats | Complexes, elapsed_ns: Times, step_ns: int) -> Floats:
         """Blocks of samples, counted from the first one after the start, as products of what a mode is at a block's
         beginning and what it does within a block: the same bytes whatever part of a block is asked for."""
         if not step_ns:
             return _decaying(weights, self._rates, elapsed_ns)
 
         def heads(elapsed_ns: Times) -> Floats:
-            modes = weights * np.exp(np.outer(1e-9 * elapsed_ns, self._rates))[:, np.newaxis]
+            modes = weights * np.exp((1e-9 * elapsed_ns)[:, np.newaxis, np.newaxis] * self._rates)
             modes[np.abs(modes) < GONE] = 0.0
             return self._parts(modes, axis=2)
 
@@ -104,8 +104,10 @@ class FreeMotion:
             self._steps[step_ns] = self._parts(turns.conj(), axis=0)
         return self._steps[step_ns]
 
-    def _parts(self, modes: Complexes, axis: int) -> Floats:
+    def _parts(self, modes: Floats | Complexes, axis: int) -> Floats:
         """Real parts of all modes and imaginary parts of those that turn, along the modes' axis."""
+        if not np.iscomplexobj(modes):
+            return modes.real
         return np.concatenate([modes.real, modes.imag.compress(self._rates.imag > 0, axis)], axis)
 
 
@@ -148,7 +150,7 @@ def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.ine
     return total
 
 
-def _decaying(weights: Complexes, rates: Complexes, elapsed_ns: Times) -> Floats:
+def _decaying(weights: Floats | Complexes, rates: Floats | Complexes, elapsed_ns: Times) -> Floats:
     """Real part of weights @ exp(rates t), weights (p, s), shape (p, n)."""
     total = np.zeros((len(weights), len(elapsed_ns)))
     elapsed = 1e-9 * elapsed_ns

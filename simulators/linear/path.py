@@ -163,9 +163,8 @@ class Path:
         self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int
     ) -> Floats:
         cycle, pieces = self._recurring(int(time_ns[-1])), []
-        followed, recurring = np.split(
-            time_ns, [len(time_ns) if cycle is None else time_ns.searchsorted(cycle.start_ns)]
-        )
+        border = len(time_ns) if cycle is None else int(time_ns.searchsorted(cycle.start_ns))
+        followed, recurring = time_ns[:border], time_ns[border:]
         if len(followed):
             stays = self._between(int(followed[0]), int(followed[-1]))
             parts = np.split(followed, np.searchsorted(followed, [stay.start_ns for stay in stays[1:]]))

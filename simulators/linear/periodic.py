@@ -40,7 +40,7 @@ class Periodic:
         step_ns: between any two times, which is faster; 0 where they have none.
         """
         if step_ns:
-            heads = self.phase(time_ns[::BLOCK])
+            heads = self._counts(time_ns[::BLOCK])
             sums: Times = (heads[:, np.newaxis] + _phase_within(self.frequency, step_ns)).ravel()[: len(time_ns)]
             np.subtract(sums, CYCLE, out=sums, where=sums >= CYCLE)
             return sums
@@ -57,30 +57,41 @@ class Periodic:
 
     def turn(self, time_ns: int) -> Complexes:
         """The same at one time, (k,)."""
-        phase = (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
-        turn: Complexes = np.exp(2j * np.pi * (phase / CYCLE) * self.order)
+        turn: Complexes = np.exp(2j * np.pi * (self._count(time_ns) / CYCLE) * self.order)
         return turn
+
+    def _count(self, time_ns: int) -> int:
+        """The phase at one time."""
+        return (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
+
+    def _counts(self, time_ns: Times) -> Times:
+        """The phase at few times: then this is faster."""
+        return np.array([self._count(time) for time in time_ns.tolist()])
 
     def summed(self, phasors: Complexes, time_ns: Times, step_ns: int = 0) -> Floats:
         """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
         if not step_ns:
             return real_product(phasors, self.turns(time_ns))
-        repeat = CYCLE // math.gcd(self.frequency * step_ns, CYCLE)  # after so many times the phases are the same again
+        repeat = self.repeat(step_ns)
         if repeat <= BLOCK:
             sums = real_product(phasors, self.turns(time_ns[:repeat]))
             return np.tile(sums, -(-len(time_ns) // sums.shape[1]))[:, : len(time_ns)]
 
         def heads(begin_ns: Times) -> Floats:
-            turned = phasors * self.turns(begin_ns).T[:, np.newaxis]
+            cycles = (self._counts(begin_ns) / CYCLE)[:, np.newaxis, np.newaxis]
+            turned = phasors * np.exp(2j * np.pi * (cycles * self.order))
             return np.concatenate([turned.real, -turned.imag], axis=2)
 
         within = _turns_within(self.frequency, self.order.tobytes(), step_ns)
         return on_grid(heads, within, int(time_ns[0]), len(time_ns), step_ns)
 
+    def repeat(self, step_ns: int) -> int:
+        """After so many times, `step_ns` apart, its phases are the same again."""
+        return CYCLE // math.gcd(self.frequency * step_ns, CYCLE)
+
     def restarted(self, time_ns: int) -> Periodic:
         """The same function of time, counted from `time_ns`."""
-        phase = (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
-        return Periodic(self.mean, self.frequency, time_ns, phase, self.order, self.amplitude)
+        return Periodic(self.mean, self.frequency, time_ns, self._count(time_ns), self.order, self.amplitude)
 
     def scaled(self, factor: float, offset: float = 0.0) -> Periodic:
         """offset + factor * self."""

@@ -94,7 +94,7 @@ def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Flo
         for i, channel in films.items():
             fits = HEADROOM * np.abs(volts[i]).max() <= min(RANGE_VOLTS)
             node.settings[f"range_{channel}"] = float(RANGE_VOLTS.index(min(RANGE_VOLTS) if fits else max(RANGE_VOLTS)))
-        taken = node.sample(time_ns, node.film_channels() @ volts, period_ns)
+        taken = node.sample(time_ns, node.film_channels @ volts, period_ns)
         for i, channel in films.items():
             full = RANGE_VOLTS[int(node.settings[f"range_{channel}"])]
             samples[i] = taken.counts[:, channel - 1] * (full / FULL_SCALE_COUNTS)

@@ -38,7 +38,8 @@ from tests.benchmarks.row import Row
 
 SAMPLE_NS = 1_000_000
 POLE_SECONDS = 100
-BLOCK, BLOCKS = 8192, 8  # samples: with fewer Python's own time shows, more do not fit the processor's caches
+STEPS = 65536  # that are followed one after the other
+BLOCK, AT_ONCE = 16384, 1000  # samples: with so many Python's own time is little; so many a sweep asks for at once
 ROUNDS = 15
 LARGE = 4_000_000
 GOAL_STEPPED, GOAL_POLE, GOAL_STEADY = 100.0, 5.0, 50e-6
@@ -129,17 +130,23 @@ def _stepped() -> Iterator[Row]:
     yield Row("plain vectorised sine, a sample", f"{1e9 * plain:.1f} ns")
     yield row("one pole, a sample", _least(lambda: trace.at(time_ns, SAMPLE_NS)) / count, GOAL_POLE)
     for name in ("everything", "overdriven"):
-        take, firsts = _followed(read_scene(name)), itertools.count(1, BLOCK)
-
-        def some(take: Taker = take, firsts: Iterator[int] = firsts) -> None:
-            for first in itertools.islice(firsts, BLOCKS):
-                take(first, first + BLOCK)
-
-        some()  # first transitions, and what is worked out once
-        each = _least(some) / (BLOCKS * BLOCK) / CHANNELS
+        each, in_pieces = (_each(read_scene(name), block) for block in (BLOCK, AT_ONCE))
         yield row(f"scene {name!r}, a sample and channel of a node's {CHANNELS}", each, GOAL_STEPPED)
+        yield Row(f"the same, {AT_ONCE} samples at a time", f"{1e9 * in_pieces:.1f} ns")
         begin = _least(functools.partial(_first_second, read_scene(name)))
         yield Row("the same, set-up and the first second", f"{1e3 * begin:.0f} ms")
+
+
+def _each(scene: Scene, block: int) -> float:
+    """CPU seconds a sample and channel, in blocks of so many samples."""
+    take, firsts = _followed(scene), itertools.count(1, block)
+
+    def some() -> None:
+        for first in itertools.islice(firsts, STEPS // block):
+            take(first, first + block)
+
+    some()  # first transitions, and what is worked out once
+    return _least(some) / (STEPS // block * block) / CHANNELS
 
 
 def _followed(scene: Scene) -> Taker:
@@ -149,7 +156,7 @@ def _followed(scene: Scene) -> Taker:
 
     def take(first: int, end: int) -> None:
         time_ns = np.arange(first, end) * SAMPLE_NS
-        node.sample(time_ns, node.film_channels() @ rig.film_voltages(time_ns, SAMPLE_NS), SAMPLE_NS)
+        node.sample(time_ns, node.film_channels @ rig.film_voltages(time_ns, SAMPLE_NS), SAMPLE_NS)
 
     return take
 

@@ -50,7 +50,7 @@ def seen(
     node = SensorNode(clock, node_id, 1, rig, lambda: None)
     indicator = StrainIndicator(clock, "SIM-SI-0001", rig)
     times = clock.now_ns() + np.arange(1, count + 1) * MS
-    samples = node.sample(times, node.film_channels() @ rig.film_voltages(times), MS)
+    samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
     readings = []
     for _ in range(max(count // 200, 1)):
         clock.wait(0.1)
@@ -143,7 +143,7 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
         clock.wait(1.234)
         node = SensorNode(clock, 3, 1, rig, lambda: None)
         times = clock.now_ns() + np.arange(1, 501) * MS
-        samples = node.sample(times, node.film_channels() @ rig.film_voltages(times), MS)
+        samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
         reading = StrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
         return samples.counts.astype(float), reading, rig._film_signals().d[:, 0]
 
@@ -171,7 +171,7 @@ def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -
         node = SensorNode(clock, 1, 1, rig, lambda: None)
         times = 17 * MS + np.arange(1, count + 1) * period
         blocks = [
-            node.sample(t, node.film_channels() @ rig.film_voltages(t), period)
+            node.sample(t, node.film_channels @ rig.film_voltages(t), period)
             for t in (times[i : i + size] for i in range(0, count, size))
         ]
         counts = b"".join(block.counts.tobytes() for block in blocks)

@@ -11,7 +11,6 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.signal import lfilter
 
 from instrument.estimate import fit_sine
 from simulators.clock import VirtualClock
@@ -98,6 +97,15 @@ def test_hum_is_the_same_on_all_channels_and_orthogonal_to_10_hz_over_whole_cycl
     assert fit.amplitude[0] < 1e-3 * 5e-3  # the trend alone lets it through
 
 
+@pytest.mark.parametrize("frequency", ["50 Hz", "49.97 Hz", "49.9999 Hz"])  # repeats after 20, 100 000, ... samples
+def test_hum_is_the_sine_of_its_phase_wherever_it_is_begun(frequency: str) -> None:
+    hum, stream = MainsHum(amplitude="1 V", frequency=frequency, phase=0.2), Stream(1, "hum")
+    for first, count in ((3, 100), (20_007, 5000), (11, 7)):
+        number = np.arange(first, first + count)
+        sought = np.sin(2 * np.pi * (float(frequency.split()[0]) * 1e-3 * number + 0.2))
+        assert hum.volts(stream, MS * number, MS, lambda: np.zeros(0)) == pytest.approx(sought, abs=1e-9)
+
+
 # --- 1/f noise -----------------------------------------------------------------------------------------
 
 
@@ -127,28 +135,33 @@ def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_deca
     assert slope == pytest.approx(-1, abs=0.02)
 
 
+def to_one_number(grid: pink_noise.Grid, steps: int) -> Floats:
+    """What a number of the stream gives, a step after the other."""
+    return np.asarray(np.array(grid.shares) @ np.array(grid.falls)[:, np.newaxis] ** np.arange(steps))
+
+
 @pytest.mark.parametrize("rate", [0.01, 250.0, 1000.0, 1e5])
 def test_the_processes_of_one_grid_are_correlated_as_their_sum_is(rate: float) -> None:
     for grid in pink_noise._grids(rate):
-        answer = lfilter(grid.fresh, grid.following, np.eye(1, 4 * grid.before)[0])
+        answer = to_one_number(grid, 4000)
         together = [process for process in pink_noise._processes(rate) if process.step == grid.step]
         for lag in (0, 1, 2, 5, 20, 100):
             sought = sum(each.passed**2 * math.exp(-each.decay * lag) for each in together)
             assert answer[: len(answer) - lag] @ answer[lag:] == pytest.approx(sought, abs=1e-12)
 
 
-def test_a_process_is_the_moving_average_of_all_numbers_before_across_blocks_too() -> None:
-    grid = pink_noise._grids(1000.0)[-1]
-    found = pink_noise._Sum(Stream(3, "a"), (grid,)).values(2 * BLOCK - 30, BLOCK + 60)
-    first = 3 * BLOCK - 30 - grid.before  # the block before the first of the noise is the stream's first
-    normals = Stream(3, "a").child(grid.step).normal(first, BLOCK + 60 + grid.before)
-    answer = lfilter(grid.fresh, grid.following, np.eye(1, grid.before + 1)[0])
-    assert found == pytest.approx(np.convolve(normals, answer, mode="valid"), abs=1e-12)
+@pytest.mark.parametrize("which", [0, -1])
+def test_a_sum_is_the_moving_average_of_all_numbers_before_across_blocks_too(which: int) -> None:
+    grid = pink_noise._grids(1000.0)[which]
+    found = pink_noise._Sum(Stream(3, "a"), 1.0, (grid,)).values(2 * BLOCK - 30, BLOCK + 60)
+    first = 3 * BLOCK - 30 - 999  # the block before the first of the noise is the stream's first
+    normals = Stream(3, "a").child(grid.step).normal(first, BLOCK + 60 + 999)
+    assert found == pytest.approx(np.convolve(normals, to_one_number(grid, 1000), mode="valid"), abs=1e-12)
 
 
 def test_a_slow_process_is_a_straight_line_between_its_grid_points(monkeypatch: pytest.MonkeyPatch) -> None:
     slowest = pink_noise._grids(1000.0)[-1]
-    silent = replace(slowest, step=slowest.step // 16, fresh=(0.0,))
+    silent = replace(slowest, step=slowest.step // 16, shares=(0.0,))
     monkeypatch.setattr(pink_noise, "_grids", lambda rate: (silent, slowest))
     values = volts(PinkNoise(), MS * np.arange(48))
     bends = np.flatnonzero(np.abs(np.diff(values, 2)) > 1e-6 * np.abs(np.diff(values)).max())
@@ -202,7 +215,7 @@ def test_jitter_of_a_node_follows_the_rate_of_each_channel() -> None:
         if not fast:
             rig.set_voltage(rig.coil_voltage().scaled(0.0))
         times = 4 * MS * np.arange(1, 500)
-        clean = node.film_channels() @ rig.film_voltages(times)
+        clean = node.film_channels @ rig.film_voltages(times)
         taken = node.sample(times, clean, 4 * MS)
         moved = taken.counts - np.rint(clean.T / 5 * 32768)
         assert (np.abs(moved[:, 1]).max() > 10) == fast, name

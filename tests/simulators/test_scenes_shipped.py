@@ -40,7 +40,7 @@ def sampled(scene: Scene, size: int = 500) -> list[tuple[bytes, bytes]]:
     for block in (times[i : i + size] for i in range(0, 500, size)):
         films = rig.film_voltages(block)
         for node, its in zip(nodes, taken, strict=True):
-            its.append(node.sample(block, node.film_channels() @ films, PERIOD_NS))
+            its.append(node.sample(block, node.film_channels @ films, PERIOD_NS))
     return [(b"".join(s.counts.tobytes() for s in its), b"".join(s.saturation.tobytes() for s in its)) for its in taken]
 
 

@@ -29,7 +29,7 @@ def test_a_second_of_samples_after_30_days_costs_no_more_than_the_changes_before
     whole, pieces = SensorNode(clock, 1, 1, rig, lambda: None), SensorNode(clock, 1, 1, rig, lambda: None)
 
     def counts(node: SensorNode, some: np.ndarray[tuple[int], np.dtype[np.int64]]) -> bytes:
-        return node.sample(some, node.film_channels() @ rig.film_voltages(some, MS), MS).counts.tobytes()
+        return node.sample(some, node.film_channels @ rig.film_voltages(some, MS), MS).counts.tobytes()
 
     taken = counts(whole, times)
     assert b"".join(counts(pieces, times[at : at + 333]) for at in range(0, 1000, 333)) == taken
