@@ -23,10 +23,11 @@ from instrument.errors import RangeError
 from instrument.models import elements as el
 from instrument.models.axisymmetric_fields import FacePressure, Field, OnMesh, displacements, face, on
 from instrument.models.condensed import Elements
-from instrument.models.mesh import Grid, grid
+from instrument.models.mesh import grid
 from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, within
 from instrument.models.parameters import RoundParameters
 from instrument.models.refinement import solve as solve_elements
+from instrument.models.threads import Each, one_each
 
 Array = NDArray[np.float64]
 
@@ -167,13 +168,15 @@ def solve_on(
     mesh = grid(parameters, layers)
     r, z = el.line(mesh.radii, degree, radial=True), el.line(mesh.heights, degree, radial=False)
     bodies = parts(mesh)
-    elements = assemble(parameters, mesh, r, z, bodies, mixed_poisson)
-    built = time.process_time()
-    load = np.zeros_like(elements.unknowns, dtype=np.float64)
-    top = on(load, bodies[0])[:, -1, AXIAL]
-    # The first shape function is 1: these are ∫ r φ.
-    top[:, :, :2] -= r.value_value[bodies[0].columns][:, :, :1] / (math.pi * parameters.sensed_radius**2)
-    solved = solve_elements(elements, elements.gather(load))
+    numbering = number(parameters, mesh, r, z, bodies)
+    with one_each(numbering.subdomains) as each:
+        elements = assemble(numbering, r, z, bodies, mixed_poisson, each)
+        built = time.process_time()
+        load = np.zeros_like(elements.unknowns, dtype=np.float64)
+        top = on(load, bodies[0])[:, -1, AXIAL]
+        # The first shape function is 1: these are ∫ r φ.
+        top[:, :, :2] -= r.value_value[bodies[0].columns][:, :, :1] / (math.pi * parameters.sensed_radius**2)
+        solved = solve_elements(elements, elements.gather(load), each)
     done = time.process_time()
     found = OnMesh(
         parameters, mesh, r, {p.body.name: p for p in bodies}, solved.displacement[elements.unknowns], solved.internal
@@ -182,23 +185,27 @@ def solve_on(
 
 
 def assemble(
-    parameters: RoundParameters, mesh: Grid, r: el.Line, z: el.Line, bodies: list[Part], mixed_poisson: float
+    numbering: Numbering, r: el.Line, z: el.Line, bodies: list[Part], mixed_poisson: float, each: Each
 ) -> Elements:
-    """Element matrices of all bodies, per radian."""
-    numbering: Numbering = number(parameters, mesh, r, z, bodies)
+    """Element matrices of all bodies, per radian; `each`: works on all subdomains at once."""
     stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
     mixed: list[int] = []
     pairs = r.dilatation.shape[1] ** 2
     dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
     compliance: list[float] = []
     bound: list[float] = []
+
+    def filled(share: list[Part]) -> None:
+        for part in share:
+            nu = part.body.poisson
+            lame = 0.0 if nu >= mixed_poisson else 2 * part.body.shear * nu / (1 - 2 * nu)
+            fill(part.columns, part.rows, part.body.shear, lame, out=stiffness[part.elements])
+
+    by_size, count = sorted(bodies, key=len, reverse=True), numbering.subdomains
+    each(filled, [by_size[share::count] for share in range(count)])
     for part in bodies:
-        nu = part.body.poisson
-        shear = part.body.modulus / (2 * (1 + nu))
-        keeps_pressure = nu >= mixed_poisson
-        lame = 0.0 if keeps_pressure else 2 * shear * nu / (1 - 2 * nu)
-        fill(part.columns, part.rows, shear, lame, out=stiffness[part.elements])
-        if keeps_pressure:
+        nu, shear = part.body.poisson, part.body.shear
+        if nu >= mixed_poisson:
             dilatation.append(el.dilatation(r, z, part.columns, part.rows))
             count = len(dilatation[-1])
             mixed += range(part.elements.start, part.elements.stop)
@@ -211,6 +218,7 @@ def assemble(
         size=numbering.size,
         shared=numbering.shared,
         subdomain=numbering.subdomain,
+        subdomains=numbering.subdomains,
         seam=numbering.seam,
         mixed=np.array(mixed, dtype=np.intp),
         dilatation=np.concatenate(dilatation),

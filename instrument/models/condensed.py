@@ -8,19 +8,24 @@ What is left of it is its stiffness against the seam, small and dense; both add 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instrument.models.elements import differences, nodal
 from instrument.models.linear_solver import ordered_factors
+from instrument.models.threads import Each
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Each = Callable[..., Iterable[Any]]
+
+# glibc gives a freed array back to the system, and has it again page by page, until one as large as this was freed.
+np.empty(4_000_000)
 
 BATCH = 32  # elements that are worked on in one go; more of them leave the cache
 
@@ -40,6 +45,7 @@ class Elements:
         compliance: (mixed,) 1/λ [1/Pa], 0 at Poisson ratio 0.5.
         bound: (mixed,) the least compliance that is factorised [1/Pa].
         subdomain: (elements,) 0 or 1; all 0 where there is but one.
+        subdomains: how many there are.
         seam: how many unknowns lie in one subdomain only: those of the first come first, then the second's.
     """
 
@@ -53,19 +59,27 @@ class Elements:
     compliance: Array
     bound: Array
     subdomain: Indices
+    subdomains: int
     seam: int
 
     def strained(self, displacement: Array, rest: Array) -> Array:
         """Unknowns of the element matrices, (elements, n), of a displacement and what it is rounded by."""
         return differences(displacement[self.unknowns], rest[self.unknowns])
 
-    def internal_forces(self, strained: Array, pressure: Array) -> tuple[Array, float]:
+    def internal_forces(self, strained: Array, pressure: Array, each: Each) -> tuple[Array, float]:
         """Element by element, (elements, n); and the norm of the terms that those without pressure are sums of."""
-        forces, terms = np.empty_like(strained), 0.0
-        # What the cache holds is read twice in the time of once.
-        for batch in batches(len(strained)):
-            forces[batch] = product(self.stiffness[batch], strained[batch])
-            terms += float(np.square(product(np.abs(self.stiffness[batch]), np.abs(strained[batch]))).sum())
+        forces = np.empty_like(strained)
+
+        def found(share: list[slice]) -> float:
+            terms = 0.0
+            # What the cache holds is read twice in the time of once.
+            for batch in share:
+                forces[batch] = product(self.stiffness[batch], strained[batch])
+                terms += float(np.square(product(np.abs(self.stiffness[batch]), np.abs(strained[batch]))).sum())
+            return terms
+
+        every = batches(len(strained))
+        terms = sum(each(found, [every[k :: self.subdomains] for k in range(self.subdomains)]))
         forces[self.mixed] += product(self.dilatation.transpose(0, 2, 1), pressure)
         return forces, math.sqrt(terms)
 
@@ -93,16 +107,16 @@ class Factorised:
     """The factorised stiffness, with bounded bulk moduli.
 
     Args:
-        each: works on all subdomains, `map` or threads at once, on one always in the same thread.
+        each: works on all subdomains at once.
     """
 
     def __init__(self, elements: Elements, bounded: Array, each: Each) -> None:
         from scipy.linalg import lu_factor
 
         self._seam = slice(elements.seam, elements.shared + 1)
-        members = [np.flatnonzero(elements.subdomain == number) for number in range(elements.subdomain.max() + 1)]
+        members = [np.flatnonzero(elements.subdomain == number) for number in range(elements.subdomains)]
         self._each = each
-        self._subdomains = list(each(lambda own: _Subdomain(elements, own, bounded), members))
+        self._subdomains = each(lambda own: _Subdomain(elements, own, bounded), members)
         self._scale = 1 / np.sqrt(sum(part.springs for part in self._subdomains))
         stiffness = sum(part.stiffness for part in self._subdomains) * np.outer(self._scale, self._scale)
         self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
@@ -111,18 +125,18 @@ class Factorised:
         """Displacements under forces, both (size + 1,), the last entry zero."""
         from scipy.linalg import lu_solve
 
-        forward = list(self._each(lambda part: (part, *part.forward(right)), self._subdomains))
+        forward = self._each(lambda part: (part, *part.forward(right)), self._subdomains)
         forces = right[self._seam] + sum(part.held(found) for part, _, found in forward)
         forces[-1] = 0.0
         moved = self._scale * lu_solve(self._factors, self._scale * forces, check_finite=False)
         answer = np.zeros_like(right)
         answer[self._seam] = moved
-        list(self._each(lambda done: done[0].back(right, *done[1:], moved, answer), forward))
+        self._each(lambda done: done[0].back(right, *done[1:], moved, answer), forward)
         return answer
 
     def close(self) -> None:
         """Give the factors' memory back."""
-        list(self._each(_Subdomain.close, self._subdomains))
+        self._each(_Subdomain.close, self._subdomains)
 
 
 class _Subdomain:
@@ -186,8 +200,9 @@ class _Subdomain:
         for batch in batches(len(members)):
             matrix = elements.stiffness[members[batch]]
             _, mixed, own = np.intersect1d(elements.mixed, members[batch], assume_unique=True, return_indices=True)
-            spread = elements.dilatation[mixed]
-            matrix[own] += spread.transpose(0, 2, 1) @ (spread / bounded[mixed, None, None])
+            for place, number in zip(own, mixed, strict=True):  # one by one they stay in the cache
+                spread = elements.dilatation[number]
+                matrix[place] += spread.T @ (spread / bounded[number])
             # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
             flat = nodal(matrix).reshape(len(matrix), -1)
             inside, coupling, rim = (flat.take(block, axis=1) for block in blocks)
@@ -197,8 +212,6 @@ class _Subdomain:
         return condensed
 
     def _factorise(self, condensed: Array) -> None:
-        from scipy.sparse import coo_array
-
         fixed, seam = self._outer == self._size - 1, self._outer >= self._count
         condensed[fixed] = 0.0
         condensed.transpose(0, 2, 1)[fixed] = 0.0
@@ -206,12 +219,26 @@ class _Subdomain:
         diagonal[fixed] = 1.0
         self.springs = np.bincount(self._outer[seam] - self._count, diagonal[seam])
         diagonal[seam] *= 2
-        rows, columns = np.broadcast_arrays(self._outer[:, :, None], self._outer[:, None, :])
-        assembled = coo_array((condensed.ravel(), (rows.ravel(), columns.ravel())), shape=(self._size,) * 2)
-        self._factors = ordered_factors(assembled.tocsc())
+        self._factors = ordered_factors(_assembled(condensed, self._outer, self._size))
         self._held = np.diag(2 * self.springs)
         if len(self._held) > 1:
             # A half of a sensor hangs together without its seam, so that SuperLU leaves the seam last.
             lower, upper = (part[self._count :, self._count :].toarray() for part in (self._factors.L, self._factors.U))
             self._held = lower @ upper
         self.stiffness = self._held - np.diag(self.springs)
+
+
+def _assembled(matrices: Array, unknowns: NDArray[np.int32], size: int) -> csc_array:
+    """Sum of symmetric element matrices (elements, n, n) on unknowns (elements, n) below `size`."""
+    from scipy.sparse import csr_array
+
+    # Rows sorted by hand, columns by transposing: half the time of a matrix of coordinates, which sorts each column.
+    count = unknowns.shape[1]
+    order = np.argsort(unknowns, axis=None, kind="stable")
+    starts = count * np.searchsorted(unknowns.ravel()[order], np.arange(size + 1))
+    columns, values = unknowns[order // count], matrices.reshape(-1, count)[order]
+    rows = csr_array((values.ravel(), columns.ravel(), starts.astype(np.int32)), shape=(size, size))
+    found: csc_array = rows.tocsc()
+    found.has_sorted_indices = True
+    found.sum_duplicates()
+    return found

@@ -39,6 +39,11 @@ class Body:
     modulus: float
     poisson: float
 
+    @property
+    def shear(self) -> float:
+        """Modulus [Pa]."""
+        return self.modulus / (2 * (1 + self.poisson))
+
 
 @dataclass(frozen=True, slots=True)
 class Grid:

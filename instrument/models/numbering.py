@@ -27,6 +27,9 @@ class Part:
     columns: Indices
     rows: Indices
 
+    def __len__(self) -> int:
+        return int(self.elements.stop - self.elements.start)
+
 
 @dataclass(frozen=True, slots=True)
 class Numbering:
@@ -37,6 +40,7 @@ class Numbering:
     shared: int
     inner: NDArray[np.bool_]
     subdomain: Indices
+    subdomains: int
     seam: int
 
 
@@ -70,7 +74,7 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
     unknowns = np.empty(names.shape, dtype=np.intp)
     unknowns[:, ~inner] = rank[places]
     unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
-    return Numbering(unknowns, size, shared, inner, subdomain, seam)
+    return Numbering(unknowns, size, shared, inner, subdomain, int(subdomain.max()) + 1, seam)
 
 
 def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -> tuple[Indices, Indices, int]:

@@ -8,21 +8,17 @@ all of them; with a low one the steps creep where rubber is squeezed flat. So th
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from instrument.errors import EstimateError
-from instrument.models.condensed import Each, Elements, Factorised, product
+from instrument.models.condensed import Elements, Factorised, product
 from instrument.models.elements import nodal
+from instrument.models.threads import Each
 
 Array = NDArray[np.float64]
 
@@ -42,33 +38,12 @@ class Solved:
     residual: float
 
 
-def solve(elements: Elements, load: Array) -> Solved:
-    """Displacement and pressure under a load vector (size + 1,).
+def solve(elements: Elements, load: Array, each: Each) -> Solved:
+    """Displacement and pressure under a load vector (size + 1,); `each`: works on all subdomains at once.
 
     Raises:
         EstimateError: the residual stays above 1e-9 of its terms.
     """
-    threads = int(elements.subdomain.max()) + 1
-    if threads == 1:  # another thread would only lose the memory that the last solution left
-        return _eased(elements, load, map)
-    # The threads of BLAS, which spin for more work, would take the cores from these.
-    with _blas().limit(limits=1, user_api="blas"), ExitStack() as stack:
-        pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(threads)]
-
-        def each(work: Callable[[Any], Any], subdomains: Sequence[Any]) -> list[Any]:
-            # A subdomain stays with its thread: SuperLU gives memory back in the thread alone that took it.
-            begun = [pool.submit(work, one) for pool, one in zip(pools, subdomains, strict=True)]
-            return [one.result() for one in begun]
-
-        return _eased(elements, load, each)
-
-
-@functools.cache
-def _blas() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
-def _eased(elements: Elements, load: Array, each: Each) -> Solved:
     tried: list[Solved] = []
     before = None
     for easing in EASINGS:
@@ -77,7 +52,7 @@ def _eased(elements: Elements, load: Array, each: Each) -> Solved:
             continue
         before = bounded
         with closing(Factorised(elements, bounded, each)) as solver:
-            tried.append(_refine(elements, load, bounded, solver))
+            tried.append(_refine(elements, load, bounded, solver, each))
         if tried[-1].residual <= RESIDUAL_GOAL:
             break
     best = min(tried, key=lambda solved: solved.residual)
@@ -89,7 +64,7 @@ def _eased(elements: Elements, load: Array, each: Each) -> Solved:
     return best
 
 
-def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised) -> Solved:
+def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised, each: Each) -> Solved:
     """Steps of iterative refinement, as long as they gain a digit, until they no longer move anything.
 
     The residual alone does not tell the last: beside rubber it is down to rounding while a foil still moves.
@@ -108,7 +83,7 @@ def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised)
         rest += (displacement - (total - kept)) + (change - kept)
         displacement = total
         strained = elements.strained(displacement, rest)
-        internal, terms = elements.internal_forces(strained, pressure)
+        internal, terms = elements.internal_forces(strained, pressure, each)
         gap = product(elements.dilatation, strained[elements.mixed])
         gap -= elements.compliance[:, None] * pressure
         gap_terms = product(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))

@@ -16,6 +16,7 @@ from instrument.models import axisymmetric, elements, mesh, numbering
 from instrument.models.beam import Stretch
 from instrument.models.condensed import Elements
 from instrument.models.parameters import RoundParameters
+from instrument.models.threads import one_each
 
 Array = NDArray[np.float64]
 
@@ -70,7 +71,10 @@ def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[El
     """The shipped elements in displacement form, and their matrices on nodes, apart and in one sparse matrix."""
     grid = mesh.grid(parameters, layers)
     lines = [elements.line(at, degree, radial) for at, radial in ((grid.radii, True), (grid.heights, False))]
-    found = axisymmetric.assemble(parameters, grid, *lines, numbering.parts(grid), mixed_poisson=math.inf)
+    bodies = numbering.parts(grid)
+    numbered = numbering.number(parameters, grid, *lines, bodies)
+    with one_each(numbered.subdomains) as each:
+        found = axisymmetric.assemble(numbered, *lines, bodies, math.inf, each)
     local = elements.nodal(found.stiffness.copy())
     count = found.unknowns.shape[1]
     rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()
