@@ -32,8 +32,7 @@ TIMED = MODULI[2]
 # One more point of the solid model's curve, coarser than any mesh that it refines from.
 COARSEST = -1
 COARSEST_MESH = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
-# The second way to a reference: no pressure among the unknowns (axisymmetric), another grading and degree (solid).
-PLAIN = 1.0
+# The second way to a reference: no pressure among the unknowns (axisymmetric); another grading and degree (solid):
 OTHER_FAMILY = Resolution(layers=3, ratio=0.15, sectors=1, degree=4)
 FINER = 2  # refinement that is the second way of many teeth, and not priced: minutes and 12 GB, by PARDISO alone
 
@@ -108,9 +107,8 @@ def solve(mesh: Mesh) -> Solved:
     """Solve; at TIMED with the core dependencies alone, elsewhere with the fastest solver that is installed."""
     try:
         if isinstance(mesh.parameters, RoundParameters):
-            form = PLAIN if mesh.second else axisymmetric.MIXED_POISSON
             # Degree and layers go on as in axisymmetric.solve.
-            found = axisymmetric.solve_on(mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, form)
+            found = axisymmetric.solve_on(mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, not mesh.second)
             return Solved(found.force_ratio, found.imbalance, found.seconds)
         answer = solid.solve_on(mesh.parameters, _resolution(mesh), _solver(mesh))
         return Solved(answer.force_ratio, seconds=(*answer.seconds, 0.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -74,7 +73,7 @@ def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[El
     bodies = numbering.parts(grid)
     numbered = numbering.number(parameters, grid, *lines, bodies)
     with one_each(numbered.subdomains) as each:
-        found = axisymmetric.assemble(numbered, *lines, bodies, math.inf, each)
+        found = axisymmetric.assemble(numbered, *lines, bodies, [], each)
     local = elements.nodal(found.stiffness.copy())
     count = found.unknowns.shape[1]
     rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()
