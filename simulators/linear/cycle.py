@@ -187,7 +187,7 @@ class Cycle:
             weights.take(moments.legs, axis=1, out=part, mode="clip")
             part *= moments.wave(number)
             value += part
-        value -= table.lag(time_ns - self.start_ns, step_ns)
+        value -= table.lag(time_ns, self.start_ns, step_ns)
         return value
 
     def state(self, time_ns: int) -> Floats:

@@ -12,7 +12,8 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
-Seen = Callable[[Times, int], Floats]  # (p, n) at times [ns], and what is between any two of them; 0: they differ in it
+# (p, n) at times [ns]; from when it moves freely; and what is between any two of the times, 0: they differ in it.
+Seen = Callable[[Times, int, int], Floats]
 
 # Above this condition number the modes are too nearly parallel to carry the transient to ten digits.
 PARALLEL = 1e5
@@ -54,7 +55,7 @@ class FreeMotion:
     def seen(self, rows: Floats, x: Floats) -> Seen:
         """rows @ exp(A t) x, rows (p, s), as a function of time."""
         if self.modes is None:
-            return lambda elapsed_ns, step_ns: real_product(rows, self.decay(x, elapsed_ns))
+            return lambda time_ns, start_ns, step_ns: real_product(rows, self.decay(x, time_ns - start_ns))
         rates, shapes, inverse = self.modes
         weights = ((rows @ shapes) * (inverse @ x))[:, rates.imag >= 0]
         weights *= np.where(self._rates.imag > 0, 2.0, 1.0)
@@ -62,7 +63,7 @@ class FreeMotion:
 
     def free(self, x: Floats, elapsed_ns: Times) -> Floats:
         """exp(A t) x, shape (s, n)."""
-        return self.seen(np.eye(len(x)), x)(elapsed_ns, 0)
+        return self.seen(np.eye(len(x)), x)(elapsed_ns, 0, 0)
 
     def moment(self, x: Floats, elapsed_ns: float) -> Floats:
         """exp(A t) x at one time, (s,)."""
@@ -83,18 +84,18 @@ class FreeMotion:
             answer[:, used] = real_product(self._powers[bit], answer[:, used])
         return answer
 
-    def _of_modes(self, weights: Floats | Complexes, elapsed_ns: Times, step_ns: int) -> Floats:
+    def _of_modes(self, weights: Floats | Complexes, time_ns: Times, start_ns: int, step_ns: int) -> Floats:
         """Blocks of samples, counted from the first one after the start, as products of what a mode is at a block's
         beginning and what it does within a block: the same bytes whatever part of a block is asked for."""
         if not step_ns:
-            return _decaying(weights, self._rates, elapsed_ns)
+            return _decaying(weights, self._rates, time_ns - start_ns)
 
         def heads(elapsed_ns: Times) -> Floats:
             modes = weights * np.exp((1e-9 * elapsed_ns)[:, np.newaxis, np.newaxis] * self._rates)
             modes[np.abs(modes) < GONE] = 0.0
             return self._parts(modes, axis=2)
 
-        return on_grid(heads, self._within(step_ns), int(elapsed_ns[0]), len(elapsed_ns), step_ns)
+        return on_grid(heads, self._within(step_ns), int(time_ns[0]) - start_ns, len(time_ns), step_ns)
 
     def _within(self, step_ns: int) -> Floats:
         """What the modes do in a block, (parts, BLOCK)."""
@@ -123,7 +124,10 @@ def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, cou
     parts = np.ascontiguousarray(heads(rest_ns + step_ns * BLOCK * blocks))  # how it lies decides how a BLAS rounds
     start = number - int(blocks[0]) * BLOCK
     found = np.empty((parts.shape[1], len(blocks), BLOCK))
-    np.matmul(parts, within, out=found.transpose(1, 0, 2))  # a stack of products: each block rounds as if alone
+    if len(within) == 1:
+        np.multiply(parts.transpose(1, 0, 2), within, out=found)  # without the calls of a product
+    else:
+        np.matmul(parts, within, out=found.transpose(1, 0, 2))  # a stack of products: each block rounds as if alone
     return found.reshape(len(found), -1)[:, start : start + count]
 
 

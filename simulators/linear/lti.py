@@ -188,7 +188,7 @@ class Trace:
         """Values (p, n) at times from the start on. `step_ns`: between any two times, which is faster; 0: none."""
         terms = [base.summed(phasors, time_ns, step_ns) for base, phasors in self.parts]
         if self.rows.any() and self.gap.any():
-            terms.append(self._transient(time_ns - self.start_ns, step_ns))
+            terms.append(self._transient(time_ns, self.start_ns, step_ns))
         if not terms:
             return np.repeat(self.mean[:, np.newaxis], len(time_ns), axis=1)
         value, *others = terms
