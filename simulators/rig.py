@@ -25,7 +25,7 @@ from simulators.effects.effect import (
     LeakEffect,
 )
 from simulators.linear.lti import Floats, StateSpace
-from simulators.linear.path import KEPT_NS, Path
+from simulators.linear.path import KEPT_NS, Path, split
 from simulators.linear.periodic import HERTZ, Periodic, constant
 from simulators.physics.assembly import chain_of, film_signals
 from simulators.physics.chain import Chain, Touch
@@ -155,7 +155,7 @@ class Rig:
     def cell_force(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
         """Force on the load cell, N, shape (n,), at ascending times of the last 12 s; `step_ns` as for films."""
         rows = slice(self._last.force, self._last.force + 1)
-        pieces = np.split(time_ns, np.searchsorted(time_ns, [path.start_ns for path in self._paths][1:]))
+        pieces = split(time_ns, [path.start_ns for path in self._paths][1:])
         parts = zip(self._paths, pieces, strict=True)
         force: Floats = np.concatenate([path.outputs(piece, rows, step_ns)[0] for path, piece in parts if len(piece)])
         return force

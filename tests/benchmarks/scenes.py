@@ -43,7 +43,7 @@ BLOCK, AT_ONCE = 16384, 1000  # samples: with so many Python's own time is littl
 ROUNDS = 15
 LARGE = 4_000_000
 GOAL_STEPPED, GOAL_POLE, GOAL_STEADY = 100.0, 5.0, 50e-6
-GOAL_IDEAL, SWEEP_ROUNDS = 3.0, 3
+GOAL_IDEAL, SWEEP_ROUNDS = 3.0, 5
 DEFAULT = SweepSettings(tuple(SAMPLES), parse_loads("1.5 N:4 N:0.5 N"), 1.0, 10.0)
 
 Taker = Callable[[int, int], None]
