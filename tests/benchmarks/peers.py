@@ -105,7 +105,7 @@ def _curve(
 
 def _rows(figure: str, curve: Curve) -> Iterator[Row]:
     for name, (error, seconds) in curve.items():
-        yield Row(f"{figure}, {name}: error and time", f"{error:.1e} in {seconds:.4f} s")
+        yield Row(f"{figure}, {name}: error and time", f"{error:.1e} in {seconds:.3f} s")
 
 
 def _beside(figure: str, ours: Curve, theirs: Curve, errors: Sequence[float]) -> Iterator[Row]:
@@ -114,7 +114,7 @@ def _beside(figure: str, ours: Curve, theirs: Curve, errors: Sequence[float]) ->
         own, other = seconds_at(ours, error), seconds_at(theirs, error)
         yield Row(
             f"{figure}: time at error {error:g}, ours / theirs",
-            f"{own:.4f} / {other:.4f} s = {own / other:.2f}" if other < math.inf else f"{own:.2f} s / not reached",
+            f"{own:.3f} / {other:.3f} s = {own / other:.2f}" if other < math.inf else f"{own:.2f} s / not reached",
             "<= 1",
             own <= other,
         )
