@@ -41,7 +41,7 @@ THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
 # CPU time [s, M]: of a transition, of a settled state's phasors, and of a sample of a film: by itself, for each state
 # of the chain, and for what an effect adds to it.
-A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 5e-8, 5e-9
+A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
 ADDED = {"mains_hum": 2e-8, "pink_noise": 1e-7, "white_noise": 4e-8, "jitter": 3e-8, "adc": 1e-8}
 # What an effect's transitions change.
 LIMITS = {"amplifier_clip": "rail", "current_limit": "current", "end_stops": "stop", "hysteresis": "drag"}
