@@ -62,7 +62,7 @@ class Stream:
         if number not in self._blocks:
             self._state["state"]["state"][2] = number
             self._generator.bit_generator.state = self._state
-            self._generator.bit_generator.random_raw(MIXING)
+            self._generator.bit_generator.random_raw(MIXING)  # without output it takes three times as long
             keep(self._blocks, number, self._generator.standard_normal(BLOCK))
         return self._blocks[number]
 

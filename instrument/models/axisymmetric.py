@@ -39,7 +39,7 @@ MIXED_POISSON, SOFT_MIXED_POISSON = 0.4, 0.2
 LUCK = 0.15
 # Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
 BULK_BOUND = 1e5
-# Error that the first two refinements may have though they agree, by chance; of 200 sensors one had 0.9e-5.
+# Error that the second refinement may have though the first agrees, by chance: of 250 sensors one had 4e-6.
 CHANCE = 1e-5
 # Rounding of the force ratio: up to 1.3e-12, for a foil of 10 µm and 140 GPa.
 ROUND_OFF = 1e-11

@@ -108,7 +108,9 @@ def solve(mesh: Mesh) -> Solved:
     try:
         if isinstance(mesh.parameters, RoundParameters):
             # Degree and layers go on as in axisymmetric.solve.
-            found = axisymmetric.solve_on(mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, not mesh.second)
+            found = axisymmetric.solve_on(
+                mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, mixed=not mesh.second
+            )
             return Solved(found.force_ratio, found.imbalance, found.seconds)
         answer = solid.solve_on(mesh.parameters, _resolution(mesh), _solver(mesh))
         return Solved(answer.force_ratio, seconds=(*answer.seconds, 0.0))

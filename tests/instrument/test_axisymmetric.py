@@ -61,6 +61,13 @@ def test_a_soft_object_of_poisson_ratio_0_3_errs_less_with_its_pressure_as_an_un
         assert with_it < without / gain
 
 
+def test_meshes_that_agree_by_chance_are_not_believed() -> None:
+    assert axisymmetric.error_estimate([0.4, 0.4], imbalance=0.0) == pytest.approx(1e-5, rel=1e-5)
+    assert axisymmetric.error_estimate([0.4, 0.41], imbalance=0.0) == pytest.approx(4e-2)
+    assert axisymmetric.error_estimate([0.4, 0.41, 0.41], imbalance=1e-3) == pytest.approx(2.5e-3)
+    assert axisymmetric.error_estimate([0.4, 0.41, 0.413], imbalance=0.0) == pytest.approx(3e-3)
+
+
 def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
     blunt = [abs(solve_on(CASE_A, degree, layers=0).force_ratio - CASE_A_RATIO) for degree in (4, 5)]
     graded = abs(solve_on(CASE_A, 5, layers=4).force_ratio - CASE_A_RATIO)
