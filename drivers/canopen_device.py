@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from drivers.can import CanLink
 from drivers.device import Device
-from instrument.contract import PROBE, Contract, Value, sdo
+from instrument.contract import PROBE, Value, sdo
 from instrument.errors import DeviceError, IdentityError
 
 
@@ -16,7 +16,6 @@ class CanopenDevice(Device):
     A write is sent once. Settings are remembered as they were written, orders are not.
     """
 
-    contract: ClassVar[Contract]
     orders: ClassVar[frozenset[str]] = frozenset()  # objects that make the node do something
 
     def __init__(self, link: CanLink, node_id: int) -> None:
@@ -55,10 +54,14 @@ class CanopenDevice(Device):
         self.serial = self._same(f"{int(self.get('serial')):08X}")
 
     def get(self, name: str) -> float:
-        """Physical value of one object."""
+        """Physical value of one object. Raises LinkError, LinkTimeout; DeviceError: an abort, or outside its limits."""
+        return self._asked(lambda: self._value(name, self._get(name)))
+
+    def _held(self, name: str) -> bytes:
+        """As `get`, but the bytes, whatever they mean."""
         return self._asked(lambda: self._get(name))
 
-    def _get(self, name: str) -> float:
+    def _get(self, name: str) -> bytes:
         field = self.contract[name]
         try:
             data = self.link.upload(self.name, self._node, field.index, field.subindex)
@@ -66,7 +69,7 @@ class CanopenDevice(Device):
             raise DeviceError(f"{error}, reading {name}") from None
         if len(data) != field.size:
             raise DeviceError(f"{self.name}: {name} came with {len(data)} bytes where {field.size} belong; not used")
-        return self.contract.decode(name, data)
+        return data
 
     def set(self, name: str, value: Value) -> None:
         """Write one object. Raises RangeError before anything is sent, DeviceError where the node aborts."""
@@ -83,12 +86,12 @@ class CanopenDevice(Device):
             raise DeviceError(f"{error}, writing {self.contract.described(name, value)}") from None
 
     def differences(self) -> list[str]:
-        """What the node no longer holds as it was written."""
+        """What the node no longer holds as it was written, within its limits or not."""
         found = []
         for name, value in self._settings.items():
-            held = self.get(name)
-            if self.contract.pack(name, held) != self.contract.encode(name, value):
-                found.append(f"{self.name}: {name} is {held:g}, was set to {value}")
+            held = self._held(name)
+            if held != self.contract.encode(name, value):
+                found.append(f"{self.name}: {name} is {self.contract.decode(name, held):g}, was set to {value}")
         return found
 
     def restore(self) -> None:

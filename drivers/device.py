@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
+from instrument.contract import Contract
 from instrument.errors import BenchError, DeviceError, IdentityError
 
 READ_ATTEMPTS = 2  # on a bench that is attended; else 1
@@ -17,6 +18,8 @@ class Device:
     A question changes nothing, so it is asked `read_attempts` times until an answer is valid; `noticed` is told of
     those that were not. An order is given once.
     """
+
+    contract: ClassVar[Contract]
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -50,6 +53,15 @@ class Device:
                 "or run again"
             )
         return serial
+
+    def _value(self, name: str, data: bytes) -> float:
+        """Physical value of a field that was read. Raises DeviceError: outside its limits, or none of its choices."""
+        value = self.contract.decode(name, data)
+        if fault := self.contract.misread(name, value):
+            raise DeviceError(
+                f"{self.name}: reads {fault}; not used. Set it within its limits, or look at its firmware"
+            )
+        return value
 
     def _asked(self, question: Callable[[], T]) -> T:
         for attempt in range(1, self.read_attempts + 1):

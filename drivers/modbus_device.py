@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from drivers.device import Device
 from drivers.modbus import BASIC, EXTENDED, REGULAR, ModbusLink, read_identity, read_registers, write_registers
-from instrument.contract import PROBE, Contract, Value
+from instrument.contract import PROBE, Value
 from instrument.errors import BenchError, DeviceError, IdentityError, LinkError, UsageError
 
 VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
@@ -22,7 +22,6 @@ class ModbusDevice(Device):
     orders are not.
     """
 
-    contract: ClassVar[Contract]
     orders: ClassVar[frozenset[str]] = frozenset()  # fields that make the device do something
 
     def __init__(self, link: ModbusLink, unit: int) -> None:
@@ -81,11 +80,11 @@ class ModbusDevice(Device):
         """Physical values of fields that stand together, read in one request.
 
         Raises:
-            LinkError, LinkTimeout, DeviceError: no answer, or an exception response.
+            LinkError, LinkTimeout, DeviceError: no answer, an exception response, or a value outside its limits.
         """
-        return self._asked(lambda: self._read(names))
+        return self._asked(lambda: list(map(self._value, names, self._read(names))))
 
-    def _read(self, names: tuple[str, ...]) -> list[float]:
+    def _read(self, names: tuple[str, ...]) -> list[bytes]:
         start, count, places = self._layout(names)
         try:
             reply = self.link.transact(self.name, read_registers, start, count, self.unit)
@@ -97,7 +96,7 @@ class ModbusDevice(Device):
                 f"where function 3 with {count} was asked; the reply is not used"
             )
         data = struct.pack(f">{count}H", *reply.registers)
-        return [self.contract.decode(name, data[place]) for name, place in zip(names, places, strict=True)]
+        return [data[place] for place in places]
 
     def set(self, **values: Value) -> None:
         """Write fields that stand together in one FC16 request; never repeated.
@@ -145,12 +144,12 @@ class ModbusDevice(Device):
             return False
 
     def _differing(self, values: Mapping[str, Value]) -> dict[str, float]:
-        """Those that the device holds otherwise, as it holds them."""
-        found = dict(zip(values, self.get_many(*values), strict=True))
+        """Those that the device holds otherwise, as it holds them: within their limits or not."""
+        found = dict(zip(values, self._asked(lambda: self._read(tuple(values))), strict=True))
         return {
-            name: found[name]
+            name: self.contract.decode(name, found[name])
             for name, value in values.items()
-            if self.contract.pack(name, found[name]) != self.contract.encode(name, value)
+            if found[name] != self.contract.encode(name, value)
         }
 
     def differences(self) -> list[str]:

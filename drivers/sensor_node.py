@@ -66,7 +66,7 @@ class SensorNode(CanopenDevice):
     def connect(self) -> None:
         """Join the bus, identify the node, and read back the settings. Raises as `identify`."""
         super().connect()
-        self.rate = 1.0 / self.get("sync_period")
+        self.rate = self._sync_rate()
         self._heartbeat = self.get("heartbeat")
         for channel in range(1, CHANNELS + 1):
             self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
@@ -117,6 +117,11 @@ class SensorNode(CanopenDevice):
             raise RangeError(f"{self.name}: sample rate {rate:g} Hz must be above 0")
         self.set("sync_period", 1.0 / rate)
         self.rate = 1.0 / self.get("sync_period")
+
+    def _sync_rate(self) -> float:
+        """As the node holds it; 0: no SYNC, as CiA 301 has it by default."""
+        held = self._held("sync_period")
+        return 1.0 / self._value("sync_period", held) if any(held) else 0.0
 
     def reset_integrators(self) -> None:
         """Short the integrators of all charge amplifiers: their outputs start again from zero."""
@@ -193,6 +198,12 @@ def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
         LinkError: samples were lost. DeviceError: the nodes sampled too few.
     """
     producer = nodes[0]
+    if not producer.rate:
+        raise DeviceError(
+            f"{producer.name}: sync_period (1006h) is 0, so it sends no SYNC and nothing is sampled; set the sample "
+            "rate first",
+            device=producer.name,
+        )
     samples = duration * producer.rate
     if not (math.isfinite(samples) and samples >= 0.5):
         raise RangeError(

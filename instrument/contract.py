@@ -8,18 +8,22 @@ round-trip test, so each field also has a golden frame written by hand in `tests
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import struct
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
-from instrument.errors import RangeError, UnknownName
+from instrument.errors import ConfigError, RangeError, UnknownName
 
 Type = Literal["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "text"]
 Access = Literal["ro", "rw", "wo"]
 Value = float | str
+
+TYPES, ACCESSES = get_args(Type), get_args(Access)
 
 _STRUCT: dict[str, str] = {
     "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
@@ -52,6 +56,33 @@ class Field:
     default: Value = 0.0
     choices: Mapping[str, int] = field(default_factory=dict)
     bits: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError: the field cannot be what it says."""
+        if self.type not in TYPES:
+            raise ConfigError(f"field {self.name}: no type {self.type!r}; valid: {', '.join(TYPES)}")
+        if self.access not in ACCESSES:
+            raise ConfigError(f"field {self.name}: no access {self.access!r}; valid: {', '.join(ACCESSES)}")
+        if not (math.isfinite(self.scale) and self.scale > 0):
+            raise ConfigError(f"field {self.name}: scale {self.scale:g} is not finite and above 0")
+        if self.type == "text":
+            return
+        limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
+        wrong = [
+            value for value in (*limits, *(self.scale * raw for raw in self.choices.values())) if not self._holds(value)
+        ]
+        if wrong or limits != sorted(limits):
+            raise ConfigError(f"field {self.name}: {wrong or limits} cannot be limits or choices of a {self.type}")
+        if any(not 0 <= number < 8 * self.size for number in self.bits.values()) or (self.bits and self.type[0] != "u"):
+            raise ConfigError(f"field {self.name}: a {self.type} has no bits {dict(self.bits)}")
+
+    def _holds(self, value: float) -> bool:
+        """Whether the type has room for a physical value."""
+        try:
+            struct.pack(_STRUCT[self.type], _to_raw(self, value))
+        except (struct.error, OverflowError, ValueError):
+            return False
+        return math.isfinite(value)
 
     @property
     def size(self) -> int:
@@ -103,6 +134,18 @@ class Contract:
     _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        """Raises ConfigError: its fields cannot stand on its bus, or beside each other."""
+        for f in self.fields:
+            if self.bus == "modbus" and (f.type == "text" or f.size % 2):
+                wide = ", ".join(name for name, size in _SIZE.items() if size % 2 == 0)
+                raise ConfigError(
+                    f"{self.title}: {f.name} is of type {f.type}, which fills no whole 16-bit registers; valid: {wide}"
+                )
+        for first, second in itertools.pairwise(sorted(self.fields, key=lambda f: f.address)):
+            if first.address + (first.size // 2 if self.bus == "modbus" else 1) > second.address:
+                raise ConfigError(f"{self.title}: {first.name} and {second.name} overlap at 0x{second.address:x}")
+        if twice := [name for name, count in Counter(f.name for f in self.fields).items() if count > 1]:
+            raise ConfigError(f"{self.title}: several fields have the name {', '.join(twice)}; each needs its own")
         order = ">" if self.bus == "modbus" else "<"
         object.__setattr__(self, "_by_name", {f.name: f for f in self.fields})
         object.__setattr__(
@@ -133,12 +176,27 @@ class Contract:
                 raise RangeError(f"{self.title}: {f.name} = {value!r} is no choice; valid: {', '.join(f.choices)}")
             return f.choices[value]
         if not self.allows(name, value):
-            given = f"{self.title}: {f.name} = {value:g} {f.unit}".rstrip()
-            if f.choices:
-                raise RangeError(f"{given} is no choice; valid: {_listed(f.choices)}")
-            low, high = _limits(f)
-            raise RangeError(f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip())
+            raise RangeError(f"{self.title}: {self._beyond(f, value)}")
         return _to_raw(f, value)
+
+    def misread(self, name: str, value: float) -> str:
+        """What is wrong with a value that a device gave; empty: nothing.
+
+        Limits and choices hold for it as for what is written. Where a field has neither, a float may be NaN: the device
+        has no reading.
+        """
+        f = self[name]
+        bounded = f.choices or f.minimum is not None or f.maximum is not None
+        if self.allows(name, value) or (math.isnan(value) and not bounded):
+            return ""
+        return self._beyond(f, value)
+
+    def _beyond(self, f: Field, value: float) -> str:
+        given = f"{f.name} = {value:g} {f.unit}".rstrip()
+        if f.choices:
+            return f"{given} is no choice; valid: {_listed(f.choices)}"
+        low, high = _limits(f)
+        return f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip()
 
     def described(self, name: str, value: Value) -> str:
         """A setting with its unit and limits or choices, for messages."""
@@ -172,8 +230,10 @@ class Contract:
         return raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
 
     def set_bits(self, name: str, value: float) -> frozenset[str]:
-        """Names of the bits that are set in a status word."""
-        return frozenset(bit for bit, number in self[name].bits.items() if int(value) >> number & 1)
+        """Names of the bits that are set in a status word; `bit 9` for one that the contract does not name."""
+        names = {number: bit for bit, number in self[name].bits.items()}
+        word = int(value)
+        return frozenset(names.get(n, f"bit {n}") for n in range(word.bit_length()) if word >> n & 1)
 
     def choice(self, name: str, value: float) -> str:
         """Name of the choice with raw value `value`; the number itself where it has none."""

@@ -6,13 +6,14 @@ import math
 import re
 import struct
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from instrument.contract import PROBE, Contract, Field, Identity, sdo
 from instrument.contracts import CONTRACTS, contracts_digest
 from instrument.contracts.sensor_node import bus_load
-from instrument.errors import RangeError, UnknownName
+from instrument.errors import ConfigError, RangeError, UnknownName
 
 EVERY_FIELD = [pytest.param(c, f, id=f"{c.name}.{f.name}") for c in CONTRACTS.values() for f in c.fields]
 RANGES = {
@@ -124,7 +125,7 @@ def test_a_name_where_a_number_belongs_is_refused() -> None:
 
 def test_status_bits_have_names() -> None:
     assert TOY.set_bits("status", 0b1001) == {"ready", "hot"}
-    assert TOY.set_bits("status", 0b0110) == set()
+    assert TOY.set_bits("status", 0b0110) == {"bit 1", "bit 2"}  # which the contract does not name
 
 
 def test_a_setting_describes_itself_with_its_limits_or_choices() -> None:
@@ -196,3 +197,40 @@ def test_the_digest_is_the_same_each_time() -> None:
     assert TOY.digest() == replace(TOY).digest()
     assert len(contracts_digest()) == 64
     assert contracts_digest() == contracts_digest()
+
+
+# --- what cannot be declared ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"type": "bool"}, "field speed: no type 'bool'; valid: uint8, int8"),
+        ({"type": "bcd"}, "field speed: no type 'bcd'"),
+        ({"access": "const"}, "field speed: no access 'const'; valid: ro, rw, wo"),
+        ({"scale": 0.0}, "field speed: scale 0 is not finite and above 0"),
+        ({"scale": math.nan}, "field speed: scale nan"),
+        ({"maximum": 100.0}, r"field speed: \[100.0\] cannot be limits or choices of a uint16"),
+        ({"minimum": 21.0}, "cannot be limits"),
+        ({"choices": {"odd": -1}}, "cannot be limits or choices of a uint16"),
+        ({"bits": {"ready": 16}}, "a uint16 has no bits {'ready': 16}"),
+    ],
+)
+def test_a_field_that_cannot_be_is_refused_where_it_is_declared(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        replace(TOY["speed"], **given)
+
+
+@pytest.mark.parametrize("type_", ["uint8", "int8", "text"])
+def test_what_fills_no_whole_register_is_refused_on_modbus(type_: Any) -> None:
+    field = Field("part", 0x30, type_, "part of a register")
+    with pytest.raises(ConfigError, match=f"toy device: part is of type {type_}, .* valid: uint16, int16, uint32"):
+        replace(TOY, fields=(*TOY.fields, field))
+    replace(TOY, bus="canopen", fields=(field,))
+
+
+def test_fields_that_overlap_or_share_a_name_are_refused() -> None:
+    with pytest.raises(ConfigError, match="position and half overlap at 0x12"):
+        replace(TOY, fields=(*TOY.fields, Field("half", 0x12, "uint16", "half of it")))
+    with pytest.raises(ConfigError, match="several fields have the name speed"):
+        replace(TOY, fields=(*TOY.fields, Field("speed", 0x30, "uint16", "again")))

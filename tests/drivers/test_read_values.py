@@ -1,0 +1,104 @@
+"""What a device gives is held to its contract, as what it is given is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivers.bench import Bench
+from instrument.errors import DeviceError
+from simulators.bench import SimulatedBench
+
+
+@pytest.mark.parametrize(
+    ("device", "field", "value", "message"),
+    [
+        ("indicator", "mode", 9.0, r"mode = 9 is no choice; valid: track \(0\), peak_to_peak \(1\)"),
+        ("indicator", "decimals", 400.0, "decimals = 400 is outside 0 to 9"),
+        ("indicator", "command_result", 77.0, r"command_result = 77 is no choice; valid: none \(0\)"),
+        ("amplifier", "temperature", 3200.0, "temperature = 3200 degC is outside -40 to 150 degC"),
+        ("positioner", "limit_high", -1.0, "limit_high = -1 m is outside 0 to 0.025 m"),
+        ("generator", "frequency", 30_000.0, "frequency = 30000 Hz is outside 0 to 20000 Hz"),
+    ],
+)
+def test_a_modbus_value_outside_its_contract_is_refused_with_device_field_value_limit_and_remedy(
+    device: str,
+    field: str,
+    value: float,
+    message: str,
+    bench: Bench,
+    sim: SimulatedBench,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    driver, simulated = getattr(bench, device), getattr(sim, device)
+    read = simulated.read
+    monkeypatch.setattr(simulated, "read", lambda name: value if name == field else read(name))
+    with pytest.raises(
+        DeviceError, match=f"^{driver.name}: reads {message}.*; not used. Set it within its limits"
+    ) as seen:
+        driver.get(field)
+    assert seen.value.device == driver.name
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("range_1", 9.0, r"range_1 = 9 is no choice; valid: 5 V \(0\), 500 mV \(1\)"),
+        ("heartbeat", 65.0, "heartbeat = 65 s is outside 0 to 60 s"),
+        ("sync_period", 11.0, "sync_period = 11 s is outside 0.0001 to 10 s"),
+    ],
+)
+def test_an_object_outside_its_contract_is_refused_where_the_node_is_opened(
+    field: str, value: float, message: str, bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sim.can.nodes[0].settings, field, value)
+    with pytest.raises(DeviceError, match=f"^sensor node 1 at .*: reads {message}"):
+        bench.nodes[0].connect()
+
+
+def test_a_node_that_sends_no_sync_can_be_opened_and_says_what_it_wants_before_it_samples(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0 is the default of 1006h in CiA 301."""
+    node = bench.nodes[0]
+    monkeypatch.setitem(sim.can.nodes[0].settings, "sync_period", 0.0)
+    node.connect()
+    with pytest.raises(
+        DeviceError, match=r"sync_period \(1006h\) is 0, so it sends no SYNC.*; set the sample rate first"
+    ):
+        node.acquire(0.1)
+    node.set_sample_rate(1000.0)
+    assert node.acquire(0.01).time.size == 10
+
+
+def test_a_setting_that_fell_out_of_its_limits_counts_as_lost_and_is_restored(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So a power cycle leaves a node, whose defaults need not lie within the contract."""
+    node, held = bench.nodes[0], sim.can.nodes[0].settings
+    node.set("sync_period", 0.002)
+    monkeypatch.setitem(held, "sync_period", 0.0)
+    assert any("sync_period is 0, was set to 0.002" in found for found in node.differences())
+    node.restore()
+    assert held["sync_period"] == 0.002
+    monkeypatch.setitem(sim.indicator.settings, "full_scale", 5.0)
+    assert any("full_scale is 5, was set to 200" in found for found in bench.indicator.differences())
+    bench.indicator.restore()
+    assert sim.indicator.settings["full_scale"] == 200.0
+
+
+def test_a_fault_bit_that_the_contract_does_not_name_is_a_fault(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    amplifier: Any = sim.amplifier
+    read = amplifier.read
+    monkeypatch.setattr(amplifier, "read", lambda name: 512.0 if name == "faults_latched" else read(name))
+    assert bench.amplifier.read().faults_latched == {"bit 9"}
+
+
+def test_a_float_may_be_not_a_number_where_it_has_no_limits(bench: Bench) -> None:
+    contract = bench.indicator.contract
+    assert contract.misread("reading_float", float("nan")) == ""
+    assert "reading_float = inf" in contract.misread("reading_float", float("inf"))
+    assert "gage_factor = nan" in contract.misread("gage_factor", float("nan"))
