@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Callable
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -18,6 +17,7 @@ from drivers.positioner import Positioner
 from drivers.sensor_node import SensorNode
 from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
+from drivers.signals import held, taken
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import BenchDescription
 from instrument.errors import BenchError, DeviceError, SettingsLost
@@ -94,7 +94,7 @@ class Bench:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(_terminate_as_exit())
+            stack.enter_context(taken(TERMINATIONS, _terminate))
             self._open(self.amplifier.link, stack)
             self.amplifier.connect()
             self.amplifier.disable()  # a bench that was left driving stops, whatever cannot be opened next
@@ -222,7 +222,7 @@ class Bench:
         self.clock.watching = False
         self.incidents.hold()
         self.amplifier.broken = self.generator.broken = ""
-        with _signals_held():
+        with held((signal.SIGINT, *TERMINATIONS)):
             failures = self._switch_off()
         if failures:
             message = (
@@ -248,37 +248,6 @@ class Bench:
         self.generator.sine(10.0, 0.0)
 
 
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
-
-
-@contextmanager
-def _terminate_as_exit() -> Any:
-    """SIGTERM and SIGHUP raise SystemExit, so that they take the same way out as everything else."""
-
-    def terminate(number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
-    if not _in_main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, terminate) for number in TERMINATIONS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _signals_held() -> Any:
-    """SIGINT, SIGTERM and SIGHUP are ignored while outputs are being switched off."""
-    if not _in_main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *TERMINATIONS)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def _terminate(number: int, _frame: FrameType | None) -> None:
+    """SIGTERM and SIGHUP take the same way out as everything else."""
+    raise SystemExit(128 + number)

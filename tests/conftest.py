@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from simulators.bench import SimulatedBench
     from simulators.scene import Scene
 
+SLOW = 300  # s
 collect_ignore = ["examples"]  # projects of their own: see tests/procedures/test_plugin.py
 
 
@@ -34,6 +35,13 @@ def hasty(description: BenchDescription) -> BenchDescription:
 def pytest_configure() -> None:
     """A worker has a core: threads of the linear algebra would only get in each other's way."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """No test without a time-out: that of pyproject.toml, this for a slow one, or the one that a test names."""
+    for item in items:
+        if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(SLOW))
 
 
 def pytest_collection_finish() -> None:

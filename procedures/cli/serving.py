@@ -15,6 +15,7 @@ from types import FrameType
 
 import click
 
+from drivers.signals import taken
 from instrument.bench import BenchDescription
 from instrument.errors import BenchError, PalpateError
 from instrument.sample import Sample
@@ -97,7 +98,7 @@ def serve_until_told(wish: Wish, output: Output, shows_status: bool) -> None:
     Raises:
         BenchError: as `serving`; or the scene failed while it was served. RecordError: as `serving`.
     """
-    with _ending(), serving(wish) as served, ExitStack() as stack:
+    with taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
         _announce(wish, served.description, output)
         look = stack.enter_context(_page(served)) if shows_status and output.for_people else _unseen
         _attend(served, wish.step, look, [sys.stdin.fileno()] if sys.stdin is not None else [])
@@ -179,16 +180,6 @@ def _page(served: Served) -> Iterator[Callable[[], None]]:
         yield look
 
 
-@contextmanager
-def _ending() -> Iterator[None]:
+def _end(_number: int, _frame: FrameType | None) -> None:
     """SIGTERM and SIGHUP end it as Ctrl-C does."""
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, end) for number in ENDINGS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    raise KeyboardInterrupt

@@ -183,8 +183,9 @@ def test_a_real_bench_is_not_shared_by_workers(pytester: pytest.Pytester) -> Non
 
 def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
     shutil.copytree(EXAMPLES / "lab", pytester.path, dirs_exist_ok=True)
-    result = pytester.runpytest_inprocess(*ALONE)
+    result = pytester.runpytest_inprocess(*ALONE, "-p", "pytest_timeout")
     result.assert_outcomes(passed=3)
+    result.stdout.fnmatch_lines(["timeout: 60.0s*"])
 
 
 def test_the_plugin_costs_nothing_where_it_is_not_used() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import socket
 import sys
 import threading
@@ -22,7 +23,7 @@ from instrument.bench import read_bench
 from instrument.sample import get_sample
 from procedures.cli import session
 from procedures.cli.options import Output
-from procedures.cli.served import Traffic, status
+from procedures.cli.served import Person, Traffic, status
 from procedures.cli.serving import Wish, serve_until_told, serving
 from simulators.bench import Place, SimulatedBench
 from simulators.clock import VirtualClock
@@ -120,6 +121,21 @@ def test_a_mistyped_line_is_said_and_stops_nothing(
     first, second = said.err.splitlines()
     assert first.startswith("palpate: ")
     assert (said.status, second) == (0, "done: turn 90")
+
+
+@pytest.mark.parametrize(("handler", "goes_on"), [(signal.SIG_IGN, True), (signal.SIG_DFL, False)])
+def test_a_hang_up_ends_a_served_bench_but_not_one_that_was_started_to_ignore_it(
+    handler: signal.Handlers, goes_on: bool, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Person, "do", lambda _person, _line: os.kill(os.getpid(), signal.SIGHUP))
+    before = signal.signal(signal.SIGHUP, handler)
+    try:
+        with typing("hang up\nquit\n", monkeypatch):
+            said = palpate("serve", "thesis_single", "--can", "virtual", "--quiet")
+        assert signal.getsignal(signal.SIGHUP) == handler
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert (said.status, said.err) == (0, "done: hang up\n" if goes_on else "")
 
 
 def test_json_says_where_everything_is(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:

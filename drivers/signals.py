@@ -1,0 +1,42 @@
+"""Signals while something is running: taken, or held off, and as they were before again afterwards."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def taken(numbers: Iterable[signal.Signals], handler: Handler) -> Iterator[None]:
+    """Inside, `handler` gets these signals, but for those that the program was started to ignore, as by nohup.
+
+    Only the main thread of Python may set handlers; elsewhere signals stay as they are.
+    """
+    with _as(numbers, handler):
+        yield
+
+
+@contextmanager
+def held(numbers: Iterable[signal.Signals]) -> Iterator[None]:
+    """Inside, these signals are ignored; off the main thread they stay as they are."""
+    with _as(numbers, signal.SIG_IGN):
+        yield
+
+
+@contextmanager
+def _as(numbers: Iterable[signal.Signals], handler: Handler | signal.Handlers) -> Iterator[None]:
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in numbers:
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # None: a library's own, not to be put back
+                before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
