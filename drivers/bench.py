@@ -14,6 +14,7 @@ from drivers.device import READ_ATTEMPTS
 from drivers.incident import Incidents, Store
 from drivers.modbus import ModbusLink
 from drivers.positioner import Positioner
+from drivers.sample_changer import ChangerAndPerson, SampleChanger
 from drivers.sensor_node import SensorNode
 from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
@@ -68,6 +69,7 @@ class Bench:
     def __init__(self, description: BenchDescription, clock: Clock, operator: Operator) -> None:
         self.description = description
         self.operator = operator
+        self.changer: SampleChanger | None = None
         self.force_limit = description.force_limit
         generator, amplifier = description.signal_generator, description.shaker_amplifier
         self.generator = SignalGenerator(ModbusLink.tcp(generator), generator.unit)
@@ -81,11 +83,18 @@ class Bench:
         self.incidents = Incidents(self.clock)
         self.attended = False
         self._other_links: list[ModbusLink | CanLink] = [line, can]
+        if (place := description.sample_changer) is not None:
+            self.changer = SampleChanger(ModbusLink.tcp(place), place.unit, self.clock)
+            self.operator = ChangerAndPerson(self.changer, operator)
+            self._other_links.append(self.changer.link)
         self._stack = ExitStack()
 
     @property
-    def devices(self) -> list[SignalGenerator | ShakerAmplifier | StrainIndicator | Positioner | SensorNode]:
-        return [self.generator, self.amplifier, self.indicator, self.positioner, *self.nodes]
+    def devices(
+        self,
+    ) -> list[SignalGenerator | ShakerAmplifier | StrainIndicator | Positioner | SensorNode | SampleChanger]:
+        changers = [] if self.changer is None else [self.changer]
+        return [self.generator, self.amplifier, self.indicator, self.positioner, *self.nodes, *changers]
 
     @property
     def simulated(self) -> bool:
@@ -107,6 +116,8 @@ class Bench:
             self.positioner.connect()
             for node in self.nodes:
                 node.connect()
+            if self.changer is not None:
+                self.changer.connect()
             self.generator.output(False)
             self.generator.sine(10.0, 0.0)
             self._configure()

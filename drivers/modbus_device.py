@@ -84,6 +84,16 @@ class ModbusDevice(Device):
         """
         return self._asked(lambda: list(map(self._value, names, self._read(names))))
 
+    def get_text(self, name: str) -> str:
+        """What a text field says. Raises LinkError, LinkTimeout, DeviceError: no answer, or one that is no text."""
+        return self._asked(lambda: self._text(name, *self._read((name,))))
+
+    def _text(self, name: str, data: bytes) -> str:
+        try:
+            return self.contract.decode_text(name, data)
+        except ValueError as error:
+            raise DeviceError(f"{self.name}: {name} holds no text in UTF-8 ({error}); write it anew") from None
+
     def _read(self, names: tuple[str, ...]) -> list[bytes]:
         start, count, places = self._layout(names)
         try:

@@ -89,6 +89,7 @@ class BenchDescription(Config):
     strain_indicator: Indicator = Indicator()
     positioner: RtuAddress = RtuAddress(unit=2)
     can: CanBus
+    sample_changer: TcpAddress | None = None  # without one a person mounts the samples
 
     @field_validator("design")
     @classmethod
@@ -102,7 +103,7 @@ class BenchDescription(Config):
         """The bench file that reads back as this description."""
         import tomli_w
 
-        data: dict[str, Any] = self.model_dump(mode="json")
+        data: dict[str, Any] = self.model_dump(mode="json", exclude_none=True)
         return tomli_w.dumps(data)
 
 

@@ -29,6 +29,7 @@ _STRUCT: dict[str, str] = {
     "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
 }  # fmt: skip
 _SIZE = {name: struct.calcsize(code) for name, code in _STRUCT.items()}
+NUL = "\0"  # fills a text up to its length
 
 
 def sdo(index: int, subindex: int = 0) -> int:
@@ -41,7 +42,8 @@ class Field:
     """One register (or run of registers) or one CANopen object.
 
     `physical value = scale * raw value`, in `unit`; `minimum` and `maximum` are physical.
-    `choices` names the raw values of a setting, `bits` the bit numbers of a status word.
+    `choices` names the raw values of a setting, `bits` the bit numbers of a status word. A text on Modbus takes
+    `length` bytes, two a register: UTF-8, filled up with NUL (as SunSpec has it); on CANopen it is as long as it is.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Field:
     default: Value = 0.0
     choices: Mapping[str, int] = field(default_factory=dict)
     bits: Mapping[str, int] = field(default_factory=dict)
+    length: int = 0
 
     def __post_init__(self) -> None:
         """Raises ConfigError: the field cannot be what it says."""
@@ -87,7 +90,7 @@ class Field:
     @property
     def size(self) -> int:
         """Bytes on the wire."""
-        return _SIZE[self.type]
+        return self.length if self.type == "text" else _SIZE[self.type]
 
     @property
     def index(self) -> int:
@@ -201,6 +204,8 @@ class Contract:
     def described(self, name: str, value: Value) -> str:
         """A setting with its unit and limits or choices, for messages."""
         f = self[name]
+        if f.type == "text":
+            return f"{name} = {value!r} (text of up to {f.length} bytes)"
         limits = ", ".join(f.choices) if f.choices else "{:g} to {:g}".format(*_limits(f))
         return f"{name} = {value} {f.unit}".rstrip() + f" ({limits})"
 
@@ -217,7 +222,9 @@ class Contract:
         return self._codec[name].pack(_to_raw(self._by_name[name], value))
 
     def encode(self, name: str, value: Value) -> bytes:
-        """Wire bytes of `value`. Raises RangeError as `raw` does."""
+        """Wire bytes of `value`. Raises RangeError as `raw` does; of a text, as `encode_text`."""
+        if self[name].type == "text":
+            return self.encode_text(name, str(value))
         raw = self.raw(name, value)
         return self._codec[name].pack(raw)
 
@@ -228,6 +235,28 @@ class Contract:
         if f.scale >= 1.0:
             return raw * f.scale
         return raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
+
+    def encode_text(self, name: str, text: str) -> bytes:
+        """Wire bytes of a text. Raises RangeError: it is longer than the field, or holds what cannot be printed."""
+        f = self[name]
+        if not text.isprintable():
+            raise RangeError(f"{self.title}: {name} = {text!r} holds characters that cannot be printed; leave them out")
+        try:
+            data = text.encode()
+        except UnicodeEncodeError:
+            raise RangeError(f"{self.title}: {name} = {text!r} is no text in UTF-8; write it anew") from None
+        if len(data) > f.length:
+            raise RangeError(
+                f"{self.title}: {name} = {text!r} takes {len(data)} bytes of UTF-8, {f.length} are allowed; shorten it"
+            )
+        return data.ljust(f.length, NUL.encode())
+
+    def decode_text(self, name: str, data: bytes) -> str:
+        """The text of wire bytes. Raises ValueError: they are no such text."""
+        text = data.decode().rstrip(NUL)
+        if not text.isprintable():
+            raise ValueError(f"{text!r} holds characters that cannot be printed")
+        return text
 
     def set_bits(self, name: str, value: float) -> frozenset[str]:
         """Names of the bits that are set in a status word; `bit 9` for one that the contract does not name."""
@@ -243,7 +272,7 @@ class Contract:
         """A field's wire bytes as people read them, its name before them."""
         f = self[name]
         if f.type == "text":
-            return f"{name} = {data.decode('ascii', 'replace')!r}"
+            return f"{name} = {data.decode('utf-8', 'replace').rstrip(NUL)!r}"
         if len(data) != f.size:
             return f"{name} = {data.hex(' ')}"
         value = self.decode(name, data)

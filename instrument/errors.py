@@ -12,6 +12,7 @@
     │   ├── DeviceError              a device answered with an error
     │   │   └── SettingsLost         it does not hold what was written
     │   ├── IdentityError            another device, version or word order than the contract's
+    │   ├── SampleError              another sample is mounted than the procedure asked for
     │   ├── SafetyError              a limit of the bench was passed: outputs are off
     │   └── UnreachableError         the rig cannot reach what was asked for
     ├── EstimateError                a record does not determine the estimate         (ValueError)
@@ -86,6 +87,10 @@ class SettingsLost(DeviceError):
 
 
 class IdentityError(BenchError):
+    pass
+
+
+class SampleError(BenchError):
     pass
 
 

@@ -127,6 +127,8 @@ def _row(contract: Contract, f: Field) -> tuple[str, ...]:
 
 
 def _limits(f: Field) -> str:
+    if f.length:
+        return f"up to {f.length} bytes"
     if f.minimum is None or f.maximum is None:
         return ""
     return f"{_number(f.minimum)} to {_number(f.maximum)}"

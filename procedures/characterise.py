@@ -84,7 +84,7 @@ def run(
         EstimateError: too few points are valid.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    films = begin(bench, design, calibration, settings.loads, settings.frequency)
+    films = begin(bench, design, calibration, settings.loads, settings.frequency, (settings.sample,))
     preloaded = press(bench, calibration, get_sample(settings.sample), preload_for(settings.loads))
     servo = LoadServo(bench, calibration, settings.frequency, preloaded)
     middle = settings.loads[len(settings.loads) // 2]

@@ -92,7 +92,7 @@ def run(
         UnreachableError, SafetyError, LinkError, EstimateError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    films = begin(bench, design, calibration, settings.loads, settings.frequencies[0], settings.extrapolate)
+    films = begin(bench, design, calibration, settings.loads, settings.frequencies[0], extrapolate=settings.extrapolate)
     total = len(design.teeth) * len(settings.frequencies) * len(settings.loads)
     points: list[dict[str, Any]] = []
     readings: list[FilmReading] = []

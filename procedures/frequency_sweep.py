@@ -182,7 +182,9 @@ def run(
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
     steps = plan(settings, design).steps
-    films = begin(bench, design, calibration, (settings.load,), steps[0].frequency_Hz, settings.extrapolate)
+    films = begin(
+        bench, design, calibration, (settings.load,), steps[0].frequency_Hz, (settings.sample,), settings.extrapolate
+    )
     points = Points(films, record, progress, len(steps), pause, record.finished(FrequencyPoint))
     points.tell(f"mount sample {settings.sample}")
     preloaded = press(bench, calibration, get_sample(settings.sample), preload_for((settings.load,)))

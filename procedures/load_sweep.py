@@ -124,7 +124,9 @@ def run(
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
     steps = plan(settings, design).steps
-    films = begin(bench, design, calibration, settings.loads, settings.frequency, settings.extrapolate)
+    films = begin(
+        bench, design, calibration, settings.loads, settings.frequency, settings.samples, settings.extrapolate
+    )
     points = Points(films, record, progress, len(steps), pause, record.finished(LoadPoint))
     for name, of_sample in groupby(steps[len(points.taken) :], lambda step: step.sample):
         points.tell(f"mount sample {name}")

@@ -60,15 +60,21 @@ def begin(
     calibration: LoadCellCalibration,
     loads: Sequence[float],
     frequency: float,
+    samples: Sequence[str] = (),
     extrapolate: bool = False,
 ) -> Films:
     """Films set up for loads [N, peak to peak] at a frequency [Hz], the probe home and the load cell at its zero.
 
+    `samples` are the names of those that will be mounted.
+
     Raises:
         UnreachableError, RangeError: as `check_loads`; the outputs have stayed off.
+        UnknownName: the bench's sample changer does not hold one of the samples; the outputs have stayed off.
         BenchError: the unloaded cell does not read its zero, or the bench could not.
     """
     check_loads(loads, calibration, extrapolate)
+    if bench.changer is not None:
+        bench.changer.check_holds(samples)
     films = Films(bench, design, frequency, preload_for(loads) + max(loads) / 2)
     withdraw(bench)
     check_zero(bench, calibration)

@@ -19,6 +19,7 @@ from instrument.errors import (
     IdentityError,
     LinkError,
     SafetyError,
+    SampleError,
     SettingsLost,
     UnreachableError,
 )
@@ -51,6 +52,7 @@ class Policy:
 POLICIES = (
     Policy("a limit of the bench is passed, or the amplifier has tripped", (SafetyError,), STOP),
     Policy("another device stands in the place of one", (IdentityError,), STOP),
+    Policy("another sample is mounted than was ordered, or it was away meanwhile", (SampleError,), STOP),
     Policy("the rig cannot reach what is asked for", (UnreachableError,), STOP),
     Policy("settings are lost or changed: power cycle, reboot, front panel", (SettingsLost,), RESTORE, ATTEMPTS),
     Policy("a device does not answer, or the link is lost", (LinkError,), RESTORE, ATTEMPTS),

@@ -26,7 +26,7 @@ from procedures.plan import Plan, Step, point_seconds
 from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import LoadServo, finish, lower, withdraw
+from procedures.servo import LoadServo, finish, lower, mount, withdraw
 
 PROCEDURE = "sweep-position"
 FEWEST = 2
@@ -145,10 +145,12 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
-    films = begin(bench, design, calibration, (settings.load,), settings.frequency, settings.extrapolate)
+    films = begin(
+        bench, design, calibration, (settings.load,), settings.frequency, (settings.sample,), settings.extrapolate
+    )
     points = Points[PositionPoint](films, record, progress, len(settings.positions), pause)
     points.tell(f"mount sample {settings.sample}")
-    bench.operator.mount(get_sample(settings.sample))
+    mount(bench, get_sample(settings.sample))
     for position in settings.positions:
         what = show(position, "m")
         points.next(what)

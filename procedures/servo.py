@@ -138,8 +138,20 @@ def press(bench: Bench, calibration: LoadCellCalibration, sample: Sample, force:
     Returns the force reached. Raises as `preload`, and what the operator raises.
     """
     withdraw(bench)
-    bench.operator.mount(sample)
+    mount(bench, sample)
     return lower(bench, calibration, force, f"sample {sample.name}")
+
+
+def mount(bench: Bench, sample: Sample) -> None:
+    """Have a sample mounted by the sample changer, or where there is none by a person; the probe stands at home.
+
+    Raises:
+        UnknownName: the changer does not hold it. BenchError: it could not, or nobody does it.
+    """
+    if bench.changer is None:
+        bench.operator.mount(sample)
+    else:
+        carry_out(bench, f"mounting of sample {sample.name}", lambda: bench.operator.mount(sample))
 
 
 def lower(bench: Bench, calibration: LoadCellCalibration, force: float, onto: str) -> float:

@@ -151,7 +151,9 @@ def run(
         SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
     """
     check(settings, design, bench.force_limit)
-    films = begin(bench, design, calibration, settings.loads, settings.frequency)
+    films = begin(
+        bench, design, calibration, settings.loads, settings.frequency, [each.name for each in settings.objects]
+    )
     points = Points[SoftnessPoint](films, record, progress, len(settings.objects) * len(settings.loads))
     for sample in settings.objects:
         points.tell(f"mount {sample.name}")

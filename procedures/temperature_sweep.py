@@ -190,7 +190,9 @@ def run(
     """
     check(settings, design, bench.force_limit, len(bench.nodes))
     steps = plan(settings, design).steps
-    films = begin(bench, design, calibration, (settings.load,), settings.frequency, settings.extrapolate)
+    films = begin(
+        bench, design, calibration, (settings.load,), settings.frequency, (settings.sample,), settings.extrapolate
+    )
     points = Points[TemperaturePoint](films, record, progress, len(steps), pause)
     points.tell(f"mount sample {settings.sample}")
     preloaded = press(bench, calibration, get_sample(settings.sample), preload_for((settings.load,)))

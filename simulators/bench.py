@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
+from instrument.sample import Sample
 from simulators.can import CanSegment
 from simulators.can_bus import own_channel
 from simulators.clock import VirtualClock
@@ -14,6 +16,7 @@ from simulators.modbus import BAUDRATE, LOOPBACK, ServerThread
 from simulators.operator import SimulatedOperator
 from simulators.positioner import Positioner
 from simulators.rig import Rig
+from simulators.sample_changer import SampleChanger
 from simulators.scene import Scene
 from simulators.shaker_amplifier import ShakerAmplifier
 from simulators.signal_generator import SignalGenerator
@@ -55,7 +58,8 @@ class SimulatedBench:
     Raises BenchError: a port is in use, or the CAN interface cannot be opened.
     """
 
-    def __init__(self, scene: Scene, place: Place = HERE) -> None:
+    def __init__(self, scene: Scene, place: Place = HERE, samples: Sequence[Sample] = ()) -> None:
+        """`samples`: of its sample changer; without any it has none, and its operator mounts them."""
         self.scene = scene
         self._place = place
         self.clock = VirtualClock()
@@ -73,6 +77,7 @@ class SimulatedBench:
         )
         self.indicator = StrainIndicator(self.clock, "SIM-SI-0001", self.rig)
         self.positioner = Positioner(self.clock, "SIM-MP-0001", self.rig)
+        self.changer = SampleChanger(self.clock, "SIM-SC-0001", self.rig, samples) if samples else None
         self.operator = SimulatedOperator(self.rig, self.clock)
         self._stack = ExitStack()
 
@@ -90,6 +95,10 @@ class SimulatedBench:
             host, port = self._place.host, self._place.port
             generator = servers.serve_tcp(1, self.generator, relays.get("signal_generator"), (host, port))
             amplifier = servers.serve_tcp(1, self.amplifier, relays.get("shaker_amplifier"), (host, port and port + 1))
+            changer = None
+            if self.changer is not None:
+                port_of_it = servers.serve_tcp(1, self.changer, None, (host, port and port + 2))
+                changer = TcpAddress(host=host, port=port_of_it, timeout=TIMEOUT)
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,
@@ -113,6 +122,7 @@ class SimulatedBench:
                     nodes=tuple(self._node_ids),
                     timeout=timeouts.get("can", TIMEOUT),
                 ),
+                sample_changer=changer,
             )
             stack.enter_context(self.can)
             if injection is not None:

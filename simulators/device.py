@@ -29,7 +29,7 @@ class SimulatedDevice:
     def __init__(self, clock: VirtualClock, serial: str) -> None:
         self.clock = clock
         self.serial = serial
-        self.settings = {f.name: float(f.default) for f in self.contract.fields}
+        self.settings = {f.name: float(f.default) for f in self.contract.fields if f.type != "text"}
         clock.add(self)
 
     def read(self, name: str) -> float:
@@ -39,6 +39,14 @@ class SimulatedDevice:
     def write(self, values: dict[str, float]) -> None:
         """Take new settings, already checked against the contract's limits. Raises Refused."""
         self.settings.update(values)
+
+    def read_text(self, name: str) -> str:
+        """What a text field says now."""
+        raise NotImplementedError
+
+    def write_text(self, name: str, text: str) -> None:
+        """Take a text, already checked as in `write`. Raises Refused."""
+        raise NotImplementedError
 
     def reset(self) -> None:
         """As after power-on."""

@@ -140,7 +140,11 @@ def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
                 if values is None:
                     _refresh(device, fields_at(address, count), start, current)
                 else:
-                    device.write(_checked(device, address, [int(v) for v in values]))
+                    numbers, texts = _checked(device, address, [int(v) for v in values])
+                    if numbers:
+                        device.write(numbers)
+                    for name, text in texts.items():
+                        device.write_text(name, text)
             except Refused as refused:
                 return ExcCodes(refused.code)
         return None
@@ -155,15 +159,19 @@ def _within(fields: Sequence[Field], address: int, count: int) -> list[Field]:
 def _refresh(device: SimulatedDevice, fields: Iterable[Field], start: int, current: list[int]) -> None:
     """Put the device's present values into the registers that are about to be read."""
     for field in fields:
-        data = device.contract.pack(field.name, device.read(field.name))
+        if field.type == "text":
+            data = device.contract.encode_text(field.name, device.read_text(field.name))
+        else:
+            data = device.contract.pack(field.name, device.read(field.name))
         registers = struct.unpack(f">{len(data) // 2}H", data)
         at = field.address - start
         current[at : at + len(registers)] = registers
 
 
-def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> dict[str, float]:
-    """Physical values of a write, as a real device would check it."""
-    values = {}
+def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> tuple[dict[str, float], dict[str, str]]:
+    """Physical values and texts of a write, as a real device would check it."""
+    values: dict[str, float] = {}
+    texts: dict[str, str] = {}
     for field in _within(device.contract.fields, address, len(registers)):
         at = field.address - address
         if field.access == "ro":
@@ -171,12 +179,18 @@ def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> dic
         if at < 0 or at + field.size // 2 > len(registers):  # half of a 32-bit value
             raise Refused(ExcCodes.ILLEGAL_VALUE)
         data = b"".join(r.to_bytes(2, "big") for r in registers[at : at + field.size // 2])
+        if field.type == "text":
+            try:
+                texts[field.name] = device.contract.decode_text(field.name, data)
+            except ValueError:
+                raise Refused(ExcCodes.ILLEGAL_VALUE) from None
+            continue
         value = device.contract.decode(field.name, data)
         if not device.contract.allows(field.name, value):
             device.out_of_range()
             raise Refused(ExcCodes.ILLEGAL_VALUE)
         values[field.name] = value
-    return values
+    return values, texts
 
 
 def _identity(device: SimulatedDevice) -> Identity:

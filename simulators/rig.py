@@ -55,6 +55,7 @@ class Rig:
         self._set_at_ns = 0
         self._changed_ns = 0
         self.changes = 0  # so often anything has changed
+        self.exchanges = 0  # so often what lies under the probe has
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
         self._settings: tuple[object, ...] = ()  # that the last chain is of
         self._last = chain = self._chain()
@@ -85,8 +86,11 @@ class Rig:
     def mount(self, sample: Sample) -> None:
         scene = self.scene
         found = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
-        self._mounted = Mounted(scene.design, sample, response=found)
-        self._begin()
+        self._lay(Mounted(scene.design, sample, response=found))
+
+    def take_off(self) -> None:
+        """Nothing lies under the probe."""
+        self._lay(Mounted(self.scene.design))
 
     def place_probe(self, x: float, y: float) -> None:
         """The probe is a point, above (x, y) from the sensor's corner [m]; the stack stays as stiff [A].
@@ -98,13 +102,11 @@ class Rig:
 
     def lay_on_support(self, sample: Sample | None) -> None:
         """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
-        self._mounted = Mounted(self.scene.design, sample, on_support=True)
-        self._begin()
+        self._lay(Mounted(self.scene.design, sample, on_support=True))
 
     def press_tooth(self, tooth: int) -> None:
         """A pin stands on one tooth of the sensor, by its number from 0, which takes all the force."""
-        self._mounted = Mounted(self.scene.design, tooth=tooth)
-        self._begin()
+        self._lay(Mounted(self.scene.design, tooth=tooth))
 
     def place_weight(self, mass: float) -> None:
         """Dead weights of `mass` kg in all stand on the load cell."""
@@ -140,6 +142,11 @@ class Rig:
         self._begin(state)
 
     # --- what can be seen ------------------------------------------------------------------------------
+
+    @property
+    def sample(self) -> Sample | None:
+        """What lies under the probe."""
+        return self._mounted.sample
 
     def film_rates(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
         """Rates of the amplifier outputs, shape (films, n), V/s; times as of the voltages."""
@@ -206,6 +213,11 @@ class Rig:
         return self._clock.now_ns() - self._changed_ns
 
     # --- how it follows --------------------------------------------------------------------------------
+
+    def _lay(self, mounted: Mounted) -> None:
+        self._mounted = mounted
+        self.exchanges += 1
+        self._begin()
 
     def _begin(self, state: Floats | None = None) -> None:
         self._changed_ns = self._clock.now_ns()

@@ -13,8 +13,8 @@ RAW_LIMITS = {
 
 
 def settings(contract: Contract) -> list[Field]:
-    """Fields that keep what is written; a command register falls back to idle."""
-    return [f for f in contract.fields if f.access == "rw" and "idle" not in f.choices]
+    """Numbers that keep what is written; a command register falls back to idle."""
+    return [f for f in contract.fields if f.access == "rw" and "idle" not in f.choices and f.type != "text"]
 
 
 def writable(contract: Contract) -> list[Field]:
@@ -25,6 +25,8 @@ def inside(field: Field) -> list[Value]:
     """Every choice, or the limits and a value between them that the field can hold."""
     if field.choices:
         return list(field.choices)
+    if field.type == "text":
+        return ["", "x" * field.length, "weiß 日本"]
     assert field.minimum is not None
     assert field.maximum is not None
     middle = round((0.4 * field.minimum + 0.6 * field.maximum) / field.scale) / (1 / field.scale)
@@ -33,6 +35,8 @@ def inside(field: Field) -> list[Value]:
 
 def outside(field: Field) -> list[Value]:
     """One step beyond each limit, and what is no number."""
+    if field.type == "text":
+        return ["x" * (field.length + 1), "ß" * (field.length // 2) + "x", "a\0b", "\x1b[2J", "\udcff"]
     beyond: list[Value] = [math.nan, math.inf, -math.inf, "nonsense"]
     if field.choices:
         return [*beyond, min(field.choices.values()) - 1, max(field.choices.values()) + 1]
@@ -42,7 +46,9 @@ def outside(field: Field) -> list[Value]:
 
 
 def outside_raw(field: Field) -> list[tuple[int, bool]]:
-    """Raw values one step beyond each limit that the type can hold, and whether they are too high."""
+    """Raw values one step beyond each limit that the type can hold, and whether they are too high; of a text, none."""
+    if field.type == "text":
+        return [(int.from_bytes(data.ljust(field.length, b"\0")), True) for data in (b"\xff", b"\x1b[2J", b"a\0b")]
     limits = list(field.choices.values()) or [round(x / field.scale) for x in (field.minimum or 0, field.maximum or 0)]
     low, high = RAW_LIMITS[field.type]
     beyond = [(min(limits) - 1, False), (max(limits) + 1, True)]

@@ -1,15 +1,22 @@
-"""The five contracts. They are ours, and labelled so; each module names the real maps it imitates."""
+"""The six contracts. They are ours, and labelled so; each module names the real maps it imitates."""
 
 from __future__ import annotations
 
 import hashlib
 
 from instrument.contract import Contract
-from instrument.contracts import positioner, sensor_node, shaker_amplifier, signal_generator, strain_indicator
+from instrument.contracts import (
+    positioner,
+    sample_changer,
+    sensor_node,
+    shaker_amplifier,
+    signal_generator,
+    strain_indicator,
+)
 
 CONTRACTS: dict[str, Contract] = {
     module.CONTRACT.name: module.CONTRACT
-    for module in (signal_generator, shaker_amplifier, strain_indicator, positioner, sensor_node)
+    for module in (signal_generator, shaker_amplifier, strain_indicator, positioner, sensor_node, sample_changer)
 }
 
 

@@ -13,13 +13,13 @@ from procedures.cli.options import FILE_NAME, Command, Output, output_options
     cls=Command,
     epilog="Examples:\n\n  palpate serve thesis_single --out bench.toml\n\n"
     "  palpate serve thesis_single --out bench.toml --samples 1-6    (and elsewhere)\n\n"
-    "  yes '' | palpate sweep loads --bench bench.toml\n\n"
+    "  palpate sweep loads --bench bench.toml\n\n"
     "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status",
 )
 @click.argument("scene")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
 @click.option("--listen", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Of the Modbus TCP ports.")
-@click.option("--port", type=click.IntRange(1, 65534), help="First Modbus TCP port (default: any that are free).")
+@click.option("--port", type=click.IntRange(1, 65533), help="First Modbus TCP port (default: any that are free).")
 @click.option("--line", type=FILE_NAME, metavar="PATH", help="Name of the serial line, a link to its terminal.")
 @click.option("--can", default="udp_multicast", show_default=True, metavar="INTERFACE[:CHANNEL]", help="Of python-can.")
 @click.option(
@@ -27,7 +27,7 @@ from procedures.cli.options import FILE_NAME, Command, Output, output_options
     help="Of the bench's clock, to that of the wall; --bench of another process goes by the wall's and wants 1.",
 )  # fmt: skip
 @click.option("--step", metavar="TIME", help="Time stands still; Enter moves it on by so much.")
-@click.option("--samples", help="Samples that a changer lays under the probe, one after the other, as it comes home.")
+@click.option("--samples", help="Samples that a sample changer holds and mounts.")
 @click.option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file there.")
 @click.option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
 @output_options
@@ -49,7 +49,8 @@ def serve(
     """Serve a whole simulated bench on the wire until Ctrl-C, for palpate in another process or any other client.
 
     Prints the bench file by which it is found. What a person does at the bench is typed: mount SAMPLE, lay
-    SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN; or --samples does it.
+    SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN. With --samples a sample changer mounts
+    what it is told to by its clients.
     """
     from instrument.errors import RangeError, UsageError
     from instrument.quantity import parse

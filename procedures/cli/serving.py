@@ -23,7 +23,6 @@ from procedures.cli.options import Output
 from procedures.cli.served import Person, Traffic, status
 from procedures.run import storing
 from simulators.bench import Place, SimulatedBench
-from simulators.changer import Changer
 from simulators.pace import Pacer
 from simulators.scene import Scene
 
@@ -40,7 +39,7 @@ class Wish:
         line: another name of the serial line's terminal.
         speed: of the bench's clock, to that of the wall.
         step: by which Enter moves the clock on, which stands still otherwise [s]; None: it follows the wall.
-        samples: of the changer.
+        samples: that its sample changer holds; without any it has none.
         out: where the bench file goes.
     """
 
@@ -73,7 +72,7 @@ def serving(wish: Wish) -> Iterator[Served]:
     """
     failures: list[BaseException] = []
     with ExitStack() as stack:
-        sim = stack.enter_context(SimulatedBench(wish.scene, wish.place))
+        sim = stack.enter_context(SimulatedBench(wish.scene, wish.place, wish.samples))
         sim.amplifier.speed = wish.speed
         description = _description(sim, wish)
         if wish.line is not None:
@@ -83,9 +82,6 @@ def serving(wish: Wish) -> Iterator[Served]:
         if wish.out is not None:
             with storing(wish.out):
                 wish.out.write_text(description.to_toml(), encoding="utf-8")
-        if wish.samples:
-            with sim.clock.lock:
-                sim.clock.add(Changer(sim.rig, wish.samples))
         pacer = Pacer(sim.clock, wish.speed, failures.append)
         if wish.step is None:
             stack.enter_context(pacer)

@@ -20,8 +20,10 @@ from drivers.modbus_device import ModbusDevice
 from instrument.contract import Contract, Field, Value
 from instrument.contracts import CONTRACTS
 from instrument.contracts.sensor_node import SYNC_COB_ID
+from instrument.sample import get_sample
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice
+from simulators.scene import Scene
 from tests.drivers.wire import frames, listen, payloads, transfers
 
 GOLDEN = {
@@ -71,8 +73,18 @@ def read_exchange(field: Field, golden: dict[str, Any]) -> tuple[bytes, bytes]:
 
 
 @pytest.fixture
+def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    """With every device that a bench may have."""
+    with SimulatedBench(scene, samples=[get_sample("3")]) as simulated:
+        yield simulated
+
+
+@pytest.fixture
 def pair(bench: Bench, sim: SimulatedBench, device: str) -> tuple[ModbusDevice, SimulatedDevice]:
+    assert bench.changer is not None
+    assert sim.changer is not None
     pairs: dict[str, tuple[ModbusDevice, SimulatedDevice]] = {
+        "sample_changer": (bench.changer, sim.changer),
         "signal_generator": (bench.generator, sim.generator),
         "shaker_amplifier": (bench.amplifier, sim.amplifier),
         "strain_indicator": (bench.indicator, sim.indicator),
@@ -106,12 +118,16 @@ def test_every_process_data_object_has_a_golden_frame() -> None:
 @modbus_field
 def test_the_contract_gives_the_golden_frame_of_a_register(device: str, name: str) -> None:
     contract, golden = CONTRACTS[device], GOLDEN[device]["fields"][name]
-    field, value = contract[name], golden["value"]
+    field = contract[name]
     assert ("write" in golden) == (field.access != "ro")
     request, response = read_exchange(field, golden)
     function, address, count = request[0], request[1:3], request[3:5]
     assert (function, address, count) == (3, field.address.to_bytes(2), (field.size // 2).to_bytes(2))
     data = response[2:]
+    if "text" in golden:
+        assert (contract.encode(name, golden["text"]), contract.decode_text(name, data)) == (data, golden["text"])
+        return
+    value = golden["value"]
     if "write" in golden:
         assert contract.encode(name, value) == data
     assert contract.pack(name, physical(field, value)) == data
@@ -127,10 +143,15 @@ def test_driver_and_simulator_exchange_the_golden_frames_of_all_registers(
     for field in driver.contract.fields:
         golden = GOLDEN[device]["fields"][field.name]
         if "write" in golden:
-            driver.set(**{field.name: golden["value"]})
+            driver.set(**{field.name: golden["text"] if "text" in golden else golden["value"]})
             written = bits(golden["write"])
             assert (wire.requests[-1], wire.replies[-1]) == (written, written[:5]), field.name
-        if field.access != "wo":
+        if field.type == "text" and field.access == "ro":
+            with monkeypatch.context() as patch:
+                patch.setattr(simulated, "read_text", {field.name: golden["text"]}.__getitem__)
+                assert driver.get_text(field.name) == golden["text"]
+            assert (wire.requests[-1], wire.replies[-1]) == read_exchange(field, golden), field.name
+        elif field.access != "wo":
             value = physical(field, golden["value"])
             with monkeypatch.context() as patch:
                 patch.setattr(simulated, "read", {field.name: value}.__getitem__)

@@ -41,10 +41,14 @@ def test_a_bench_file_is_read_with_defaults_and_units(tmp_path: Path) -> None:
     assert bench.signal_generator.port == 502
     assert (bench.strain_indicator.unit, bench.positioner.unit) == (1, 2)
     assert bench.can.nodes == (1, 2)
+    assert bench.sample_changer is None
+    assert "sample_changer" not in bench.to_toml()
 
 
-def test_a_written_bench_file_reads_back_the_same(tmp_path: Path) -> None:
-    bench = read_bench(written(tmp_path, GOOD))
+@pytest.mark.parametrize("more", ["", '[sample_changer]\nhost = "10.0.0.3"\n'])
+def test_a_written_bench_file_reads_back_the_same(tmp_path: Path, more: str) -> None:
+    bench = read_bench(written(tmp_path, GOOD + more))
+    assert (bench.sample_changer is not None) == bool(more)
     assert read_bench(written(tmp_path, bench.to_toml())) == bench
 
 

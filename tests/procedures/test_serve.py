@@ -25,6 +25,7 @@ from procedures.cli import session
 from procedures.cli.options import Output
 from procedures.cli.served import Person, Traffic, status
 from procedures.cli.serving import Wish, serve_until_told, serving
+from procedures.point_by_point import Progress
 from simulators.bench import Place, SimulatedBench
 from simulators.clock import VirtualClock
 from simulators.rig import STANDARD_GRAVITY
@@ -55,31 +56,34 @@ def same_wall(monkeypatch: pytest.MonkeyPatch, sim: SimulatedBench) -> None:
     monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)
 
 
-def test_a_sweep_on_a_served_bench_gives_the_ratios_of_one_in_its_own_process(
-    palpate: Palpate, wish: Wish, monkeypatch: pytest.MonkeyPatch
+def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_run_again_or_resumed(
+    palpate: Palpate,
+    wish: Wish,
+    monkeypatch: pytest.MonkeyPatch,
+    on_progress: Callable[[Progress], None],
 ) -> None:
-    """With a changer and somebody who presses Enter; with the seed and the noise of another bench."""
+    """On a served bench with a sample changer, against a bench of its own with other noise."""
     sweep = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
     alone = palpate(*sweep, "--seed", "5").object["samples"]
     place = Path("bench.toml")
-    wanted = replace(wish, samples=(get_sample("1"), get_sample("2")), out=place)
-    with typing("\n\n", monkeypatch), serving(wanted) as served:
+    moments = [KeyboardInterrupt]
+
+    def interrupt(_done: int, _total: int, what: str) -> None:
+        if what.startswith("sample 2") and moments:
+            raise moments.pop()
+
+    on_progress(interrupt)
+    monkeypatch.setattr(sys, "stdin", None)
+    with serving(replace(wish, samples=tuple(map(get_sample, "123")), out=place)) as served:
         same_wall(monkeypatch, served.sim)
-        found = palpate(*sweep, "--bench", str(place)).object
-    assert found["simulated"]
-    for one, other in zip(found["samples"], alone, strict=True):
-        apart = 3 * math.hypot(one["force_ratio_u"], other["force_ratio_u"])
-        assert one["force_ratio"] == pytest.approx(other["force_ratio"], abs=apart)
-
-
-def test_the_changer_lays_the_next_sample_as_the_probe_comes_home(wish: Wish) -> None:
-    first, second = get_sample("1"), get_sample("2")
-    with serving(replace(wish, samples=(first, second))) as served:
-        sim = served.sim
-        for position, under in ((0.0, first), (2e-3, first), (1e-3, first), (0.0, second), (1e-3, second), (0, second)):
-            sim.positioner.write({"target": position, "command": 1.0})
-            sim.clock.wait(10.0)
-            assert sim.rig._mounted.sample is under
+        assert palpate(*sweep, "--bench", str(place), "--out", "cut").status == 130
+        again = palpate(*sweep, "--bench", str(place)).object
+        resumed = palpate("runs", "resume", "cut", "--json").object
+    for found in (again, resumed):
+        assert found["simulated"]
+        for one, other in zip(found["samples"], alone, strict=True):
+            apart = 3 * math.hypot(one["force_ratio_u"], other["force_ratio_u"])
+            assert one["force_ratio"] == pytest.approx(other["force_ratio"], abs=apart)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,168 @@
+"""The sample changer lays what is ordered by name, says what lies there, and is asked whether it lies there still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.modbus_device import ModbusDevice
+from drivers.sample_changer import Mounted, SampleChanger
+from instrument.errors import DeviceError, SampleError, UnknownName
+from instrument.sample import SAMPLES
+from simulators.bench import SimulatedBench
+from simulators.device import SimulatedDevice
+from simulators.scene import Scene
+from tests.conformance import ModbusConformance
+from tests.drivers.wire import listen
+
+EXCHANGE = 5.0  # s, as the simulated one comes
+
+
+class WithChanger:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def sim(cls, scene: Scene) -> Iterator[SimulatedBench]:
+        with SimulatedBench(scene, samples=[SAMPLES[name] for name in "123"]) as simulated:
+            yield simulated
+
+
+class TestSampleChanger(WithChanger, ModbusConformance):
+    @staticmethod
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
+        assert bench.changer is not None
+        assert sim.changer is not None
+        return bench.changer, sim.changer
+
+
+@pytest.fixture
+def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    with SimulatedBench(scene, samples=[SAMPLES[name] for name in "123"]) as simulated:
+        yield simulated
+
+
+@pytest.fixture
+def changer(bench: Bench) -> SampleChanger:
+    assert bench.changer is not None
+    return bench.changer
+
+
+def test_a_sample_is_laid_by_its_name_and_takes_its_time(changer: SampleChanger, sim: SimulatedBench) -> None:
+    assert changer.samples == ("1", "2", "3")
+    before = sim.clock.now_ns()
+    changer.mount("2")
+    assert sim.clock.now_ns() - before == EXCHANGE * 1e9
+    assert (changer.mounted(), sim.rig.sample) == (Mounted("2", 2, moving=False), SAMPLES["2"])
+    changer.mount("2")
+    assert sim.clock.now_ns() - before == EXCHANGE * 1e9
+    changer.mount("1")
+    assert changer.mounted().sample == "1"
+
+
+def test_nothing_lies_under_the_probe_while_the_carriage_moves(changer: SampleChanger, sim: SimulatedBench) -> None:
+    changer.mount("2")
+    changer.set(order="3")
+    sim.clock.wait(EXCHANGE / 2)
+    assert (changer.mounted(), sim.rig.sample) == (Mounted("", 3, moving=True), None)
+    with pytest.raises(DeviceError, match=r"exception 6, .* to order = '1'"):
+        changer.set(order="1")
+    changer.mount("1")  # after that of the other
+    assert changer.mounted() == Mounted("1", 6, moving=False)
+
+
+def test_a_name_that_no_place_holds_is_refused_by_the_driver_and_by_the_device(
+    changer: SampleChanger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = listen(changer.link, monkeypatch)
+    with pytest.raises(UnknownName, match=r"sample of the sample changer at .* '12' .*; valid: 1, 2, 3"):
+        changer.mount("12")
+    assert wire.requests == []
+    for name in ("12", "", "4"):
+        with pytest.raises(DeviceError, match=f"exception 3, .* to order = '{name}'"):
+            changer.set(order=name)
+    assert changer.mounted() == Mounted("", 0, moving=False)
+
+
+def test_nothing_is_moved_below_a_probe_that_is_down(changer: SampleChanger, bench: Bench) -> None:
+    changer.mount("1")
+    bench.positioner.move(5e-3)
+    assert changer.contract.set_bits("status", changer.get("status")) == {"probe_down"}
+    with pytest.raises(DeviceError, match="exception 4"):
+        changer.mount("2")
+    assert changer.mounted().sample == "1"
+
+
+def by_hand(name: str) -> Callable[[SampleChanger, SimulatedBench], None]:
+    return lambda _changer, sim: sim.rig.mount(SAMPLES[name])
+
+
+def away_and_back(changer: SampleChanger, sim: SimulatedBench) -> None:
+    by_hand("1")(changer, sim)
+    by_hand("2")(changer, sim)
+
+
+def ordered(changer: SampleChanger, sim: SimulatedBench) -> None:
+    assert sim.changer is not None
+    sim.changer.write_text("order", "3")
+
+
+def has_ordered(changer: SampleChanger, sim: SimulatedBench) -> None:
+    ordered(changer, sim)
+    sim.clock.wait(EXCHANGE)
+
+
+@pytest.mark.parametrize(
+    ("other", "says"),
+    [
+        (by_hand("3"), "has '3' mounted, '2' was ordered; exchanged 1 times since"),
+        (away_and_back, "has '2' mounted, '2' was ordered; exchanged 2 times since"),
+        (ordered, "moves, '2' was ordered; exchanged 1 times since"),
+        (has_ordered, "has '3' mounted, '2' was ordered; exchanged 2 times since"),
+        (lambda _, sim: sim.rig.press_tooth(0), "has nothing mounted, '2' was ordered; exchanged 1 times since"),
+    ],
+)
+def test_what_anybody_else_has_done_to_the_sample_is_found(
+    other: Callable[[SampleChanger, SimulatedBench], None], says: str, bench: Bench, sim: SimulatedBench
+) -> None:
+    assert bench.changer is not None
+    bench.changer.mount("2")
+    bench.check_settings()
+    other(bench.changer, sim)
+    with pytest.raises(SampleError, match=f"^sample changer at .*: {says}"):
+        bench.check_settings()
+
+
+def test_a_power_cycle_neither_moves_a_sample_nor_hides_that_one_was_moved(
+    changer: SampleChanger, sim: SimulatedBench
+) -> None:
+    assert sim.changer is not None
+    changer.mount("2")
+    sim.changer.reset()
+    changer.check()
+    away_and_back(changer, sim)
+    sim.changer.reset()
+    with pytest.raises(SampleError):
+        changer.check()
+
+
+def test_what_a_person_is_asked_to_lay_there_is_no_stranger(bench: Bench, sim: SimulatedBench) -> None:
+    for lay in (lambda: bench.operator.lay_on_support(SAMPLES["1"]), lambda: bench.operator.press_tooth(0)):
+        bench.operator.mount(SAMPLES["2"])
+        lay()
+        bench.check_settings()
+
+
+def test_a_tag_that_is_no_text_is_told_and_not_used(
+    changer: SampleChanger, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(changer.contract), "encode_text", lambda *_: b"\xff\x00".ljust(64, b"\0"))
+    with pytest.raises(DeviceError, match="mounted holds no text in UTF-8"):
+        changer.mounted()
+
+
+def test_a_bench_without_a_changer_asks_the_person(scene: Scene) -> None:
+    with SimulatedBench(scene) as sim:
+        bench = Bench(sim.description, sim.clock, sim.operator)
+        assert (bench.changer, sim.description.sample_changer) == (None, None)
+        assert bench.operator is sim.operator
