@@ -139,8 +139,8 @@ class Contract:
     def __post_init__(self) -> None:
         """Raises ConfigError: its fields cannot stand on its bus, or beside each other."""
         for f in self.fields:
-            if self.bus == "modbus" and (f.type == "text" or f.size % 2):
-                wide = ", ".join(name for name, size in _SIZE.items() if size % 2 == 0)
+            if self.bus == "modbus" and (f.size % 2 or not f.size):
+                wide = ", ".join([*(name for name, size in _SIZE.items() if size % 2 == 0), "text of an even length"])
                 raise ConfigError(
                     f"{self.title}: {f.name} is of type {f.type}, which fills no whole 16-bit registers; valid: {wide}"
                 )
