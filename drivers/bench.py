@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from types import FrameType, TracebackType
 from typing import Any, Self
 
+from drivers.bench_lock import BenchLock
 from drivers.can import CanLink
 from drivers.clock import Clock
 from drivers.device import READ_ATTEMPTS
@@ -103,6 +104,7 @@ class Bench:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
+            stack.enter_context(BenchLock(self.description))
             stack.enter_context(taken(TERMINATIONS, _terminate))
             self._open(self.amplifier.link, stack)
             self.amplifier.connect()

@@ -11,6 +11,7 @@
     │   │   └── LinkTimeout          no answer in time                                (TimeoutError)
     │   ├── DeviceError              a device answered with an error
     │   │   └── SettingsLost         it does not hold what was written
+    │   ├── BenchInUse               another program has the bench, or its amplifier
     │   ├── IdentityError            another device, version or word order than the contract's
     │   ├── SampleError              another sample is mounted than the procedure asked for
     │   ├── SafetyError              a limit of the bench was passed: outputs are off
@@ -79,10 +80,18 @@ class LinkTimeout(LinkError, TimeoutError):
 
 
 class DeviceError(BenchError):
-    pass
+    """`code` is that of a Modbus exception response; 0 for none."""
+
+    def __init__(self, *args: object, device: str = "", code: int = 0) -> None:
+        super().__init__(*args, device=device)
+        self.code = code
 
 
 class SettingsLost(DeviceError):
+    pass
+
+
+class BenchInUse(BenchError):
     pass
 
 

@@ -1,0 +1,155 @@
+"""One bench, one program: a lock on each of the bench's addresses, which is taken before any device is touched."""
+
+from __future__ import annotations
+
+import fcntl
+import getpass
+import hashlib
+import json
+import os
+import shlex
+import socket
+import sys
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Self
+
+from instrument.bench import BenchDescription, TcpAddress
+from instrument.errors import BenchError, BenchInUse
+
+FOLDER = Path("/tmp/palpate-benches")  # the same for all users, whatever their $TMPDIR
+FOR_ALL = 0o666  # a lock that one user has left must not keep out another
+LONGEST = 300  # characters of a command that are told
+
+
+class BenchLock:
+    """A context manager: inside it no other program of this machine opens a bench that shares an address with this one.
+
+    What counts are the addresses, not the file they stand in. The operating system holds the locks and gives them back
+    when the program ends in whatever way; a file that is left behind locks nothing.
+
+    Raises BenchInUse: another program has one of the addresses. BenchError: no lock can be written.
+    """
+
+    def __init__(self, description: BenchDescription, folder: Path = FOLDER) -> None:
+        self._addresses = addresses(description)
+        self._folder = folder
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            for address in self._addresses:
+                _take(self._folder, address, stack)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+
+def addresses(description: BenchDescription) -> list[str]:
+    """What tells a bench from another one, in the order in which it is locked.
+
+    A device on TCP counts by the numbers of its host, a serial line by the device file that all its names lead to, a
+    CAN bus by its interface; python-can's "virtual" one does not leave the process.
+    """
+    found = set()
+    for _, place in description:
+        if isinstance(place, TcpAddress):
+            found |= {f"TCP port {place.port} of {host}" for host in _numbers(place.host)}
+    port = description.line.port
+    found.add(f"serial port {port if '://' in port else os.path.realpath(port)}")
+    process = f" of process {os.getpid()}" if description.can.interface == "virtual" else ""
+    found.add(f"CAN bus {description.can.interface}:{description.can.channel}{process}")
+    return sorted(found)
+
+
+def _numbers(host: str) -> set[str]:
+    try:
+        return {str(address[0]) for *_, address in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
+    except (OSError, ValueError):  # no such host: opening the device will say so
+        return {host.lower()}
+
+
+def _take(folder: Path, address: str, stack: ExitStack) -> None:
+    """Lock an address until the end of `stack`."""
+    path = folder / f"{hashlib.sha256(address.encode()).hexdigest()[:32]}.lock"
+    try:
+        while True:
+            file = _open(path)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = _holder(file)
+                os.close(file)
+                raise BenchInUse(f"the bench is in use: {address} is held by {holder}; wait for it or end it") from None
+            if _is(file, path):
+                break
+            os.close(file)  # its last holder has just removed it: others lock the new one
+        stack.callback(_give_back, file, path)
+        os.ftruncate(file, 0)
+        os.pwrite(file, _ourselves(), 0)
+    except BenchInUse:
+        raise
+    except OSError as error:
+        raise BenchError(
+            f"{path}: the bench cannot be locked: {error.strerror or error}; make {folder} writable for all who use it"
+        ) from None
+
+
+def _open(path: Path) -> int:
+    """The file of a lock; a new one is made only where there is none, since Linux refuses that for another user's."""
+    while True:
+        with suppress(FileNotFoundError):
+            return os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+        with suppress(FileExistsError):
+            path.parent.mkdir()
+            path.parent.chmod(0o1777)
+        with suppress(FileExistsError):
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW)
+            os.fchmod(file, FOR_ALL)
+            return file
+
+
+def _is(file: int, path: Path) -> bool:
+    """Whether this open file is the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(file), path.lstat())
+    except FileNotFoundError:
+        return False
+
+
+def _give_back(file: int, path: Path) -> None:
+    with suppress(OSError):  # of another user, who made it: it stays, and locks nothing
+        path.unlink()
+    os.close(file)
+
+
+def _ourselves() -> bytes:
+    """Who we are, for whoever finds the bench in use."""
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    since = f"{datetime.now(UTC).astimezone():%Y-%m-%d %H:%M:%S}"
+    return json.dumps({"pid": os.getpid(), "user": _user(), "command": command[:LONGEST], "since": since}).encode()
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, as in a container
+        return str(os.getuid())
+
+
+def _holder(file: int) -> str:
+    """Who holds a lock, as he has written it; nothing of it is trusted."""
+    try:
+        said = json.loads(os.pread(file, 4096, 0))
+        pid, user, command, since = (_plain(said[name]) for name in ("pid", "user", "command", "since"))
+    except (ValueError, KeyError, TypeError):
+        return "another program"
+    return f"process {pid} of {user} ({command}) since {since}"
+
+
+def _plain(text: object) -> str:
+    """Without what would move the cursor of a terminal."""
+    return "".join(character if character.isprintable() else "?" for character in str(text))[:LONGEST]
