@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simulators.linear.exponential import exponential
 from simulators.linear.lti import Complexes, Floats, Rows, Steady
 from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
@@ -180,25 +181,39 @@ class Watch:
     def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
         """Where modes are too nearly parallel: all of the transient as one part, by bounds that need no modes."""
         a = self._steady.system.a
-        state = self._steady.system.motion.decay(gap, np.array([elapsed_ns]))[:, 0]
-        reach, growth, energy = self._bounds
+        state = self._steady.system.motion.moment(gap, elapsed_ns)
+        reach, growth, measure = self._bounds
         bend = np.abs(row @ a @ a) @ growth @ np.abs(state)
         size = math.inf
-        if energy is not None:
-            size = math.sqrt(float(row @ np.linalg.solve(energy, row)) * float(state @ energy @ state))
+        if measure is not None:
+            size = float(np.linalg.norm(np.linalg.solve(measure.T, row)) * np.linalg.norm(measure @ state))
         return [Part(float(row @ state), float(row @ a @ state), float(bend), size, reach)]
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, Floats, Floats | None]:
-        """For how long [s] |exp(A t)| <= growth, that bound, and P for which x'Px never grows, if there is one."""
-        from scipy.linalg import expm, solve_continuous_lyapunov
-
+        """For how long [s] |exp(A t)| <= growth, that bound, and `_measure(A)`."""
         a = self._steady.system.a
         reach = 1 / float(np.abs(a).sum(axis=1).max())
-        energy: Floats | None = None
-        if np.linalg.eigvals(a).real.max() < 0:
-            energy = np.asarray(solve_continuous_lyapunov(a.T, -np.eye(len(a))), float)
-        return reach, expm(np.abs(a) * reach), energy
+        return reach, exponential(np.abs(a) * reach), _measure(a)
+
+
+def _measure(a: Floats) -> Floats | None:
+    """F (s, s) with which |F x| never grows while x' = a x; None where none is found for certain.
+
+    P = F'F solves Lyapunov's equation, in units in which rows and columns of `a` are alike; that x'Px never grows is
+    then looked at, not taken for granted.
+    """
+    from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+
+    balanced, (units, _) = matrix_balance(a, permute=False, separate=True)
+    if np.linalg.eigvals(balanced).real.max() >= 0:
+        return None
+    energy = np.asarray(solve_continuous_lyapunov(balanced.T, -np.eye(len(a))), float)
+    energy = (energy + energy.T) / 2
+    change = energy @ balanced
+    if np.linalg.eigvalsh(energy).min() <= 0 or np.linalg.eigvalsh(change + change.T).max() >= 0:
+        return None
+    return np.asarray(np.linalg.cholesky(energy).T / units)
 
 
 def _root(value: float, slope: float, bend: float) -> float:

@@ -6,15 +6,18 @@ charge amplifier (1 s), anti-alias filters, bridge filter (0.1 s). The rates of 
 
 from __future__ import annotations
 
+import decimal
 import functools
 import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
+from simulators.linear.exponential import DIGITS, decimals, exact, exponential
 from simulators.linear.lti import Complexes, Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
 from simulators.linear.periodic import HERTZ, SECOND, Periodic
 
@@ -74,8 +77,6 @@ def chain() -> StateSpace:
 
 def compare() -> Iterator[Measured]:
     """Every method at every setting, the finer the later."""
-    from scipy.linalg import expm
-
     system = chain()
     times = np.arange(0, round(DURATION * SECOND) + 1, SAMPLE_NS)
     truth = _reference(system, times)
@@ -99,7 +100,7 @@ def compare() -> Iterator[Measured]:
     for warm_up in (_closed_form(system, times[:1]), _stepped(system, _trapezoid, SECOND, 1)):
         assert warm_up.size  # no method pays for an import
     yield measured("closed form", None, lambda: _closed_form(chain(), times))
-    yield measured("matrix exponential, blocks", SAMPLE_NS / SECOND, lambda: _blocks(chain(), times, expm))
+    yield measured("matrix exponential, blocks", SAMPLE_NS / SECOND, lambda: _blocks(chain(), times, exponential))
     for method, formula in (("first-order hold", _first_order_hold), ("trapezoid", _trapezoid)):
         for step_ms in STEPS_MS:
             step_ns = round(step_ms * 1e6)
@@ -125,40 +126,35 @@ def _closed_form(system: StateSpace, times: Times) -> Floats:
     return output
 
 
-def _blocks(system: StateSpace, times: Times, exponential: Callable[[Floats], Floats]) -> Floats:
-    """The chain with the oscillator that drives it, by powers of one matrix exponential."""
+def _blocks(
+    system: StateSpace,
+    times: Times,
+    exponential: Callable[[Any], Any],
+    numbers: Callable[[Floats], npt.NDArray[Any]] = np.asarray,
+) -> Floats:
+    """The chain with the oscillator that drives it, by powers of one matrix exponential, in such numbers."""
     s, w = system.order, 2 * math.pi * DRIVE.frequency / HERTZ
     augmented = np.zeros((s + 2, s + 2))
     augmented[:s, :s], augmented[:s, s] = system.a, system.b[:, 0]
     augmented[s, s + 1], augmented[s + 1, s] = w, -w
-    step = exponential(augmented * (SAMPLE_NS / SECOND))
-    rows = [np.concatenate([system.c[0], system.d[0], [0.0]])]
-    for _ in range(BLOCK - 1):
+    step = exponential(numbers(augmented * (SAMPLE_NS / SECOND)))
+    rows = [numbers(np.concatenate([system.c[0], system.d[0], [0.0]]))]
+    block = numbers(np.eye(s + 2))
+    for _ in range(BLOCK):
         rows.append(rows[-1] @ step)
-    block = np.linalg.matrix_power(step, BLOCK)
-    state = np.eye(s + 2)[-1]
+        block = block @ step
+    state = numbers(np.eye(s + 2)[-1])
     states = []
     for _ in range(-(-len(times) // BLOCK)):
         states.append(state)
         state = block @ state
-    return np.asarray((np.array(states) @ np.array(rows).T).ravel()[: len(times)], np.float64)
+    return np.asarray((np.array(states) @ np.array(rows[:BLOCK]).T).ravel()[: len(times)], np.float64)
 
 
 def _reference(system: StateSpace, times: Times) -> Floats:
-    """The blocks in extended precision, where the machine has one: by halving and a Taylor series."""
-
-    def exponential(matrix: Floats) -> Floats:
-        halvings = int(np.log2(np.abs(matrix).sum(axis=1).max())) + 4
-        small = matrix.astype(np.longdouble) / 2**halvings
-        term = total = np.eye(len(matrix), dtype=np.longdouble)
-        for k in range(1, 24):
-            term = term @ small / k
-            total = total + term
-        for _ in range(halvings):
-            total = total @ total
-        return np.asarray(total)
-
-    return _blocks(system, times, exponential)
+    """The blocks in decimal numbers of 60 digits."""
+    with decimal.localcontext(DIGITS):
+        return _blocks(system, times, exact, decimals)
 
 
 # --- one step after the other --------------------------------------------------------------------------
