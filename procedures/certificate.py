@@ -22,6 +22,8 @@ TITLE = "Calibration certificate of a load cell"
 STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}table{border-collapse:collapse}\
 td,th{border:1px solid #bbb;padding:2px 8px;text-align:left}.simulated{color:#c00;font-weight:bold}"
 
+PLACED = {"simulated": "placed by a simulated person", "confirmed": "each confirmed by name"}
+
 
 @dataclass(frozen=True, slots=True)
 class Section:
@@ -73,6 +75,7 @@ def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
             ("begun", header["started"]),
             ("time on the bench", f"{points[-1]['bench_ns'] * 1e-9:.0f} s"),
             ("loads", f"dead weights at {STANDARD_GRAVITY} m/s², {c.least_N:.4g} to {c.greatest_N:.4g} N"),
+            ("weights and positions", PLACED.get(str(header.get("mounting")), "ASSUMED, nobody confirmed them")),
             ("temperature, humidity", "not recorded"),
         ]),
         _results(c),

@@ -101,7 +101,7 @@ class Resumed(Recorder):
                 + f"\nput it back as it was, or resume with {ACCEPT}, which is recorded"
             )
         with self._transaction():
-            self._update_header({"status": "running", "summary": {}})
+            self._update_header({"status": "running", "summary": {}, "mounting": header.get("mounting")})
             self._insert_event(CONTINUED, f"after point {len(self._stored)}", self._bench_ns)
             for change in changes:
                 self._insert_event(CHANGED, change, self._bench_ns)

@@ -111,6 +111,7 @@ def of_load_cell() -> Procedure[Any, Any]:
         tell,
         calibrating="load cell",
         constants={"repeats": procedure.REPEATS},
+        by_hand="places the weights",
     )
 
 
@@ -187,6 +188,7 @@ def of_films() -> Procedure[Any, Any]:
         ),
         tell,
         calibrating="films",
+        by_hand="stands the pin on the teeth",
         loads=lambda settings: (settings.loads, settings.extrapolate),
     )
 

@@ -40,6 +40,7 @@ class Procedure(Generic[S, R]):
         loads: that its load cell must tell by a calibration [N, peak to peak], and whether it may extrapolate; None:
             they are not known before.
         continues: on a real bench it can go on at any point; else what came before has to be measured anew.
+        by_hand: what a person does in it beside mounting samples, as "places weights"; "": nothing.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Procedure(Generic[S, R]):
     constants: Mapping[str, object] = field(default_factory=dict)
     loads: Callable[[S], tuple[Sequence[float], bool]] | None = None
     continues: bool = False
+    by_hand: str = ""
 
 
 def refuse(procedure: Procedure[S, R], settings: S, target: Target, *, by_store: bool = True) -> str:
@@ -97,6 +99,7 @@ def conduct(
             calibrating=procedure.calibrating,
             resumed=resumed,
             replay=replay,
+            by_hand=procedure.by_hand,
         ) as session,
     ):
         if resumed is not None:

@@ -6,7 +6,7 @@ import functools
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -18,6 +18,9 @@ from instrument.errors import UsageError
 
 F = TypeVar("F", bound=Callable[..., Any])
 Progress = Callable[[int, int, str], None]
+
+
+_bars: list[Any] = []  # that are on the terminal now
 
 
 class Command(click.Command):
@@ -115,6 +118,11 @@ def extrapolate_option(command: F) -> F:
     return click.option("--extrapolate", is_flag=True, help=text)(command)
 
 
+assume_option = click.option(
+    "--assume-mounted", is_flag=True, help="Ask nobody to confirm what is mounted or placed; the record says so."
+)
+
+
 def budget_option(command: F) -> F:
     """--budget: the command gets it as `budget`, and prints with `procedures.report.budget.print_budgets`."""
     return click.option("--budget", is_flag=True, help="Print the uncertainty budget of each result.")(command)
@@ -135,13 +143,17 @@ OUT = click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which bench a command shall use, where its run and a log of its buses go; None: what is usual, no log."""
+    """Which bench a command shall use, where its run and a log of its buses go; None: what is usual, no log.
+
+    `assume_mounted`: nobody is asked to confirm what was mounted or placed by hand.
+    """
 
     bench: Path | None
     scene: str | None
     seed: int | None
     out: Path | None
     log: Path | None = None
+    assume_mounted: bool = False
 
     def simulated_on(self, scene: str) -> Choice:
         """It, on this scene where neither a scene nor a bench is named."""
@@ -159,14 +171,18 @@ def bench_options(command: F) -> F:
         seed: int | None,
         out: Path | None,
         log: Path | None,
+        assume_mounted: bool,
         as_json: bool,
         quiet: bool,
         **own: object,
     ) -> object:
-        return command(choice=Choice(bench, scene, seed, out, log), output=Output(as_json, quiet), **own)
+        return command(
+            choice=Choice(bench, scene, seed, out, log, assume_mounted), output=Output(as_json, quiet), **own
+        )
 
     options: Callable[..., object] = gathered
     for option in (
+        assume_option,
         click.option(
             "--log", type=FILE_NAME, metavar="FILE", help="Record CAN there (.blf, .asc), all as .pcapng beside."
         ),
@@ -210,10 +226,26 @@ class Output:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-        with Progress(*columns, console=console) as bar:
+        with ExitStack() as stack:
+            bar = stack.enter_context(Progress(*columns, console=console))
+            _bars.append(bar)
+            stack.callback(_bars.remove, bar)
             task = bar.add_task(first, total=None)
 
             def report(done: int, total: int, what: str) -> None:
                 bar.update(task, completed=done, total=total, description=what)
 
             yield report
+
+
+@contextmanager
+def without_bar() -> Iterator[None]:
+    """Inside, no progress bar writes over what is typed."""
+    stopped = list(_bars)
+    for bar in stopped:
+        bar.stop()
+    try:
+        yield
+    finally:
+        for bar in stopped:
+            bar.start()

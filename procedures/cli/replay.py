@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from drivers.bus_replay import BusReplay
 from instrument.calibration import LoadCellCalibration
@@ -13,6 +13,7 @@ from instrument.errors import ConfigError, PalpateError, UsageError
 from instrument.film_calibration import FilmCalibration
 from procedures.bus_log import described
 from procedures.cli.conduct import conduct
+from procedures.cli.operator import Mounting
 from procedures.cli.options import Choice, Output
 from procedures.cli.resume import resumable
 from procedures.resume import settings_of
@@ -47,9 +48,20 @@ class Replay:
             raise ConfigError(f"{where}: its run is of another palpate ({error}); replay with that one") from None
 
     @property
+    def mounting(self) -> Mounting:
+        """How it was known what was mounted."""
+        said = self.run.header.get("mounting")
+        unsaid: Mounting = "assumed" if self.scene is None else "simulated"
+        return next((known for known in get_args(Mounting) if known == said), unsaid)
+
+    @property
     def header(self) -> dict[str, Any]:
         """What the record of a replay says otherwise than that of a run."""
-        return {**{key: self.run.header[key] for key in KEPT}, "replayed": str(self.wire.path)}
+        return {
+            **{key: self.run.header[key] for key in KEPT},
+            "mounting": self.mounting,
+            "replayed": str(self.wire.path),
+        }
 
 
 def _scene(toml: str, path: Path) -> Scene:

@@ -10,7 +10,7 @@ import click
 
 from procedures.cli.calibrate import of_films, of_load_cell
 from procedures.cli.characterise import of_characterise
-from procedures.cli.options import FILE_NAME, Choice, Command, Output, output_options, store
+from procedures.cli.options import FILE_NAME, Choice, Command, Output, assume_option, output_options, store
 from procedures.cli.softness import of_softness
 from procedures.cli.test import of_modulus
 
@@ -44,13 +44,14 @@ def resumable() -> dict[str, Callable[[], Procedure[Any, Any]]]:
 @click.argument("run")
 @click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
 @click.option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record says how.")
+@assume_option
 @output_options
-def resume(run: str, bench: Path | None, accept_change: bool, as_json: bool, quiet: bool) -> None:
+def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, as_json: bool, quiet: bool) -> None:
     """Go on with a run that was killed, stopped or failed. RUN is a folder or a name in runs/.
 
     The bench is opened again and compared with the record: settings, devices, contracts, calibrations, versions. No
-    finished point is lost or stored twice. A real bench begins at the next point; a simulated one does everything again
-    up to there, so that the finished run equals one that was never interrupted.
+    finished point is lost or stored twice. A real bench begins at the next point, its sample mounted anew; a simulated
+    one does everything again up to there, so that the finished run equals one that was never interrupted.
     """
     from instrument.errors import UsageError
     from procedures.cli.conduct import conduct
@@ -76,12 +77,19 @@ def resume(run: str, bench: Path | None, accept_change: bool, as_json: bool, qui
     record = Resumed(opened, replay=simulated, accept=accept_change)
     try:
         with keyboard() as pause:
-            conduct(procedure, settings, _choice(opened, bench), Output(as_json, quiet), pause=pause, resumed=record)
+            conduct(
+                procedure,
+                settings,
+                _choice(opened, bench, assume_mounted),
+                Output(as_json, quiet),
+                pause=pause,
+                resumed=record,
+            )
     finally:
         record.close()
 
 
-def _choice(run: Run, bench: Path | None) -> Choice:
+def _choice(run: Run, bench: Path | None, assume: bool) -> Choice:
     """The bench of a run: its own files, which a run that was killed at its start may lack."""
     from procedures.run import storing
 
@@ -90,4 +98,6 @@ def _choice(run: Run, bench: Path | None) -> Choice:
     if not path.exists():
         with storing(path):
             path.write_text(scene["toml"] if scene else str(run.header["bench"]), encoding="utf-8")
-    return Choice(None, str(path), None, None) if scene else Choice(bench or path, None, None, None)
+    if scene:
+        return Choice(None, str(path), None, None, assume_mounted=assume)
+    return Choice(bench or path, None, None, None, assume_mounted=assume)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -10,8 +9,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-
-import click
 
 from drivers.bench import Bench
 from drivers.bus_log import BusLog, check_log
@@ -21,12 +18,11 @@ from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.errors import BenchError, RecordError, UsageError
+from instrument.errors import RecordError, UsageError
 from instrument.film_calibration import FilmCalibration
 from instrument.operator import Operator
-from instrument.quantity import show
-from instrument.sample import Sample
 from procedures.cli.calibrations import films_of, load_cell_of
+from procedures.cli.operator import ASSUME, ConsoleOperator, Mounting, assume, check_somebody, weaker
 from procedures.cli.options import Choice, result_folder
 from procedures.cli.software import commit, versions
 from procedures.encoding import as_json
@@ -71,6 +67,7 @@ class Session:
     record: Recorder
     started: datetime
     wall_start: float
+    mounting: Mounting
     replayed: bool = False
 
     def outcome(self) -> dict[str, Any]:
@@ -84,49 +81,10 @@ class Session:
             "seed": self.scene.seed if self.scene else None,
             "calibration": self.calibration.source,
             "film_calibration": self.films.source if self.films else None,
+            "mounting": self.mounting,
             "bench_seconds": self.bench.clock.now_ns() / 1e9,
             "wall_seconds": time.monotonic() - self.wall_start,
         }
-
-
-class ConsoleOperator:
-    """Asks the person at the console. Meets `instrument.operator.Operator`."""
-
-    def __init__(self, ask: Callable[[str], None] | None = None) -> None:
-        self._ask = ask or _ask
-
-    def mount(self, sample: Sample) -> None:
-        self._ask(f"Mount sample {_described(sample)}")
-
-    def lay_on_support(self, sample: Sample | None) -> None:
-        laid = "bare" if sample is None else f"with sample {_described(sample)} on it"
-        self._ask(f"Put the rigid support in the sensor's place, {laid}")
-
-    def place_probe(self, x: float, y: float) -> None:
-        self._ask(f"Set the point probe {show(x, 'm')} along and {show(y, 'm')} across from the sensor's corner")
-
-    def press_tooth(self, tooth: int) -> None:
-        self._ask(f"Stand the pin on tooth {tooth + 1} alone, under the probe")
-
-    def place_weight(self, mass: float) -> None:
-        self._ask(f"Place {1e3 * mass:.0f} gf on the load cell" if mass else "Take all weights off")
-
-    def turn_load_cell(self, degrees: float) -> None:
-        self._ask(f"Turn the load cell about its axis to {degrees:g} degrees")
-
-    def set_temperature(self, kelvin: float) -> None:
-        self._ask(f"Make the surroundings of the sensor {kelvin:g} K warmer than at the start")
-
-
-def _described(sample: Sample) -> str:
-    return f"{sample.name} ({sample.material}, {show(sample.thickness, 'm')})"
-
-
-def _ask(what: str) -> None:
-    """Not click's prompt, to which Ctrl-C and the end of input are the same."""
-    click.echo(f"{what}, then press Enter", err=True)
-    if sys.stdin is None or not sys.stdin.readline():
-        raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")
 
 
 @contextmanager
@@ -140,15 +98,17 @@ def open_session(
     calibrating: Calibrating | None = None,
     resumed: Resumed | None = None,
     replay: Replay | None = None,
+    by_hand: str = "",
 ) -> Iterator[Session]:
     """Open the bench and its run, a new one or one that goes on; on the way out outputs are off, then it is closed.
 
     A run that is `calibrating` the load cell needs no calibration of it; one of the films uses none of theirs. A replay
-    has the bench, the calibrations and the date of its log.
+    has the bench, the calibrations and the date of its log. `by_hand` is what a person does in it beside mounting
+    samples.
 
     Raises:
-        UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses; another
-            bench than that of the run which is to go on.
+        UsageError: options that exclude each other, a folder that holds a run, whatever `check` refuses; nobody could
+            confirm what is mounted; another bench than that of the run which is to go on.
         ConfigError, UnknownName: a bench, scene or calibration file is wrong.
         BenchError: a device cannot be opened or identified. RecordError: the folder cannot be written.
     """
@@ -157,14 +117,17 @@ def open_session(
     started = today if before is None else before.run.started
     given, chosen = _chosen(choice, model) if replay is None else (replay.wire.description, replay.scene)
     check(_target(given, chosen))
+    mounting: Mounting = "simulated" if replay is None else replay.mounting
+    if given is not None and replay is None:
+        mounting = check_somebody(by_hand, given.sample_changer is not None, choice.assume_mounted)
     with ExitStack() as stack:
         folder = resumed.folder if resumed else stack.enter_context(places(choice, procedure, today))
         clock: Clock = WallClock(0 if resumed is None else resumed.bench_ns)
-        operator: Operator = ConsoleOperator()
+        operator: Operator = ConsoleOperator(assume if mounting == "assumed" else None)
         description = given
         if replay is not None:
             wire = stack.enter_context(replay.wire)
-            description, clock, operator = wire.description, wire, ConsoleOperator(lambda _what: None)
+            description, clock, operator = wire.description, wire, ConsoleOperator(lambda _what, _word: None)
         elif chosen is not None:
             simulated = stack.enter_context(SimulatedBench(chosen))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
@@ -194,6 +157,7 @@ def open_session(
             else {"name": chosen.name, "model": chosen.model, "why": chosen.why, "toml": chosen.to_toml()},
             "seed": None if chosen is None else chosen.seed,
             "bench": description.to_toml(),
+            "mounting": mounting,
             "devices": {device.name: device.serial for device in opened.devices},
             "contracts": contracts_digest(),
             "calibration": calibration.model_dump(),
@@ -207,6 +171,7 @@ def open_session(
         if resumed is None:
             record = stack.enter_context(Recorder.create(folder, header))
         else:
+            header["mounting"] = mounting = weaker(resumed.run.header.get("mounting"), mounting)
             resumed.begin(header)
             record = stack.enter_context(resumed)
         stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
@@ -218,7 +183,8 @@ def open_session(
         if films is not None:
             design = films.apply(design)
         try:
-            yield Session(opened, design, chosen, calibration, films, record, started, wall_start, replay is not None)
+            replayed = replay is not None
+            yield Session(opened, design, chosen, calibration, films, record, started, wall_start, mounting, replayed)
         except BaseException as error:
             if record.points:
                 remedy = "" if replay else f"; go on with: palpate runs resume {record.folder}"
@@ -264,6 +230,8 @@ def _target(description: BenchDescription | None, scene: Scene | None) -> Target
 def _chosen(choice: Choice, model: str | None) -> tuple[BenchDescription | None, Scene | None]:
     """The bench file, or the scene where none is given."""
     if choice.bench is None:
+        if choice.assume_mounted:
+            raise UsageError(f"{ASSUME}: a simulated bench mounts its samples itself; leave it out or give --bench")
         return None, _scene(choice.scene, choice.seed, model)
     given = {"--scene": choice.scene, "--seed": choice.seed, "--model": model}
     if extra := [option for option, value in given.items() if value is not None]:

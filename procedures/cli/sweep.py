@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +19,9 @@ from procedures.cli.options import (
     load_option,
     sample_option,
 )
+
+if TYPE_CHECKING:
+    from procedures.cli.conduct import Procedure
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
@@ -65,8 +68,8 @@ def loads(
     from instrument.errors import UsageError
     from instrument.quantity import parse
     from instrument.sample import parse_samples
-    from procedures import load_plan, load_sweep
-    from procedures.report import load_sweep as report
+    from procedures import load_plan
+    from procedures.cli.sweeps import of_loads
 
     if dwell is not None and tolerance is not None:
         raise UsageError("--dwell and --tolerance: the one is chosen by the other; give one of them")
@@ -78,7 +81,7 @@ def loads(
         None if tolerance is None else parse(tolerance, ""),
         extrapolate,
     )
-    result = _sweep(load_plan, load_sweep, report, settings, choice, output, dry_run, model)
+    result = _sweep(of_loads(), load_plan, settings, choice, output, dry_run, model)
     if budget and result is not None and output.for_people:
         from procedures.report.budget import print_budgets
 
@@ -118,12 +121,12 @@ def frequency(
     """
     from instrument.quantity import parse
     from procedures import frequency_sweep
-    from procedures.report import frequency_sweep as report
+    from procedures.cli.sweeps import of_frequency
 
     settings = frequency_sweep.FrequencySettings(
         frequency_sweep.parse_frequencies(frequencies), sample, parse(load, "N"), parse(dwell, "s"), extrapolate
     )
-    _sweep(frequency_sweep, frequency_sweep, report, settings, choice, output, dry_run, model)
+    _sweep(of_frequency(), frequency_sweep, settings, choice, output, dry_run, model)
 
 
 @sweep.command(
@@ -161,7 +164,7 @@ def temperature(
     """
     from instrument.quantity import parse
     from procedures import temperature_sweep
-    from procedures.report import temperature_sweep as report
+    from procedures.cli.sweeps import of_temperature
 
     settings = temperature_sweep.TemperatureSettings(
         temperature_sweep.parse_temperatures(temperatures),
@@ -173,7 +176,7 @@ def temperature(
         extrapolate,
     )
     choice = choice.simulated_on("humid_body")
-    _sweep(temperature_sweep, temperature_sweep, report, settings, choice, output, dry_run, model)
+    _sweep(of_temperature(), temperature_sweep, settings, choice, output, dry_run, model)
 
 
 @sweep.command(
@@ -205,7 +208,7 @@ def position(
     """
     from instrument.quantity import parse
     from procedures import load_plan, position_sweep
-    from procedures.report import position_sweep as report
+    from procedures.cli.sweeps import of_position
 
     settings = position_sweep.PositionSettings(
         load_plan.parse_steps(positions, "m", "positions", "0 mm:24 mm:2 mm"),
@@ -216,20 +219,19 @@ def position(
         extrapolate,
     )
     choice = choice.simulated_on("thesis_common_base")
-    _sweep(position_sweep, position_sweep, report, settings, choice, output, dry_run, None)
+    _sweep(of_position(), position_sweep, settings, choice, output, dry_run, None)
 
 
 def _sweep(
+    conducted: Procedure[Any, Any],
     planned: ModuleType,
-    procedure: ModuleType,
-    report: ModuleType,
     settings: Any,
     choice: Choice,
     output: Output,
     dry_run: bool,
     model: str | None,
 ) -> tuple[Any, bool] | None:
-    """Plan and conduct a sweep; `planned` checks and plans it, `procedure` runs it.
+    """Plan a sweep by `planned`, or conduct it.
 
     Returns the result, and whether it is simulated; None of a dry run.
     """
@@ -238,10 +240,8 @@ def _sweep(
     from procedures.cli.conduct import conduct, refuse
     from procedures.cli.keys import keyboard
     from procedures.cli.session import places, target_of
-    from procedures.cli.sweeps import sweep_of
     from procedures.report.plan import print_plan
 
-    conducted = sweep_of(planned, procedure, report, type(settings))
     if dry_run:
         target = target_of(choice, model)
         doubt = refuse(conducted, settings, target)

@@ -29,18 +29,28 @@ def of_temperature() -> Procedure[Any, Any]:
     from procedures import temperature_sweep
     from procedures.report import temperature_sweep as report
 
-    return sweep_of(temperature_sweep, temperature_sweep, report, temperature_sweep.TemperatureSettings)
+    return sweep_of(
+        temperature_sweep, temperature_sweep, report, temperature_sweep.TemperatureSettings, by_hand="warms the sensor"
+    )
 
 
 def of_position() -> Procedure[Any, Any]:
     from procedures import position_sweep
     from procedures.report import position_sweep as report
 
-    return sweep_of(position_sweep, position_sweep, report, position_sweep.PositionSettings)
+    return sweep_of(
+        position_sweep, position_sweep, report, position_sweep.PositionSettings, by_hand="sets the point probe"
+    )
 
 
 def sweep_of(
-    planned: ModuleType, procedure: ModuleType, report: ModuleType, settings: type[Any], *, continues: bool = False
+    planned: ModuleType,
+    procedure: ModuleType,
+    report: ModuleType,
+    settings: type[Any],
+    *,
+    continues: bool = False,
+    by_hand: str = "",
 ) -> Procedure[Any, Any]:
     """`planned` checks a sweep, `procedure` runs it, `report` shows it."""
 
@@ -65,4 +75,5 @@ def sweep_of(
             settings.extrapolate,
         ),
         continues=continues,
+        by_hand=by_hand,
     )

@@ -71,4 +71,5 @@ def of_modulus() -> Procedure[Any, Any]:
             session.bench, session.calibration, settings, session.record, progress
         ),
         tell,
+        by_hand="lays the sample on the support",
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 from procedures.check import Found
 from procedures.repair import Repaired
-from procedures.report.text import STAMP, new_table, number, print_all, stamped
+from procedures.report.text import MOUNTING, STAMP, new_table, number, print_all, stamped
 from procedures.run import Run
 from procedures.run_list import RunSummary
 
@@ -61,6 +61,7 @@ def print_run(run: Run, digest: str) -> None:
     """Header, points and events of a run."""
     calibration = run.header.get("calibration")
     source = calibration.get("source") if isinstance(calibration, dict) else None
+    mounting = run.header.get("mounting")
     points = run.points()
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
     same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
@@ -74,6 +75,7 @@ def print_run(run: Run, digest: str) -> None:
         f"started      {run.started:{TIME}} UTC",
         f"seed         {number(run.header.get('seed'))}",
         f"calibration  {source or '-'}",
+        f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
         f"digest       {digest}",
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
         table,

@@ -48,8 +48,19 @@ def stamped(simulated: bool, text: str) -> Text:
     return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
 
 
+MOUNTING = {  # of samples, weights and all else that is laid by hand; on a simulated bench nothing is
+    "sample changer": "by the sample changer",
+    "confirmed": "confirmed by name",
+    "assumed": "ASSUMED, nobody has confirmed it",
+}
+
+
 def where(outcome: dict[str, Any], plot: Path) -> list[str]:
-    named = {"calibration": outcome["calibration"], "films": outcome.get("film_calibration")}
+    named = {
+        "calibration": outcome["calibration"],
+        "films": outcome.get("film_calibration"),
+        "mounting": MOUNTING.get(outcome["mounting"]),
+    }
     lines = [f"{name:<14} {source}" for name, source in named.items() if source]
     bench, wall = outcome["bench_seconds"], outcome["wall_seconds"]
     return [

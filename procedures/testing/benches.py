@@ -18,7 +18,8 @@ from drivers.bench import Bench
 from drivers.clock import WallClock
 from instrument.bench import BenchDescription, read_bench
 from instrument.errors import PalpateError
-from procedures.cli.session import DEFAULT_SCENE, ConsoleOperator
+from procedures.cli.operator import ConsoleOperator
+from procedures.cli.session import DEFAULT_SCENE
 from procedures.testing.traffic import Traffic
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene, shipped

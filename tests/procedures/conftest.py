@@ -19,7 +19,7 @@ from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.designs import get_design
 from instrument.sample import Sample
 from procedures import load_sweep
-from procedures.cli import main, session
+from procedures.cli import main, operator, session
 from procedures.cli.options import Output
 from procedures.load_plan import SweepSettings
 from procedures.load_sweep import Progress, SweepResult
@@ -162,7 +162,10 @@ def on_progress(monkeypatch: pytest.MonkeyPatch) -> Callable[[Progress], None]:
 
 @pytest.fixture
 def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The file of a bench that is served here; what is not real about it is the clock, and who mounts samples."""
+    """The file of a bench that is served here; what is not real about it is the clock, and who mounts samples.
+
+    Somebody sits at its terminal; what he types is `sys.stdin`.
+    """
 
     class Person(session.ConsoleOperator):
         def mount(self, sample: Sample) -> None:
@@ -171,6 +174,7 @@ def lab(sim: SimulatedBench, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(session, "WallClock", lambda _begun: sim.clock)
     monkeypatch.setattr(session, "ConsoleOperator", Person)
+    monkeypatch.setattr(operator, "at_terminal", lambda: sys.stdin is not None)
     Path("lab.toml").write_text(sim.description.to_toml(), encoding="utf-8")
     return "lab.toml"
 

@@ -14,7 +14,8 @@ from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.errors import RangeError, SafetyError, UnreachableError
 from instrument.sample import SAMPLES, get_sample
 from procedures import modulus
-from procedures.cli.session import ConsoleOperator
+from procedures.cli import operator
+from procedures.cli.operator import ConsoleOperator
 from procedures.modulus import ModulusResult, ModulusSettings
 from procedures.record import Recorder
 from procedures.run import Run
@@ -153,12 +154,13 @@ def test_the_command_gives_the_public_names(palpate: Palpate) -> None:
 def test_a_person_is_asked_for_the_support_bare_and_with_the_sample(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.stdin", StringIO("\n\n"))
+    monkeypatch.setattr("sys.stdin", StringIO("bare\n1\n"))
+    monkeypatch.setattr(operator, "at_terminal", lambda: True)
     person = ConsoleOperator()
     person.lay_on_support(None)
     person.lay_on_support(get_sample("1"))
     place = "Put the rigid support in the sensor's place"
     assert capsys.readouterr().err.splitlines() == [
-        f"{place}, bare, then press Enter",
-        f"{place}, with sample 1 (white silicone rubber, 3 mm) on it, then press Enter",
+        f"{place}, bare; then type bare and press Enter",
+        f"{place}, with sample 1 (white silicone rubber, 3 mm) on it; then type 1 and press Enter",
     ]

@@ -33,6 +33,7 @@ MARKUP = "a[bold]b[/red] :bug: [/]"  # as a part of the name of a folder
 OUTCOME = {
     "simulated": True,
     "calibration": f"cal {MARKUP}",
+    "mounting": "confirmed",
     "calibration_file": "cell.toml",
     "certificate": "certificate.html",
     "bench_seconds": 100.0,

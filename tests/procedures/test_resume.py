@@ -6,12 +6,10 @@ import json
 import math
 import shutil
 import sqlite3
-import sys
 from collections.abc import Callable
 from contextlib import closing, nullcontext
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ import pytest
 
 from instrument.errors import RecordError
 from instrument.sample import get_sample
-from procedures.cli import keys
+from procedures.cli import keys, operator
 from procedures.cli.conduct import Procedure
 from procedures.cli.resume import resumable
 from procedures.encoding import as_json, row_crc32
@@ -69,9 +67,16 @@ def edit(folder: str, statement: str, *values: object) -> None:
 
 
 @pytest.fixture
-def person(lab: str, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The bench file of `lab`, with somebody at its console."""
-    monkeypatch.setattr(sys, "stdin", StringIO("\n" * 9))
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What was confirmed by somebody who always does as he is asked."""
+    words: list[str] = []
+    monkeypatch.setattr(operator, "confirm", lambda _what, word: words.append(word))
+    return words
+
+
+@pytest.fixture
+def person(lab: str, asked: list[str]) -> str:
+    """The bench file of `lab`, with that person at its console."""
     return lab
 
 
@@ -256,7 +261,7 @@ def test_a_null_where_no_number_belongs_is_one_error() -> None:
 
 
 def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
-    palpate: Palpate, stop: Stop, person: str, sim: SimulatedBench
+    palpate: Palpate, stop: Stop, person: str, asked: list[str], sim: SimulatedBench
 ) -> None:
     two_samples = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
     before = stopped(palpate, stop, 3, *two_samples, "--bench", person).points()
@@ -271,9 +276,23 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     assert (run.status, points[:3]) == ("complete", before)
     assert [(p["sample"], p["load_N"]) for p in points] == [("1", 2.0), ("1", 3.0), ("2", 2.0), ("2", 3.0)]
     assert points[3]["bench_ns"] > ended + 60e9  # the sample is mounted anew
+    assert (asked, result["mounting"]) == (["1", "2", "2"], "confirmed")
     assert [p["force_ratio"] for p in result["points"]] == [p["force_ratio"] for p in points]
     assert events("cut") == ["stopped", "continued", "changed"]
     assert outputs(sim) == OFF
+
+
+def test_a_run_that_goes_on_without_a_terminal_says_what_it_assumes(
+    palpate: Palpate, stop: Stop, person: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped(palpate, stop, 1, "sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--bench", person, "--quiet")
+    assert Run.open(Path("cut")).header["mounting"] == "confirmed"
+    monkeypatch.setattr(operator, "at_terminal", lambda: False)
+    said = palpate("runs", "resume", "cut")
+    assert (said.status, events("cut")) == (2, ["stopped"])
+    assert "--assume-mounted" in said.complaint
+    result = palpate("runs", "resume", "cut", "--assume-mounted", "--json").object
+    assert (result["mounting"], Run.open(Path("cut")).header["mounting"]) == ("assumed", "assumed")
 
 
 def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpate, stop: Stop, person: str) -> None:

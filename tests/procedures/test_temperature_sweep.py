@@ -85,7 +85,7 @@ def test_films_that_warm_up_are_simulated_where_no_scene_is_named(
 ) -> None:
     chosen: list[Choice] = []
     module = sys.modules["procedures.cli.sweep"]
-    monkeypatch.setattr(module, "_sweep", lambda *arguments: chosen.append(arguments[4]))
+    monkeypatch.setattr(module, "_sweep", lambda *arguments: chosen.append(arguments[3]))
     palpate(*SWEEP)
     palpate(*SWEEP, "--scene", "ideal")
     palpate(*SWEEP, "--bench", "lab.toml")

@@ -1,0 +1,82 @@
+"""What a person mounts or places on a real bench is confirmed by its name, or assumed where he said so."""
+
+from __future__ import annotations
+
+import sys
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from procedures.cli import operator
+from procedures.cli.operator import at_terminal
+from procedures.run import Run
+from simulators.bench import SimulatedBench
+from tests.procedures.conftest import Benches, Palpate, refused
+
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")
+BY_HAND = {
+    ("sweep", "loads"): "mounts the samples",
+    ("sweep", "position"): "sets the point probe",
+    ("sweep", "temperature"): "warms the sensor",
+    ("sweep", "frequency"): "mounts the samples",
+    ("calibrate", "load-cell"): "places the weights",
+    ("calibrate", "films"): "stands the pin on the teeth",
+    ("test", "modulus", "--sample", "1"): "lays the sample on the support",
+    ("characterise",): "mounts the samples",
+    ("softness", "--samples", "1"): "mounts the samples",
+}
+
+
+@pytest.fixture
+def headless(lab: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The bench file of `lab`, with nobody at its console."""
+    monkeypatch.setattr(operator, "at_terminal", at_terminal)
+    monkeypatch.setattr(sys, "stdin", StringIO("1\n" * 99))
+    return lab
+
+
+def test_without_a_terminal_nothing_is_asked_of_a_bench_on_which_nobody_could_confirm(
+    palpate: Palpate, headless: str, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for command, work in BY_HAND.items():
+        for console in (StringIO("1\n" * 99), None):
+            monkeypatch.setattr(sys, "stdin", console)
+            design = "common_base" if "position" in command else "single"
+            Path(headless).write_text(sim.description.model_copy(update={"design": design}).to_toml(), encoding="utf-8")
+            said = palpate(*command, "--bench", headless)
+            assert (said.status, sim.servers.transactions) == (2, 0)
+            assert said.complaint.startswith(f"a person {work} on this bench, and standard input is no terminal")
+            assert "--assume-mounted" in said.complaint
+            assert not Path("runs").exists()
+
+
+def test_what_is_assumed_is_told_by_the_record_the_report_and_json(palpate: Palpate, headless: str) -> None:
+    said = palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--out", "first")
+    assert said.status == 0
+    assert said.err == "assumed, as --assume-mounted asks: Mount sample 1 (white silicone rubber, 3 mm)\n"
+    assert "mounting       ASSUMED, nobody has confirmed it\n" in said.out
+    assert Run.open(Path("first")).header["mounting"] == "assumed"
+    assert palpate("runs", "show", "first").out.count("ASSUMED") == 1
+    assert palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--json").object["mounting"] == "assumed"
+
+
+def test_a_simulated_bench_assumes_nothing(palpate: Palpate, benches: Benches) -> None:
+    assert "leave it out or give --bench" in refused(palpate(*SWEEP, "--assume-mounted"), benches)
+
+
+def test_another_name_than_that_of_the_sample_is_no_answer(
+    palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", StringIO("\n2\ny\n 1 \n"))
+    said = palpate(*SWEEP, "--bench", lab)
+    assert said.status == 0
+    wrong = [line.split(" is not ")[0] for line in said.err.splitlines()[1:]]
+    assert wrong == ["''", "'2'", "'y'"]
+
+
+def test_nobody_left_at_the_console_ends_the_run(palpate: Palpate, lab: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", StringIO(""))
+    said = palpate(*SWEEP, "--bench", lab)
+    assert said.status == 1
+    assert "run palpate in a terminal" in said.err
