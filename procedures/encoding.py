@@ -13,7 +13,7 @@ from instrument.errors import RangeError
 
 Waveforms = Mapping[str, tuple[float, np.ndarray]]
 SAMPLE = np.dtype("<f4")
-LARGEST_ROW = 40_000_000  # bytes; a point has some thousand, a waveform four a sample
+LARGEST_ROW = 40_000_000  # bytes; a point has some thousand
 _OWN_COLUMNS = frozenset({"id", "bench_ns", "simulated"})
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
 
@@ -67,8 +67,6 @@ def _float32(name: str, rate: float, samples: np.ndarray) -> np.ndarray:
         raise RangeError(f"waveform {name!r}: the sample rate is {rate} Hz; it must be positive and finite")
     if samples.ndim != 1:
         raise RangeError(f"waveform {name!r}: the samples have shape {samples.shape}; they must be (n,)")
-    if samples.size * SAMPLE.itemsize > (most := LARGEST_ROW - 1000):  # the rest of the row
-        raise RangeError(f"waveform {name!r} has {samples.size} samples, {most // SAMPLE.itemsize} are the most")
     try:
         with np.errstate(over="raise"):
             return np.ascontiguousarray(samples, dtype=SAMPLE)

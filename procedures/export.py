@@ -89,7 +89,12 @@ def as_dataset(run: Run) -> xr.Dataset:
         coordinates["time_s"] = ("index", time[0]) if len(np.unique(rates)) == 1 else (("point", "index"), time)
     variables = {name: column for name, column in columns.items() if name not in COORDINATES}
     variables |= {name: (("point", "index"), samples, {"units": "V"}) for name, samples in volts.items()}
-    stamps = {"procedure": run.procedure, "simulated": str(run.simulated).lower(), "started": run.started.isoformat()}
+    stamps = {
+        "procedure": run.procedure,
+        "simulated": str(run.simulated).lower(),
+        "hashed": str(run.hashed).lower(),
+        "started": run.started.isoformat(),
+    }
     found: xr.Dataset = xarray.Dataset(variables, coordinates, stamps)
     return found
 

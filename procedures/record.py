@@ -1,9 +1,7 @@
 """Writing a run to disk: a point is durable before it is reported.
 
-A point is one transaction with its waveforms: one write to the log (`run.sqlite-wal`), one sync. The log is merged
-into `run.sqlite` and begun anew every `MERGED_EVERY` points or `LONGEST_LOG` pages, so that points overwrite it in
-place, and a merge stays shorter than the amplifier's watchdog. The end of a run leaves a single file.
-`procedures/run.py` has the format, and reads it.
+What is added is one write and one sync of `run.record`, then one of its head `run.head`, which tells that it is there.
+`procedures/chain.py` does both, `procedures/record_file.py` has the format, `procedures/run.py` reads it.
 """
 
 from __future__ import annotations
@@ -14,28 +12,29 @@ import fcntl
 import itertools
 import os
 import re
-import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
 from instrument.errors import RecordError, UsageError
-from procedures.encoding import Waveforms, as_json, encoded, row_crc32, waveform_crc32
-from procedures.run import DATABASE, EVENT_COLUMNS, POINT_COLUMNS, SCHEMA, WAVEFORM_COLUMNS, storing
+from procedures.chain import NOTHING, ChainWriter, Head, packed
+from procedures.encoding import Waveforms
+from procedures.record_file import (
+    HEAD_FILE,
+    RECORD,
+    SIMULATED,
+    Content,
+    chain_of,
+    event_frame,
+    header_frame,
+    point_frames,
+    status_frame,
+)
+from procedures.run import is_run, reading_record, storing
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
-_OWN_KEYS = frozenset({"status", "summary"})
-
-LOG = f"{DATABASE}-wal"
-MERGED_EVERY = 50  # points
-LONGEST_LOG = 8000  # pages of 4096 bytes
-FIRST_LOG = 1_000_000  # bytes that are there before the first point: a file that grows is takes longer to sync
-
-_POINT = f"INSERT INTO point (id, {POINT_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
-_WAVEFORM = f"INSERT INTO waveform ({WAVEFORM_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
-_EVENT = f"INSERT INTO event ({EVENT_COLUMNS}) VALUES (?, ?, ?, ?)"
 
 T = TypeVar("T")
 
@@ -51,7 +50,7 @@ class Recorder:
     """
 
     def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
-        """Keeps every other writer out, and opens the run in `folder`; with a `header` it is begun there.
+        """Keeps every other writer out; with a `header` a run is begun in `folder`, else one is there to `go_on`.
 
         Raises:
             UsageError: another process is writing this run, or there is one where one was to be begun.
@@ -59,20 +58,36 @@ class Recorder:
         self.folder = folder
         self._points = 0
         self._bench_ns = 0
-        self._files = (folder / DATABASE, folder / LOG)
+        self._files = (folder / RECORD, folder / HEAD_FILE)
         self._inodes: dict[Path, int] = {}
+        self._writer: ChainWriter | None = None
         self._closed = False
         with contextlib.ExitStack() as undo:
             with storing(folder):
                 undo.enter_context(_locked(folder))
                 if header is not None:
-                    _begin(folder, header)
-            with storing(folder / DATABASE):
-                self._database = undo.enter_context(contextlib.closing(sqlite3.connect(folder / DATABASE)))
-                self._database.execute("PRAGMA journal_mode = WAL")
-                self._database.execute("PRAGMA synchronous = FULL")
-                self._database.execute(f"PRAGMA wal_autocheckpoint = {LONGEST_LOG}")
+                    if is_run(folder):
+                        raise UsageError(f"{folder} already holds a run; choose another --out")
+                    begin(folder, header, [header_frame(header)])
             self._open = undo.pop_all()
+        if header is not None:
+            with contextlib.ExitStack() as undo:
+                undo.callback(self.close)
+                self._write_on()
+                undo.pop_all()
+
+    def _write_on(self) -> None:
+        """Opens the files to go on where they are whole.
+
+        What lies whole behind that of which the head tells may be in the system's memory alone, from a writer that was
+        killed, so it is written once more before the head tells of it.
+        """
+        with reading_record(self.folder) as record, storing(self.folder / RECORD):
+            assert record.head is not None
+            flags = SIMULATED if record.header["simulated"] else 0
+            self._writer = ChainWriter(*self._files, record.head, flags)
+            self._open.callback(self._writer.close)
+            self._writer.confirm(record.tail(), record.head_at_end())
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, object]) -> Self:
@@ -90,8 +105,6 @@ class Recorder:
         """
         if lacking := REQUIRED - header.keys():
             raise RecordError(f"the header of a run lacks {', '.join(sorted(lacking))}")
-        if taken := _OWN_KEYS & header.keys():
-            raise RecordError(f"the header of a run may not set {', '.join(sorted(taken))}")
         if not isinstance(header["simulated"], bool):
             raise RecordError(f"the header of a run says simulated = {header['simulated']!r}; write true or false")
         datetime.fromisoformat(str(header["started"]))
@@ -101,7 +114,7 @@ class Recorder:
             folder.mkdir(parents=True, exist_ok=True)
             for path in made:
                 _sync(path.parent)
-        return cls(folder, {**header, "status": "running", "summary": {}})
+        return cls(folder, header)
 
     def point(
         self,
@@ -122,20 +135,10 @@ class Recorder:
             RangeError: a rate that is not positive, samples of another shape or beyond float32, or a name
                 of the record's own columns (`id`, `bench_ns`, `simulated`) in `data`.
         """
-        text, stored = encoded(data, waveforms)
         point_id = self._points + 1
-        rows = [
-            (point_id, name, rate, samples.data, waveform_crc32(point_id, name, rate, samples))
-            for name, rate, samples in stored
-        ]
-        row = (point_id, bench_ns, text, len(rows))
-        with self._transaction() as database:
-            database.execute(_POINT, (*row, row_crc32(*row)))
-            database.executemany(_WAVEFORM, rows)
+        self._append(point_frames(point_id, data, waveforms, bench_ns), points=1)
         self._points = point_id
         self._bench_ns = bench_ns
-        if point_id % MERGED_EVERY == 0:
-            self._tidy("PRAGMA wal_checkpoint(PASSIVE)")
         return point_id
 
     @property
@@ -149,8 +152,7 @@ class Recorder:
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
-        with self._transaction():
-            self._insert_event(kind, message, bench_ns)
+        self._append([self._event(kind, message, bench_ns)], events=1)
         self._bench_ns = bench_ns
 
     def finish(
@@ -164,12 +166,10 @@ class Recorder:
         A `message`, why it ended so, is stored as an event of the kind `status`.
         """
         try:
-            with self._transaction():
-                self._update_header({"status": status, "summary": summary})
-                if message:
-                    self._insert_event(status, message, self._bench_ns)
-            self._tidy("PRAGMA wal_checkpoint(TRUNCATE)")
-            self._tidy("PRAGMA journal_mode = DELETE")
+            events = [self._event(status, message, self._bench_ns)] if message else []
+            self._append([*events, status_frame(status, summary)], events=len(events))
+            with storing(self.folder / RECORD):
+                self._open_writer().end()
         finally:
             self.close()
 
@@ -178,26 +178,18 @@ class Recorder:
         self._closed = True
         self._open.close()
 
-    @contextlib.contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """What is written inside is durable behind it, all or nothing."""
-        with storing(self.folder / DATABASE), self._database:
-            yield self._database
+    def _open_writer(self) -> ChainWriter:
+        assert self._writer is not None
+        return self._writer
+
+    def _event(self, kind: str, message: str, bench_ns: int, behind: int = 0) -> Content:
+        return event_frame(self._open_writer().head.events + 1 + behind, kind, message, bench_ns)
+
+    def _append(self, frames: Sequence[Content], points: int = 0, events: int = 0) -> None:
+        """What is given is durable on return, all or nothing."""
+        with storing(self.folder / RECORD):
+            self._open_writer().append(frames, points=points, events=events)
         self._check_files()
-
-    def _tidy(self, statement: str) -> None:
-        # All is durable by now: where a reader holds the database, or the disk is full, the log stays.
-        with contextlib.suppress(sqlite3.Error):
-            self._database.execute(statement)
-
-    def _update_header(self, header: Mapping[str, object]) -> None:
-        self._database.executemany("UPDATE run SET value = ?, crc32 = ? WHERE key = ?", _header_rows(header))
-
-    def _insert_event(self, kind: str, message: str, bench_ns: int) -> None:
-        # File names in a message can hold bytes that are no UTF-8; SQLite would refuse the text.
-        text = message.encode(errors="backslashreplace").decode()
-        row = (bench_ns, kind, text)
-        self._database.execute(_EVENT, (*row, row_crc32(*row)))
 
     def _check_files(self) -> None:
         """What was just written is in files that are still there: the system lets removed ones be written on."""
@@ -213,6 +205,8 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._writer is None:  # it was not begun to go on
+            self.close()
         if self._closed:
             return
         if error is None:
@@ -221,12 +215,6 @@ class Recorder:
         wanted = isinstance(error, (KeyboardInterrupt, SystemExit))
         with contextlib.suppress(RecordError):  # the exception under way says more
             self.finish("stopped" if wanted else "failed", {}, f"{type(error).__name__}: {error}")
-
-
-def _header_rows(header: Mapping[str, object]) -> list[tuple[str, int, str]]:
-    """Value, CRC-32 and key of each entry."""
-    rows = [(key, as_json(value)) for key, value in header.items()]
-    return [(value, row_crc32(key, value), key) for key, value in rows]
 
 
 def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
@@ -261,25 +249,23 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _begin(folder: Path, header: Mapping[str, object]) -> None:
-    """Makes the files of a run, the database aside and renamed, so that a killed start leaves a whole one or none."""
-    if (folder / DATABASE).exists():
-        raise UsageError(f"{folder} already holds a run; choose another --out")
-    aside, log = folder / f"{DATABASE}.new", folder / LOG
+def begin(folder: Path, header: Mapping[str, object], frames: Sequence[Content]) -> None:
+    """Makes the files of a run, the record aside and renamed, so that a killed start leaves a whole one or none.
+
+    The head tells of nothing yet: what tells of something, and has no record beside it, has lost it.
+    """
+    aside, head_file = folder / f"{RECORD}.new", folder / HEAD_FILE
+    head = Head(chain_of(header), 0, 0, 0, 0, NOTHING)
+    parts, _ = packed(head, frames, SIMULATED if header["simulated"] else 0)
     try:
-        aside.unlink(missing_ok=True)
-        with contextlib.closing(sqlite3.connect(aside)) as database:
-            database.execute("PRAGMA journal_mode = WAL")
-            database.executescript(f"BEGIN; {SCHEMA}")
-            database.executemany("INSERT INTO run (value, crc32, key) VALUES (?, ?, ?)", _header_rows(header))
-            database.commit()
-        log.write_bytes(bytes(FIRST_LOG))  # SQLite takes it for an empty one
-        for path in (aside, log):
+        aside.write_bytes(b"".join(parts))
+        head_file.write_bytes(2 * head.packed())
+        for path in (aside, head_file):
             _sync(path)
-        aside.replace(folder / DATABASE)
+        aside.replace(folder / RECORD)
         _sync(folder)
     except BaseException:
-        for path in (aside, log):
+        for path in (aside, head_file):
             path.unlink(missing_ok=True)
         raise
 

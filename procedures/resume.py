@@ -19,10 +19,11 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from drivers.bench import Bench
 from instrument.errors import RecordError, UsageError
 from procedures.check import check
-from procedures.encoding import Waveforms, as_json, encoded, waveform_crc32
+from procedures.encoding import Waveforms, as_json, encoded
 from procedures.pause import PAUSED, Pause
-from procedures.record import Recorder
-from procedures.run import DATABASE, Run, stored_points, storing
+from procedures.record import Recorder, begin
+from procedures.record_file import event_frame, header_frame, point_frames, status_frame
+from procedures.run import Run, reading, storing
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED = "continued", "changed"
@@ -72,10 +73,12 @@ class Resumed(Recorder):
             undo.callback(self.close)
             if faults := check(run.folder).faults:
                 raise RecordError(f"{run.folder} is damaged: {faults[0]}; salvage it with palpate runs repair")
-            self._stored = list(self._read_points())
-            self._events = deque((e["kind"], e["bench_ns"]) for e in run.events())
+            with reading(run.folder) as stored:
+                self._stored = list(stored.points())
+                events = stored.events()
             undo.pop_all()
-        self._bench_ns = max([0, *(ns for _, ns in self._events), *(ns for ns, _, _ in self._stored)])
+        self._events = deque((e["kind"], e["bench_ns"]) for e in events)
+        self._bench_ns = max([0, *(ns for _, ns in self._events), *(point.bench_ns for point in self._stored)])
         self._events = deque(event for event in self._events if replay and event[0] not in MARKS)
         if not replay:
             self._points = len(self._stored)
@@ -100,11 +103,26 @@ class Resumed(Recorder):
                 + "\n  ".join(changes)
                 + f"\nput it back as it was, or resume with {ACCEPT}, which is recorded"
             )
-        with self._transaction():
-            self._update_header({"status": "running", "summary": {}, "mounting": header.get("mounting")})
-            self._insert_event(CONTINUED, f"after point {len(self._stored)}", self._bench_ns)
-            for change in changes:
-                self._insert_event(CHANGED, change, self._bench_ns)
+        if not self.run.hashed:
+            changes.append("record format 3 until here, 4 from now on: its rows were unhashed")
+            self._convert()
+        self._write_on()
+        marks = [(CONTINUED, f"after point {len(self._stored)}"), *((CHANGED, change) for change in changes)]
+        events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
+        known = {"mounting": header["mounting"]} if "mounting" in header else {}
+        self._append([status_frame("running", {}, known), *events], events=len(events))
+
+    def _convert(self) -> None:
+        """Makes a record of what the database of record format 3 holds, beside it; it is left as it is."""
+        frames = [header_frame(self.run.header)]
+        with reading(self.folder) as stored:
+            for number, event in enumerate(stored.events(), 1):
+                frames.append(event_frame(number, event["kind"], event["message"], event["bench_ns"]))
+            for point in stored.points():
+                waveforms = {w.name: (w.rate, w.samples) for w in stored.waveforms(point.id)}
+                frames += point_frames(point.id, json.loads(point.text), waveforms, point.bench_ns)
+        with storing(self.folder):
+            begin(self.folder, self.run.header, frames)
 
     def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:
         """As `Recorder.point`; one that is stored already is compared.
@@ -119,12 +137,11 @@ class Resumed(Recorder):
         text, arrays = encoded(data, waveforms)
         before = self._stored[self._points]
         self._points += 1
-        rows = [
-            (name, rate, samples.size, waveform_crc32(self._points, name, rate, samples))
-            for name, rate, samples in arrays
-        ]
+        with reading(self.folder) as stored:
+            there = {w.name: (w.rate, w.samples.tobytes()) for w in stored.waveforms(before.id)}
+        now = {name: (rate, samples.tobytes()) for name, rate, samples in arrays}
         self._bench_ns = bench_ns
-        if (bench_ns, text, rows) != before:
+        if (bench_ns, text, tuple(now), now) != (before.bench_ns, before.text, before.waveforms, there):
             self._differs(f"point {self._points}", bench_ns)
         return self._points
 
@@ -139,7 +156,7 @@ class Resumed(Recorder):
 
     def finished(self, kind: type[T]) -> list[T]:
         """The points that a real bench need not measure again, as the dataclass they were stored from."""
-        data = [] if self._replay else [json.loads(text) for _, text, _ in self._stored]
+        data = [] if self._replay else [json.loads(point.text) for point in self._stored]
         try:
             return _as(kind, data)
         except ValidationError as error:
@@ -158,15 +175,6 @@ class Resumed(Recorder):
             )
         self._events.clear()
         super().event(CHANGED, message, bench_ns)
-
-    def _read_points(self) -> Iterator[tuple[int, str, list[tuple[str, float, int, int]]]]:
-        with storing(self.folder / DATABASE):
-            rows: dict[int, list[tuple[str, float, int, int]]] = {}
-            of_waveforms = "SELECT point_id, name, rate, length(samples) / 4, crc32 FROM waveform ORDER BY id"
-            for point_id, *row in self._database.execute(of_waveforms):
-                rows.setdefault(point_id, []).append((row[0], row[1], row[2], row[3]))
-            for point_id, bench_ns, text in stored_points(self._database):
-                yield bench_ns, text, rows.get(point_id, [])
 
 
 class PausedAgain:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
 from instrument.errors import RecordError, UnknownName
-from procedures.run import DATABASE, Run, Status, reading
+from procedures.run import Run, is_run, reading
+from procedures.stored import Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,23 +24,28 @@ class RunSummary:
     status: Status | Literal["damaged"] = "damaged"
     points: int = 0
     fault: str = ""
+    hashed: bool | None = None
 
 
 def list_runs(store: Path) -> list[RunSummary]:
     """The runs in `store`, newest first; folders without a run are left out."""
-    runs = [_summary(path.parent) for path in store.glob(f"*/{DATABASE}")]
+    runs = [_summary(folder) for folder in _folders(store)]
     return sorted(runs, key=lambda run: (run.started, run.folder.name), reverse=True)
 
 
 def _summary(folder: Path) -> RunSummary:
     try:
         run = Run.open(folder)
-        with reading(run.folder) as database:
-            (points,) = database.execute("SELECT count(*) FROM point").fetchone()
+        with reading(run.folder) as stored:
+            points = stored.count()
     except RecordError as error:
-        modified = datetime.fromtimestamp((folder / DATABASE).stat().st_mtime, UTC)
+        modified = datetime.fromtimestamp(max(path.stat().st_mtime for path in folder.iterdir()), UTC)
         return RunSummary(folder, modified, fault=str(error))
-    return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points)
+    return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points, hashed=run.hashed)
+
+
+def _folders(store: Path) -> Iterator[Path]:
+    return (path for path in store.glob("*") if path.is_dir() and is_run(path))
 
 
 def find_run(text: str, store: Path) -> Path:
@@ -48,6 +55,6 @@ def find_run(text: str, store: Path) -> Path:
         UnknownName: neither; lists the runs of the store.
     """
     for folder in (Path(text), store / text):
-        if (folder / DATABASE).is_file():
+        if is_run(folder):
             return folder
-    raise UnknownName("run", text, (path.parent.name for path in store.glob(f"*/{DATABASE}")))
+    raise UnknownName("run", text, (path.name for path in _folders(store)))

@@ -17,8 +17,9 @@ from procedures.cli.options import FILE_NAME, Command, Output, output_options, s
 def check(run: str, as_json: bool, quiet: bool) -> int:
     """Look a run over, without changing it. RUN is a folder or a name in runs/. Exit status 1 when it is damaged.
 
-    Database and tables, header, numbers and bench times of the points, number and CRC of their waveforms. A run that
-    has not ended is no damage.
+    Every row carries its own hash and that of the row before, and a file beside it tells how many there were: so each
+    row that is lost or changed is found. A run that has not ended is no damage. One of record format 3 has checksums
+    alone, and is said to be unhashed: that it has lost its last points cannot be noticed.
     """
     from procedures.check import check as look_over
     from procedures.report.runs import check_object, print_check
@@ -40,8 +41,8 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
 def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     """Salvage a damaged run into a new one, and say what is gone. RUN, which is only read, is a folder or a name.
 
-    Every point whose data can be read is kept, with each waveform whose CRC is right; its header and last event say
-    what is not. A run that lost nothing but its end can be resumed.
+    Every row that is whole is looked for, wherever it lies in the damaged file. Header and last event of the new run
+    say what is gone. A run that lost nothing but its end can be resumed.
     """
     from procedures.repair import repair as salvage
     from procedures.report.runs import print_repaired, repaired_object

@@ -65,7 +65,7 @@ def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterat
     import tempfile
 
     from procedures.record import new_run_folder
-    from procedures.run import DATABASE, storing
+    from procedures.run import is_run, storing
 
     folder = store() if out is None else out
     made: list[Path] = []
@@ -75,7 +75,7 @@ def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterat
             if out is None:
                 folder = new_run_folder(folder, procedure, started)
                 made.insert(0, folder)
-            elif (folder / DATABASE).exists():
+            elif is_run(folder):
                 raise UsageError(f"{out} already holds a run; choose another --out")
             else:
                 folder.mkdir(parents=True, exist_ok=True)

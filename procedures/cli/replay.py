@@ -38,7 +38,9 @@ class Replay:
         header, where = self.wire.run, str(self.wire.path)
         try:
             started = datetime.fromisoformat(header["started"]).astimezone(UTC)
-            self.run = Run(self.wire.path, header["procedure"], header["simulated"], started, "running", header, {})
+            self.run = Run(
+                self.wire.path, header["procedure"], header["simulated"], started, "running", header, {}, hashed=True
+            )
             self.calibration = check(header["calibration"], LoadCellCalibration, where)
             films = header["film_calibration"]
             self.films = None if films is None else check(films, FilmCalibration, where)

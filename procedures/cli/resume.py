@@ -56,6 +56,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     from instrument.errors import UsageError
     from procedures.cli.conduct import conduct
     from procedures.cli.keys import keyboard
+    from procedures.report.runs import unhashed
     from procedures.resume import Resumed, header_of, settings_of
     from procedures.run import Run
     from procedures.run_list import find_run
@@ -74,6 +75,9 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
             "together; run it anew"
         )
     settings = settings_of(opened, procedure.settings)
+    output = Output(as_json, quiet)
+    for line in unhashed(opened.hashed):
+        output.line(line)
     record = Resumed(opened, replay=simulated, accept=accept_change)
     try:
         with keyboard() as pause:
@@ -81,7 +85,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
                 procedure,
                 settings,
                 _choice(opened, bench, assume_mounted),
-                Output(as_json, quiet),
+                output,
                 pause=pause,
                 resumed=record,
             )

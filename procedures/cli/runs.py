@@ -48,7 +48,7 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
 def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Show a run: what it was, its points, its events. RUN is a folder or a name in runs/.
 
-    Every waveform is checked against its CRC; the digest is equal for runs that measured the same.
+    Every row is checked against its hash; the digest is equal for runs that measured the same.
     """
     from procedures.report.runs import print_run, run_object
     from procedures.run import Run
@@ -73,6 +73,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
     from procedures.export import export as export_run
+    from procedures.report.runs import unhashed
     from procedures.run import Run
     from procedures.run_list import find_run
 
@@ -80,6 +81,7 @@ def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> N
     opened = Run.open(find_run(run, store()))
     files = export_run(opened, to, out or opened.folder)
     if output.as_json:
-        output.json({"run": str(opened.folder), "simulated": opened.simulated, "files": [str(f) for f in files]})
-    for file in files:
-        output.line(str(file))
+        about = {"run": str(opened.folder), "simulated": opened.simulated, "hashed": opened.hashed}
+        output.json({**about, "files": [str(file) for file in files]})
+    for line in (*unhashed(opened.hashed), *map(str, files)):
+        output.line(line)

@@ -12,6 +12,7 @@ from procedures.report.text import MOUNTING, STAMP, new_table, number, print_all
 from procedures.run import Run
 from procedures.run_list import RunSummary
 
+UNHASHED = "unhashed: record format 3, of which lost points at the end cannot be noticed"
 TIME = "%Y-%m-%d %H:%M:%S"
 
 
@@ -22,11 +23,16 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
         return
     table = new_table(None, "run", "procedure", "started (UTC)", "status", "points", "")
     for run in found:
+        marks = [STAMP] * bool(run.simulated) + ["unhashed"] * (run.hashed is False)
         table.add_row(
-            run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points),
-            STAMP if run.simulated else "",
-        )  # fmt: skip
+            run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points), " ".join(marks)
+        )
     print_all(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
+
+
+def unhashed(hashed: bool | None) -> list[str]:
+    """What is to be said of a run of record format 3."""
+    return [UNHASHED] if hashed is False else []
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:
@@ -37,6 +43,7 @@ def run_row(run: RunSummary) -> dict[str, Any]:
         "procedure": run.procedure,
         "simulated": run.simulated,
         "status": run.status,
+        "hashed": run.hashed,
         "points": run.points,
         "fault": run.fault or None,
     }
@@ -49,6 +56,7 @@ def run_object(run: Run, digest: str) -> dict[str, Any]:
         "procedure": run.procedure,
         "simulated": run.simulated,
         "status": run.status,
+        "hashed": run.hashed,
         "digest": digest,
         "header": dict(run.header),
         "summary": dict(run.summary),
@@ -77,6 +85,7 @@ def print_run(run: Run, digest: str) -> None:
         f"calibration  {source or '-'}",
         f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
         f"digest       {digest}",
+        *unhashed(run.hashed),
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
         table,
         *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
@@ -93,7 +102,7 @@ def print_check(found: Found) -> None:
     """What a check found."""
     table = new_table(None, "status", "points", "waveforms", "verdict")
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
-    lines = [f"damaged: {fault}" for fault in found.faults]
+    lines = [*unhashed(found.hashed), *(f"damaged: {fault}" for fault in found.faults)]
     if found.faults:
         lines.append(f"salvage it with: palpate runs repair {found.folder} --out DIR")
     elif found.status != "complete":
@@ -103,12 +112,19 @@ def print_check(found: Found) -> None:
 
 def repaired_object(done: Repaired) -> dict[str, Any]:
     """A salvaged run as JSON."""
-    return {"run": str(done.folder), "points": done.points, "waveforms": done.waveforms, "gone": done.gone}
+    return {
+        "run": str(done.folder),
+        "hashed": done.hashed,
+        "points": done.points,
+        "waveforms": done.waveforms,
+        "gone": done.gone,
+    }
 
 
 def print_repaired(done: Repaired) -> None:
     """What was salvaged, and what is gone."""
     print_all(
         f"{done.folder}: {done.points} points, {done.waveforms} waveforms",
+        *unhashed(done.hashed),
         *(f"gone: {what}" for what in done.gone or ["nothing"]),
     )

@@ -16,7 +16,8 @@ from pathlib import Path
 
 from instrument.errors import RecordError
 from procedures.check import check
-from procedures.run import DATABASE, Run
+from procedures.record_file import RECORD
+from procedures.run import Run
 from tests.benchmarks.row import Row
 from tests.kills import Commands
 
@@ -52,7 +53,7 @@ def _kill(store: Path, chance: random.Random, kills: int) -> Counter[str]:
                 found["kills"] += end.status < 0
                 found["driven"] += bool(end.driven)
                 found["outputs left on"] += end.left not in (None, 0.0)
-                if not (folder / DATABASE).exists():
+                if not (folder / RECORD).exists():
                     found["acknowledged points lost"] += end.reported
                     break
                 faults = check(folder).faults
@@ -64,7 +65,7 @@ def _kill(store: Path, chance: random.Random, kills: int) -> Counter[str]:
                 if end.status == 0 or chance.random() < 0.5:
                     break
                 found["again"] += 1
-            if (folder / DATABASE).exists():
+            if (folder / RECORD).exists():
                 done = commands.run(*command).status == 0 or check(folder).status == "complete"
                 found["resumed runs that differ"] += not (done and _equal(Run.open(folder), whole))
                 shutil.rmtree(folder)

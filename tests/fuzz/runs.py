@@ -1,10 +1,11 @@
-"""Run folders. An input is the database.
+"""Run folders. An input is the record, or the database of record format 3, behind a byte that tells which.
 
 What is damaged is either found, or leaves points and waveforms as they were.
 """
 
 from __future__ import annotations
 
+import contextlib
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -12,18 +13,24 @@ from typing import Any
 
 import numpy as np
 
+from instrument.errors import RecordError
+from procedures.chain import MAGIC
 from procedures.check import check
+from procedures.format3 import DATABASE
 from procedures.record import Recorder
-from procedures.run import DATABASE, Run
+from procedures.record_file import HEAD_FILE, RECORD
+from procedures.run import Run
+from procedures.salvage import salvaging
 from tests.fuzz.files import FOLDER, in_file
 from tests.fuzz.target import Target, require
+from tests.runs import as_format3
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": datetime(2026, 11, 21, tzinfo=UTC).isoformat()}
 POINTS = [({"load_N": 1.5 + n, "valid": True}, 1_000_000_000 * (n + 1)) for n in range(3)]
 
 
 @cache
-def _stored() -> tuple[bytes, list[dict[str, Any]], list[dict[str, Any]], str]:
+def _stored() -> tuple[dict[str, bytes], list[dict[str, Any]], list[dict[str, Any]], str]:
     folder = FOLDER / "good"
     with Recorder.create(folder, HEADER) as record:
         for data, bench_ns in POINTS:
@@ -32,14 +39,26 @@ def _stored() -> tuple[bytes, list[dict[str, Any]], list[dict[str, Any]], str]:
         record.event("note", "a note", 4_000_000_000)
         record.finish("complete", {"points": 3})
     run = Run.open(folder)
-    return (folder / DATABASE).read_bytes(), run.points(), run.events(), run.digest()
+    found = run.points(), run.events(), run.digest()
+    files = {name: (folder / name).read_bytes() for name in (RECORD, HEAD_FILE)}
+    as_format3(folder)
+    return {**files, DATABASE: (folder / DATABASE).read_bytes()}, *found
 
 
 def decode(data: bytes) -> None:
-    _, points, events, digest = _stored()
-    in_file(DATABASE, data)
+    files, points, events, digest = _stored()
     folder = Path(FOLDER)
+    for name in files:
+        (folder / name).unlink(missing_ok=True)
+    if data[:1] == b"3":
+        in_file(DATABASE, data[1:])
+    else:
+        in_file(RECORD, data[1:])
+        in_file(HEAD_FILE, files[HEAD_FILE])
     faults = check(folder).faults
+    with contextlib.suppress(RecordError), salvaging(folder) as left:
+        salvaged = [{"id": n, "bench_ns": point.bench_ns, **point.data} for n, point in left.points.items()]
+        require(all(point in points for point in salvaged), "salvaged", salvaged)
     run = Run.open(folder)
     found = run.points()
     require(run.events() == events, "events", run.events())
@@ -50,6 +69,9 @@ def decode(data: bytes) -> None:
 
 
 def run() -> Target:
+    files = _stored()[0]
     return Target(
-        [_stored()[0]], decode, [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", b"CREATE VIEW point AS", b"\x0d\0\0\0"]
+        [b"4" + files[RECORD], b"3" + files[DATABASE]],
+        decode,
+        [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", b"CREATE VIEW point AS", b"\x0d\0\0\0", MAGIC, b"WAVE", b"STAT"],
     )

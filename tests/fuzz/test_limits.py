@@ -15,14 +15,16 @@ from instrument.bench import BenchDescription
 from instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
 from instrument.errors import ConfigError, LinkError, RecordError
 from instrument.models import surface
-from procedures import run as reader
+from procedures import format3 as reader
 from procedures.check import check
+from procedures.format3 import DATABASE
 from procedures.record import Recorder
 from procedures.reproduce import solutions
-from procedures.run import DATABASE, Run
+from procedures.run import Run
 from simulators.scene import MOST_EFFECTS, read_scene
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers
 from tests.fuzz.files import BENCH
+from tests.runs import as_format3
 
 GOOD = {"procedure": "sweep loads", "simulated": True, "started": datetime(2026, 11, 21, tzinfo=UTC).isoformat()}
 
@@ -88,6 +90,7 @@ def damaged(folder: Path, statement: str) -> Path:
     with Recorder.create(folder, GOOD) as record:
         record.point({"load_N": 1.0}, {}, 1)
         record.finish("complete", {"points": 1})
+    as_format3(folder)
     with closing(sqlite3.connect(folder / DATABASE)) as database:
         database.executescript(statement)
     return folder

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 
@@ -13,10 +14,13 @@ import pytest
 from instrument.errors import RecordError, UsageError
 from procedures.check import check
 from procedures.encoding import row_crc32
+from procedures.format3 import DATABASE
 from procedures.record import Recorder
+from procedures.record_file import HEAD_FILE, RECORD
 from procedures.repair import repair
-from procedures.run import DATABASE, Run
+from procedures.run import Run
 from tests.procedures.conftest import HEADER, Palpate
+from tests.runs import as_format3
 
 POINTS, SAMPLES = 5, 100
 Damage = Callable[[Path], None]
@@ -52,13 +56,13 @@ def film(n: int, name: str) -> np.ndarray:
     return wave if name == "rigid" else np.negative(wave)
 
 
-def flip(n: int, name: str, byte: int) -> Damage:
+def flip(n: int, name: str, byte: int, file: str = RECORD) -> Damage:
     """Flips a bit of a waveform of point `n`."""
 
     def damage(folder: Path) -> None:
-        content = bytearray((folder / DATABASE).read_bytes())
+        content = bytearray((folder / file).read_bytes())
         content[content.index(film(n, name).tobytes()) + byte] ^= 1
-        (folder / DATABASE).write_bytes(content)
+        (folder / file).write_bytes(content)
 
     return damage
 
@@ -79,106 +83,183 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+def near(text: bytes, *, before: int = 0, zeros: int = 1, file: str = RECORD) -> Damage:
+    """Zeros, or one flipped bit, so many bytes before a text."""
+
+    def damage(folder: Path) -> None:
+        content = bytearray((folder / file).read_bytes())
+        at = content.index(text) - before
+        content[at : at + zeros] = bytes(zeros) if zeros > 1 else [content[at] ^ 2]
+        (folder / file).write_bytes(content)
+
+    return damage
+
+
+def cut(length: int) -> Damage:
+    return lambda folder: os.truncate(folder / RECORD, (folder / RECORD).stat().st_size - length)
+
+
+def longer(folder: Path) -> None:
+    (folder / RECORD).write_bytes((folder / RECORD).read_bytes() + b"x")
+
+
 def test_a_whole_run_passes(run: Path) -> None:
     found = check(run)
-    assert (found.status, found.points, found.waveforms, found.faults) == ("complete", 5, 10, [])
+    assert (found.status, found.points, found.waveforms, found.hashed, found.faults) == ("complete", 5, 10, True, [])
+    as_format3(run)
+    found = check(run)
+    assert (found.status, found.points, found.waveforms, found.hashed, found.faults) == ("complete", 5, 10, False, [])
 
 
-DAMAGES: list[tuple[Damage, str, list[str], int]] = [
-    (flip(2, "rigid", 50), "'rigid' of point 2 is not", ["1 of 2 waveforms of point 2, left: total"], 5),
+POINT_2 = b'{"bench_ns":2000'
+DAMAGES: list[tuple[str, Damage, str, list[str]]] = [
+    ("a sample", flip(2, "rigid", 50), "'rigid' of point 2 is not", ["1 of 2 waveforms of point 2, left: total"]),
+    ("a point's data", near(POINT_2, before=-3), "point 2 is not as it was written", ["point 2"]),
+    ("a point's length", near(POINT_2, before=36), "of 18 rows not all are", ["point 2"]),
+    ("the hash before", near(POINT_2, before=9), "of 18 rows not all are", ["point 2"]),
+    ("a waveform's number", near(b'{"first":0', before=60), "of 18 rows", ["1 of 2 waveforms of point 1, left: total"]),
+    ("the header", near(b'{"format"', before=-9), "the header is not", ["the header", "'procedure'", "'started'"]),
+    ("the magic bytes", near(b'{"format"', before=80), "its first row", ["the header", "'procedure'", "'started'"]),
+    ("the event", near(b"clipped"), "event 1 is not as it was", ["event 1"]),
+    ("the summary", near(b'"force_ratio"'), "the status is not as it was written", ["the status or the summary"]),
+    ("a block", near(POINT_2, zeros=512), "of 18 rows", ["point 2", "1 of 2 waveforms of point 3, left: total"]),
+    ("the end", cut(1), "of 18 rows not all are", ["the status or the summary"]),
+    ("the tail", cut(700), "of 18 rows not all are", ["point 5", "event 1"]),
+    ("an entry of the head", near(b"\x89PAL", zeros=8, file=HEAD_FILE), "run.head is not as it was written", []),
+    ("the head", lambda folder: (folder / HEAD_FILE).unlink(), "run.head: No such file", []),
+    ("more than its end", longer, "goes on behind its end", []),
+]
+
+
+@pytest.mark.parametrize(("damage", "fault", "gone"), [row[1:] for row in DAMAGES], ids=[row[0] for row in DAMAGES])
+def test_damage_is_named_and_every_whole_point_is_salvaged(
+    run: Path, tmp_path: Path, damage: Damage, fault: str, gone: list[str]
+) -> None:
+    summary = Run.open(run).summary
+    damage(run)
+    salvaged(run, tmp_path / "mended", fault, gone, summary)
+
+
+def salvaged(run: Path, out: Path, fault: str, gone: list[str], summary: Mapping[str, object]) -> None:
+    """What a check says, and what a repair brings back: every point but those that are said to be gone."""
+    bytes_before = bytes_of(run)
+    assert fault in " ".join(check(run).faults)
+    done = repair(run, out)
+    assert bytes_of(run) == bytes_before
+    assert len(done.gone) == len(gone)
+    assert all(part in said for part, said in zip(gone, done.gone, strict=True))
+    mended = Run.open(out)
+    assert check(out).faults == []
+    assert mended.header["repaired"] == {"from": str(run), "hashed": done.hashed, "gone": done.gone}
+    assert mended.simulated
+    assert (mended.status, mended.summary) == (("stopped", {}) if gone else ("complete", summary))
+    loads = [point["load_N"] for point in mended.points()]
+    assert loads == [0.5 * n for n in range(1, POINTS + 1) if f"point {n}" not in done.gone]
+    for point_id, load in enumerate(loads, 1):
+        n = round(load / 0.5)
+        names = mended.waveform_names(point_id)
+        assert names == ["rigid", "total"] or any(f"of point {n}, left: {', '.join(names)}" in said for said in gone)
+        for name in names:
+            np.testing.assert_array_equal(mended.waveform(point_id, name), film(n, name))
+    assert mended.events()[0]["kind"] == "rejected" or "event 1" in done.gone
+
+
+DAMAGES_3: list[tuple[Damage, str, list[str]]] = [
+    (flip(2, "rigid", 50, DATABASE), "'rigid' of point 2 is not", ["1 of 2 waveforms of point 2, left: total"]),
     (
         sql("UPDATE waveform SET samples = substr(samples, 1, 200) WHERE id = 10"),
         "'total' of point 5 is not",
         ["1 of 2 waveforms of point 5, left: rigid"],
-        5,
     ),
     (
-        sql("DELETE FROM waveform"),
+        sql("PRAGMA secure_delete = 1", "DELETE FROM waveform"),
         "point 1: has 0 of its 2 waveforms",
         [f"2 of 2 waveforms of point {n}, left: none" for n in range(1, 6)],
-        5,
     ),
-    (text_to_blob('{"load_N":1.0}'), "TEXT value in point.data", ["point 2"], 4),
-    (sql("DELETE FROM point WHERE id = 3"), "before point 4 points are missing, from 3 on", ["point 3"], 4),
-    (sql("DELETE FROM point WHERE id = 5"), "point 5 is missing, 2 waveforms of it are there", ["point 5"], 4),
-    (sql("UPDATE point SET data = '[1]' WHERE id = 2"), "point 2: its data is no JSON object", ["point 2"], 4),
-    (
-        sql("UPDATE OR FAIL run SET value = '{\"a\":2}' WHERE key = 'summary'"),
-        "'summary' of the header is not",
-        ["'summary'"],
-        5,
-    ),
-    (sql("UPDATE point SET data = replace(data, '1', '2') WHERE id = 2"), "point 2: is not as it was", ["point 2"], 4),
+    (text_to_blob('{"load_N":1.0}'), "TEXT value in point.data", []),
+    (sql("UPDATE point SET data = replace(data, '1', '2') WHERE id = 2"), "point 2 is not as it was", ["point 2"]),
     (
         sql("UPDATE waveform SET rate = 1001.0 WHERE point_id = 2 AND name = 'rigid'"),
         "'rigid' of point 2",
-        ["left: total"],
-        5,
+        ["1 of 2 waveforms of point 2, left: total"],
     ),
-    (sql("UPDATE point SET bench_ns = 1 WHERE id = 4"), "bench time goes back from 3000 to 1 ns", ["point 4"], 4),
-    (sql("DELETE FROM waveform WHERE id = 4"), "point 2: has 1 of its 2 waveforms", ["point 2, left: rigid"], 5),
-    (sql("UPDATE run SET value = '{}' WHERE key = 'summary'"), "its summary is gone", [], 5),
-    (sql("CREATE TABLE mine (x)"), "its tables are not those of a run", [], 5),
-    (sql("UPDATE run SET value = '{' WHERE key = 'summary'"), "is damaged", ["'summary' of the header"], 5),
+    (
+        sql("UPDATE event SET message = 'sample 2'"),
+        "event 'rejected' is not as it was written",
+        ["event 1"],
+    ),
+    (sql("CREATE TABLE mine (x)"), "its tables are not those of a run", []),
+    (sql("CREATE VIEW mine AS SELECT 1"), "it has views or triggers", []),
+    (near(b"bench_ns INTEGER", file=DATABASE), "is damaged", []),
+    (near(b"CREATE TABLE point", zeros=4, file=DATABASE), "is damaged", []),
+    (near(b"simulated", file=DATABASE), "of the header is not as it was", ["entry 2 of the header", "'simulated'"]),
+    (near(b"SQLite format", zeros=100, file=DATABASE), "file is not a database", []),
 ]
 
 
-@pytest.mark.parametrize(("damage", "fault", "gone", "points"), DAMAGES, ids=[fault for _, fault, _, _ in DAMAGES])
-def test_damage_is_named_and_the_rest_is_salvaged(
-    run: Path, tmp_path: Path, damage: Damage, fault: str, gone: list[str], points: int
+@pytest.mark.parametrize(("damage", "fault", "gone"), DAMAGES_3)
+def test_of_format_3_every_row_that_its_checksum_vouches_for_is_salvaged(
+    run: Path, tmp_path: Path, damage: Damage, fault: str, gone: list[str]
 ) -> None:
-    before = Run.open(run).points()
+    summary = Run.open(run).summary
+    as_format3(run)
     damage(run)
-    bytes_before = bytes_of(run)
-    assert fault in " ".join(check(run).faults)
+    salvaged(run, tmp_path / "mended", fault, gone, summary)
+
+
+@pytest.mark.parametrize("victim", ["database", "header of a page", "log"])
+def test_of_a_killed_run_of_format_3_both_files_are_searched(run: Path, tmp_path: Path, victim: str) -> None:
+    as_format3(run, killed=True)
+    if victim == "database":
+        (run / DATABASE).write_bytes(b"")
+    path = run / f"{DATABASE}-wal"
+    content = bytearray(path.read_bytes())
+    if victim == "header of a page":
+        content[content.rindex(b'{"load_N":2.5}') // 4120 * 4120 + 32 + 24] ^= 8
+    if victim == "log":
+        content[40] ^= 1  # SQLite would stop reading here
+    path.write_bytes(content)
     done = repair(run, tmp_path / "mended")
-    assert bytes_of(run) == bytes_before
-    assert len(done.gone) == len(gone)
-    assert all(part in said for part, said in zip(gone, done.gone, strict=True))
-    mended = Run.open(tmp_path / "mended")
-    assert mended.header["repaired"] == {"from": str(run), "gone": done.gone}
-    assert (mended.status, mended.summary) == ("stopped", {}) if gone else ("complete", Run.open(run).summary)
-    loads = [point["load_N"] for point in mended.points()]
-    assert len(loads) == points
-    assert set(loads) <= {point["load_N"] for point in before}
-    for point_id, load in enumerate(loads, 1):
-        for name in mended.waveform_names(point_id):
-            np.testing.assert_array_equal(mended.waveform(point_id, name), film(round(load / 0.5), name))
-    assert mended.events()[0]["kind"] == "rejected"
+    assert [point["load_N"] for point in Run.open(tmp_path / "mended").points()] == [0.5, 1.0, 1.5, 2.0, 2.5]
+    assert done.waveforms == 10
 
 
-def test_a_page_of_the_database_that_is_overwritten_costs_what_was_on_it(tmp_path: Path) -> None:
+def test_a_page_of_an_old_database_that_is_overwritten_costs_what_was_on_it(tmp_path: Path) -> None:
     with Recorder.create(tmp_path / "run", HEADER) as record:
-        for n in range(1, 41):
+        for n in range(1, 13):
             record.point({"text": "x" * 1000, "n": n}, {}, n)
-        record.finish("complete", {"n": 40})
+        record.finish("complete", {"n": 12})
+    as_format3(tmp_path / "run")
     path = tmp_path / "run" / DATABASE
     content = bytearray(path.read_bytes())
-    page = content.index(b'"n":20') // 4096
+    page = content.index(b'"n":6') // 4096
     content[page * 4096 : (page + 1) * 4096] = bytes(4096)
     path.write_bytes(content)
     assert check(tmp_path / "run").faults
     done = repair(tmp_path / "run", tmp_path / "mended")
     left = [point["n"] for point in Run.open(tmp_path / "mended").points()]
-    assert 20 not in left
+    assert 6 not in left
     assert left[0] == 1
-    assert left[-1] == 40
-    assert done.gone == [f"point {n}" for n in range(1, 41) if n not in left]
+    assert left[-1] == 12
+    assert done.gone == [f"point {n}" for n in range(1, 13) if n not in left]
     assert 1 <= len(done.gone) <= 4
 
 
-def test_every_flipped_byte_of_the_waveforms_is_found(run: Path) -> None:
-    whole = (run / DATABASE).read_bytes()
-    for n, byte in enumerate(range(0, 4 * SAMPLES, 7)):
-        flip(1 + n % POINTS, "total", byte)(run)
-        assert len(check(run).faults) == 1
-        (run / DATABASE).write_bytes(whole)
+def test_every_flipped_byte_of_the_record_and_its_head_is_found(run: Path) -> None:
+    for name in (RECORD, HEAD_FILE):
+        whole = (run / name).read_bytes()
+        for byte in range(0, len(whole), 61 if name == RECORD else 29):
+            content = bytearray(whole)
+            content[byte] ^= 1 << byte % 8
+            (run / name).write_bytes(content)
+            assert check(run).faults, (name, byte)
+        (run / name).write_bytes(whole)
     assert check(run).faults == []
 
 
-def test_without_a_header_nothing_is_salvaged(run: Path, tmp_path: Path) -> None:
-    sql("DELETE FROM run WHERE key = 'procedure'")(run)
-    with pytest.raises(RecordError, match="nothing can be salvaged: the header lacks procedure"):
+def test_where_no_row_is_whole_nothing_is_salvaged(run: Path, tmp_path: Path) -> None:
+    (run / RECORD).write_bytes(b"x" * 5000)
+    with pytest.raises(RecordError, match=r"nothing can be salvaged: .* has no whole row"):
         repair(run, tmp_path / "mended")
     assert not (tmp_path / "mended").exists()
 
@@ -203,10 +284,3 @@ def test_the_commands_say_it_in_tables_and_json(palpate: Palpate, run: Path) -> 
     done = palpate("runs", "repair", "run", "--out", "mended", "--json").object
     assert (done["points"], done["waveforms"], len(done["gone"])) == (5, 9, 1)
     assert palpate("runs", "check", "mended", "--json").object["damaged"] is False
-
-
-def test_an_event_that_was_changed_is_named_and_left_out(run: Path, tmp_path: Path) -> None:
-    sql("UPDATE event SET message = 'sample 2'")(run)
-    assert "event 'rejected' is not as it was written" in " ".join(check(run).faults)
-    assert repair(run, tmp_path / "mended").gone == ["event 1"]
-    assert [event["kind"] for event in Run.open(tmp_path / "mended").events()] == ["stopped"]

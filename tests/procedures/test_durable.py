@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import resource
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -17,12 +19,13 @@ from instrument.errors import RecordError
 from procedures.check import check
 from procedures.cli.options import Progress
 from procedures.record import Recorder
-from procedures.run import DATABASE, Run
+from procedures.record_file import HEAD_FILE, RECORD
+from procedures.run import Run
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")
-LONG = "x" * 20_000  # more than the free pages of a database hold
-Break = Callable[[Recorder], object]
+LONG = "x" * 20_000
+Break = Callable[[Recorder, pytest.MonkeyPatch], object]
 
 
 @contextmanager
@@ -36,14 +39,19 @@ def full() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def pragma(text: str) -> Break:
-    return lambda record: record._database.execute(f"PRAGMA {text}")
+def failing(call: str, code: int) -> Break:
+    """A call of the system fails from now on."""
+
+    def refuse(*_: object) -> NoReturn:
+        raise OSError(code, os.strerror(code))
+
+    return lambda _record, patch: patch.setattr(os, call, refuse)
 
 
 def replaced(name: str) -> Break:
     """A copy takes the place of a file that is being written."""
 
-    def replace(record: Recorder) -> None:
+    def replace(record: Recorder, _: pytest.MonkeyPatch) -> None:
         shutil.copy(record.folder / name, "copy")
         Path("copy").rename(record.folder / name)
 
@@ -51,7 +59,7 @@ def replaced(name: str) -> Break:
 
 
 def removed(name: str) -> Break:
-    return lambda record: (record.folder / name).unlink()
+    return lambda record, _: (record.folder / name).unlink()
 
 
 WRITES: dict[str, Callable[[Recorder], object]] = {
@@ -59,14 +67,18 @@ WRITES: dict[str, Callable[[Recorder], object]] = {
     "event": lambda record: record.event("note", LONG, 2),
     "finish": lambda record: record.finish("complete", {"text": LONG}),
 }
-FULL = pragma("max_page_count = 1")
+FULL = failing("pwrite", errno.ENOSPC)
 BREAKS: dict[str, tuple[Break, str]] = {
-    "full": (FULL, f"{DATABASE}: database or disk is full; free space on the disk"),
-    "read only": (pragma("query_only = 1"), f"{DATABASE}: attempt to write a readonly database; choose a writable"),
-    "folder removed": (lambda record: shutil.rmtree(record.folder), "No such file or directory; do not move or remove"),
-    "database removed": (removed(DATABASE), f"{DATABASE}: No such file or directory"),
-    "log removed": (removed(f"{DATABASE}-wal"), f"{DATABASE}-wal: No such file or directory"),
-    "database replaced": (replaced(DATABASE), f"{DATABASE}: it was replaced while the run was being written"),
+    "full": (FULL, f"{RECORD}: No space left on device; free space on the disk"),
+    "read only": (failing("pwrite", errno.EROFS), f"{RECORD}: Read-only file system; choose a writable"),
+    "no sync": (failing("fdatasync", errno.EIO), f"{RECORD}: Input/output error; check the disk"),
+    "folder removed": (
+        lambda record, _: shutil.rmtree(record.folder),
+        "No such file or directory; do not move or remove",
+    ),
+    "record removed": (removed(RECORD), f"{RECORD}: No such file or directory"),
+    "head removed": (removed(HEAD_FILE), f"{HEAD_FILE}: No such file or directory"),
+    "record replaced": (replaced(RECORD), f"{RECORD}: it was replaced while the run was being written"),
 }
 
 
@@ -79,7 +91,7 @@ def test_what_is_not_stored_is_not_acknowledged(
     breaks, message = BREAKS[broken]
     with pytest.raises(RecordError, match=re.escape(message)), Recorder.create(Path("day"), HEADER) as record:
         assert record.point({"load_N": 2.0}, {"rigid": (250.0, np.ones(50))}, 1) == 1
-        breaks(record)
+        breaks(record, monkeypatch)
         WRITES[write](record)
     assert record.points == 1
 
@@ -90,7 +102,7 @@ def test_where_the_system_takes_nothing_more_what_was_stored_stays_and_the_run_c
 ) -> None:
     with Recorder.create(tmp_path, HEADER) as record:
         record.point({"load_N": 2.0}, {"rigid": (250.0, np.ones(50))}, 1)
-        with full(), pytest.raises(RecordError, match=r"free space and the limit on file sizes \(ulimit -f\)"):
+        with full(), pytest.raises(RecordError, match=r"raise the limit on file sizes \(ulimit -f\)"):
             WRITES[write](record)
     run = Run.open(tmp_path)
     assert [point["load_N"] for point in run.points()] == [2.0]
@@ -98,13 +110,15 @@ def test_where_the_system_takes_nothing_more_what_was_stored_stays_and_the_run_c
     assert check(tmp_path).faults == []
 
 
-def test_a_point_that_failed_for_want_of_space_is_stored_when_there_is_some(tmp_path: Path) -> None:
+def test_a_point_that_failed_for_want_of_space_is_stored_when_there_is_some(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with Recorder.create(tmp_path, HEADER) as record:
         record.point({"load_N": 2.0}, {}, 1)
-        FULL(record)
-        with pytest.raises(RecordError, match="free space"):
-            WRITES["point"](record)
-        pragma("max_page_count = 1000")(record)
+        with monkeypatch.context() as disk:
+            FULL(record, disk)
+            with pytest.raises(RecordError, match="free space"):
+                WRITES["point"](record)
         assert WRITES["point"](record) == 2
     assert [point["load_N"] for point in Run.open(tmp_path).points()] == [2.0, 3.0]
 
@@ -143,6 +157,17 @@ def test_a_disk_that_is_full_in_the_middle_stops_the_sweep_with_outputs_off(
     assert outputs(benches[0]) == OFF
     run = Run.open(Path("day"))
     assert (run.status, [point["load_N"] for point in run.points()]) == (status, [2.0, 3.0][:stored])
+
+
+def test_after_a_sync_that_failed_nothing_more_is_acknowledged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RecordError, match="an earlier sync failed"), Recorder.create(tmp_path, HEADER) as record:
+        record.point({"load_N": 2.0}, {}, 1)
+        with monkeypatch.context() as disk, pytest.raises(RecordError, match="check the disk"):
+            failing("fdatasync", errno.EIO)(record, disk)
+            WRITES["point"](record)
+        WRITES["point"](record)
+    assert Run.open(tmp_path).status == "running"
+    assert record.points == 1
 
 
 def test_a_run_whose_folder_is_removed_stops_with_outputs_off(

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from instrument.estimate import amplitude_ratio, fit_sine
-from procedures.run import DATABASE, Run
+from procedures.record_file import RECORD
+from procedures.run import Run
 from tests.kills import Commands
 from tests.procedures.conftest import OFF, Palpate
 
@@ -49,7 +50,7 @@ def test_a_killed_sweep_keeps_every_point_it_reported(
 ) -> None:
     end = commands.signalled(signal.SIGKILL, word, count, *SWEEP, str(tmp_path / "run"))
     assert end.status == -signal.SIGKILL
-    if not (tmp_path / "run" / DATABASE).exists():
+    if not (tmp_path / "run" / RECORD).exists():
         assert end.reported == 0
         return
     run = Run.open(tmp_path / "run")

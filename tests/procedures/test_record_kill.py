@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.run import DATABASE, Run
+from procedures.record_file import RECORD
+from procedures.run import Run
 from procedures.run_list import list_runs
 
 pytestmark = pytest.mark.slow
@@ -87,7 +88,7 @@ def test_a_killed_run_keeps_every_point_it_reported(
 ) -> None:
     reported = write_until(writers, tmp_path, lines, points, values)
     assert len(reported) >= lines
-    runs = {folder.name: Run.open(folder) for folder in tmp_path.iterdir() if (folder / DATABASE).exists()}
+    runs = {folder.name: Run.open(folder) for folder in tmp_path.iterdir() if (folder / RECORD).exists()}
     stored = {(name, point["id"]): point for name, run in runs.items() for point in run.points()}
     for name, point_id in reported:
         assert stored[name, point_id]["values"] == [float(point_id)] * values

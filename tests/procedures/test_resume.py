@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import sqlite3
 from collections.abc import Callable
-from contextlib import closing, nullcontext
+from contextlib import nullcontext
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,15 +19,17 @@ from instrument.sample import get_sample
 from procedures.cli import keys, operator
 from procedures.cli.conduct import Procedure
 from procedures.cli.resume import resumable
-from procedures.encoding import as_json, row_crc32
+from procedures.encoding import as_json
 from procedures.load_plan import SweepSettings
 from procedures.load_sweep import LoadPoint
 from procedures.record import Recorder
+from procedures.record_file import HEAD_FILE
 from procedures.resume import Resumed, header_of, settings_of
-from procedures.run import DATABASE, Run
+from procedures.run import Run
 from procedures.softness import SoftnessSettings
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
+from tests.runs import as_format3, rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
 Stop = Callable[[int], None]
@@ -56,14 +57,6 @@ def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
     run = Run.open(Path("cut"))
     assert (run.status, len(run.points())) == ("stopped", points)
     return run
-
-
-def edit(folder: str, statement: str, *values: object) -> None:
-    with closing(sqlite3.connect(Path(folder) / DATABASE)) as database, database:
-        database.create_function("row_crc32", -1, row_crc32)
-        database.execute(statement, values)
-        if statement.startswith("UPDATE run"):
-            database.execute("UPDATE run SET crc32 = row_crc32(key, value)")
 
 
 @pytest.fixture
@@ -102,6 +95,18 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     assert said["softness_order"] == whole.summary["softness_order"]
     assert len(said["points"]) == 3
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
+
+
+def test_a_run_of_format_3_goes_on_in_format_4_and_says_so(palpate: Palpate, stop: Stop, whole: Run) -> None:
+    stopped(palpate, stop, 2, *SWEEP)
+    as_format3(Path("cut"))
+    before = Path("cut/run.sqlite").read_bytes()
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    run = Run.open(Path("cut"))
+    assert (run.status, run.hashed, run.digest(), run.summary) == ("complete", True, whole.digest(), whole.summary)
+    messages = [event["message"] for event in run.events() if event["kind"] == "changed"]
+    assert messages == ["record format 3 until here, 4 from now on: its rows were unhashed"]
+    assert Path("cut/run.sqlite").read_bytes() == before
 
 
 def test_a_calibration_goes_on_and_is_kept(palpate: Palpate, stop: Stop) -> None:
@@ -162,8 +167,8 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
     before = stopped(palpate, stop, 2, *SWEEP).points()
     scene = Path("cut/scene.toml")
     scene.write_text(scene.read_text().replace("seed = 1", "seed = 2"))
-    edit("cut", "UPDATE run SET value = json_replace(value, '$.numpy', '1.0') WHERE key = 'versions'")
-    edit("cut", "UPDATE run SET value = json_replace(value, '$.zero_mV', 9.5) WHERE key = 'calibration'")
+    rehash(Path("cut"), header=lambda header: header["versions"].update(numpy="1.0"))
+    rehash(Path("cut"), header=lambda header: header["calibration"].update(zero_mV=9.5))
     said = palpate("runs", "resume", "cut")
     assert said.status == 2
     assert "scene.seed: 1 in the record, 2 now\n" in said.complaint
@@ -180,8 +185,7 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
 
 def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
     stopped(palpate, stop, 2, *SWEEP)
-    edit("cut", "UPDATE point SET data = json_replace(data, '$.force_ratio', 0.5) WHERE id = 2")
-    edit("cut", "UPDATE point SET crc32 = row_crc32(id, bench_ns, data, waveforms) WHERE id = 2")
+    rehash(Path("cut"), point=lambda data: data.update(force_ratio=0.5), number=2)
     said = palpate("runs", "resume", "cut")
     assert said.status == 1
     assert "point 2 is not what the bench gives now" in said.complaint
@@ -190,15 +194,15 @@ def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) ->
 
 def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
     assert "is complete; there is nothing to resume" in palpate("runs", "resume", "whole").complaint
-    edit("whole", "UPDATE run SET value = '\"running\"' WHERE key = 'status'")
+    rehash(whole.folder, status="running")
     with Resumed(Run.open(whole.folder), replay=True, accept=False):
         assert "is being written by another process" in palpate("runs", "resume", "whole").complaint
-    edit("whole", "UPDATE run SET value = '\"running\"' WHERE key = 'status'")
+    rehash(whole.folder, status="running")
     assert "leave it out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
-    edit("whole", "DELETE FROM waveform WHERE id = 1")
-    assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
-    edit("whole", "UPDATE run SET value = '\"reproduce\"' WHERE key = 'procedure'")
+    rehash(whole.folder, header=lambda header: header.update(procedure="reproduce"))
     assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint
+    (whole.folder / HEAD_FILE).unlink()
+    assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
 
 
 BEGUN: dict[str, Any] = {
@@ -223,7 +227,7 @@ FORGERIES = [
 
 
 def run_of(header: dict[str, Any]) -> Run:
-    return Run(Path("run"), "sweep-loads", True, datetime.now(UTC), "stopped", header, {})
+    return Run(Path("run"), "sweep-loads", True, datetime.now(UTC), "stopped", header, {}, True)
 
 
 @pytest.mark.parametrize("header", FORGERIES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import sqlite3
 import tempfile
@@ -19,6 +20,7 @@ from procedures.export import export
 from procedures.record import Recorder
 from procedures.run import Run
 from procedures.run_list import find_run, list_runs
+from tests.runs import as_format3, rehash
 
 NOBODY = 65534
 
@@ -45,13 +47,20 @@ def finished(folder: Path, points: int = 2) -> Run:
 
 @pytest.fixture
 def killed(tmp_path: Path) -> Path:
-    """A folder as SIGKILL leaves it: the database with its log, the log not yet merged."""
+    """A folder as SIGKILL leaves it."""
     recorder = begin(tmp_path / "live")
     folder = tmp_path / "killed"
     shutil.copytree(tmp_path / "live", folder)
     recorder.finish("failed", {})
-    assert (folder / "run.sqlite-wal").stat().st_size > 0
     return folder
+
+
+@pytest.fixture
+def old(killed: Path) -> Path:
+    """The same of record format 3: the database with its log, the log not yet merged."""
+    as_format3(killed, killed=True)
+    assert (killed / "run.sqlite-wal").stat().st_size > 0
+    return killed
 
 
 @contextlib.contextmanager
@@ -81,25 +90,33 @@ def test_a_live_run_can_be_read_and_goes_on(tmp_path: Path) -> None:
         assert len(run.points()) == 3
 
 
-def test_a_killed_run_is_read_with_its_log(killed: Path) -> None:
+def test_a_killed_run_is_read(killed: Path) -> None:
     run = Run.open(killed)
-    assert run.status == "running"
+    assert (run.status, run.hashed) == ("running", True)
     check_two_points(run)
 
 
-def test_a_killed_run_whose_log_sqlite_may_not_share_is_read_from_a_copy(killed: Path) -> None:
-    (killed / "run.sqlite-shm").unlink()
-    (killed / "run.sqlite-shm").mkdir()
-    check_two_points(Run.open(killed))
-    assert (killed / "run.sqlite-wal").stat().st_size > 0
+def test_a_killed_run_of_format_3_is_read_with_its_log_and_is_unhashed(old: Path) -> None:
+    run = Run.open(old)
+    assert (run.status, run.hashed) == ("running", False)
+    check_two_points(run)
 
 
-@pytest.mark.parametrize("index", ["with", "without"])
-def test_a_killed_run_in_a_read_only_folder_is_read(killed: Path, index: str) -> None:
+def test_a_log_that_sqlite_may_not_share_is_read_from_a_copy(old: Path) -> None:
+    (old / "run.sqlite-shm").unlink(missing_ok=True)
+    (old / "run.sqlite-shm").mkdir()
+    check_two_points(Run.open(old))
+    assert (old / "run.sqlite-wal").stat().st_size > 0
+
+
+@pytest.mark.parametrize("format_", ["3", "3 without index", "4"])
+def test_a_killed_run_in_a_read_only_folder_is_read(killed: Path, format_: str) -> None:
+    if format_ != "4":
+        as_format3(killed, killed=True)
     with tempfile.TemporaryDirectory() as public:
         folder = Path(public) / "run"
         shutil.copytree(killed, folder)
-        if index == "without":
+        if format_ == "3 without index":
             (folder / "run.sqlite-shm").unlink()
         for path in folder.iterdir():
             path.chmod(0o444)
@@ -120,46 +137,63 @@ def test_a_waveform_that_a_point_has_not_is_named_with_those_it_has(tmp_path: Pa
         finished(tmp_path).waveform(2, "rigd")
 
 
-def damage(folder: Path, point: int) -> None:
+def damage(folder: Path, point: int, name: str = "run.record") -> None:
     """Flips a bit in a sample of a point's film."""
-    path = folder / "run.sqlite"
+    path = folder / name
     content = bytearray(path.read_bytes())
     content[content.index(film(point).tobytes()) + 100] ^= 1
     path.write_bytes(content)
 
 
-def test_a_flipped_bit_in_a_waveform_is_found(tmp_path: Path) -> None:
+@pytest.mark.parametrize("format_", [3, 4])
+def test_a_flipped_bit_in_a_waveform_is_found(tmp_path: Path, format_: int) -> None:
     run = finished(tmp_path)
-    damage(tmp_path, 2)
+    if format_ == 3:
+        as_format3(tmp_path)
+    damage(tmp_path, 2, "run.sqlite" if format_ == 3 else "run.record")
     assert run.waveform(1, "rigid").size == 100
-    with pytest.raises(RecordError, match=r"'rigid' of point 2 is not as it was written, CRC-32 differs"):
+    with pytest.raises(RecordError, match=r"'rigid' of point 2 is not as it was written"):
         run.waveform(2, "rigid")
     with pytest.raises(RecordError, match="point 2"):
         run.digest()
 
 
-def test_a_waveform_that_is_cut_is_found(tmp_path: Path) -> None:
-    run = finished(tmp_path)
-    with contextlib.closing(sqlite3.connect(tmp_path / "run.sqlite")) as database, database:
-        database.execute("UPDATE waveform SET samples = substr(samples, 1, 399) WHERE point_id = 2")
-    with pytest.raises(RecordError, match=r"is damaged .*buffer size"):
-        run.waveform(2, "rigid")
+def test_a_record_that_is_cut_or_has_another_head_is_refused(tmp_path: Path) -> None:
+    finished(tmp_path / "run")
+    finished(tmp_path / "other", points=3)
+    Recorder.create(tmp_path / "stranger", header("2025-03-14T15:09:27Z")).finish("complete", {})
+    record, head = ((tmp_path / "run" / name).read_bytes() for name in ("run.record", "run.head"))
+    cases = [
+        (record[:-1], head, "of 6 rows not all are as they were written, in their place"),
+        (record, (tmp_path / "other" / "run.head").read_bytes(), "of 8 rows not all are as they were written"),
+        (record, (tmp_path / "stranger" / "run.head").read_bytes(), "run.head is that of another run"),
+        (record, head[:-1], "run.head is not as it was written; whether the last points are there cannot be told"),
+        (record, None, "run.head: No such file or directory; whether the last points are there cannot be told"),
+        (b"", head, "its first row is not as it was written"),
+    ]
+    for content, told, message in cases:
+        (tmp_path / "run" / "run.record").write_bytes(content)
+        (tmp_path / "run" / "run.head").unlink(missing_ok=True)
+        if told is not None:
+            (tmp_path / "run" / "run.head").write_bytes(told)
+        with pytest.raises(RecordError, match=re.escape(message)):
+            Run.open(tmp_path / "run")
 
 
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
-        ("PRAGMA user_version = 2", "record format 2, this palpate reads 3; use"),
+        ("PRAGMA user_version = 2", "record format 2, this palpate reads 3 and 4; use"),
         ("PRAGMA application_id = 1", "is not a run of palpate"),
         ("DELETE FROM run WHERE key = 'status'", "no 'status'"),
         ("UPDATE run SET value = '[' WHERE key = 'procedure'", "is damaged"),
-        ("UPDATE run SET value = 'null' WHERE key = 'simulated'", "whether it is simulated"),
-        ("UPDATE run SET value = '3' WHERE key = 'started'", "is damaged"),
+        ("UPDATE run SET value = 'null' WHERE key = 'simulated'", "'simulated' of the header is not as it was"),
         ("DROP TABLE run", "no such table"),
     ],
 )
 def test_a_database_that_is_no_such_run_is_refused(tmp_path: Path, statement: str, message: str) -> None:
     finished(tmp_path)
+    as_format3(tmp_path)
     with contextlib.closing(sqlite3.connect(tmp_path / "run.sqlite")) as database:
         database.execute(statement)
         database.commit()
@@ -167,8 +201,16 @@ def test_a_database_that_is_no_such_run_is_refused(tmp_path: Path, statement: st
         Run.open(tmp_path)
 
 
-def test_a_file_that_is_no_database_and_one_that_is_absent_are_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match=r"cannot read .*run\.sqlite: No such file"):
+@pytest.mark.parametrize(("key", "value"), [("simulated", 1), ("started", "3"), ("procedure", None)])
+def test_a_header_that_is_none_of_a_run_is_refused(tmp_path: Path, key: str, value: object) -> None:
+    finished(tmp_path)
+    rehash(tmp_path, header=lambda header: header.update({key: value}))
+    with pytest.raises(RecordError, match="is damaged"):
+        Run.open(tmp_path)
+
+
+def test_a_file_that_is_no_record_and_one_that_is_absent_are_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=r"cannot read .*run\.record: No such file"):
         Run.open(tmp_path)
     (tmp_path / "run.sqlite").write_bytes(b"x" * 4096)
     with pytest.raises(RecordError, match=r"run\.sqlite is damaged \(file is not a database\); restore"):
@@ -201,8 +243,9 @@ def test_runs_are_listed_newest_first_with_the_damaged_ones(tmp_path: Path) -> N
     ):
         Recorder.create(tmp_path / name, header(started)).finish("complete", {})
     finished(tmp_path / "damaged")
-    os.truncate(tmp_path / "damaged" / "run.sqlite", 5000)
-    os.utime(tmp_path / "damaged" / "run.sqlite", (0, 0))
+    os.truncate(tmp_path / "damaged" / "run.record", 500)
+    for name in ("run.record", "run.head"):
+        os.utime(tmp_path / "damaged" / name, (0, 0))
     (tmp_path / "plots").mkdir()
     (tmp_path / "file").touch()
     runs = list_runs(tmp_path)
@@ -271,7 +314,7 @@ def test_an_export_overwrites_nothing(tmp_path: Path) -> None:
 def test_an_export_of_a_damaged_run_leaves_no_half_file(tmp_path: Path) -> None:
     run = finished(tmp_path / "run", points=4)
     damage(run.folder, 4)
-    with pytest.raises(RecordError, match=r"^[^ ]*run\.sqlite is damaged \(waveform 'rigid' of point 4 is not"):
+    with pytest.raises(RecordError, match=r"^[^ ]*run\.record is damaged \(waveform 'rigid' of point 4 is not"):
         export(run, "csv", tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
 

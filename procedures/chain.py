@@ -1,0 +1,289 @@
+"""An append-only file of frames, each with the hash of the one before it, and a head of fixed size beside it.
+
+A frame says by itself what it is: magic bytes, the chain it belongs to, its number, kind and id, its length, the hash
+of the frame before, then its content and the SHA-256 over all of that. So whatever is whole can be found by looking for
+magic bytes, and whatever is changed, left out or moved breaks the chain. A chain that has lost its end would still be a
+chain: therefore the head, a file of its own, tells how far the chain had come. It is synced after the frames, so that
+it never tells of what is not on disk. Each of its two entries fills a sector; they are written in turn, so that one is
+whole whenever the power fails.
+
+Behind the frames the file holds zeros until it is closed: to write over them costs a sync less than to grow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from procedures.encoding import LARGEST_ROW
+
+MAGIC = b"\x89PALPATE"
+_FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flags, length of the content, hash before
+_HEAD = struct.Struct("<8s16sQQQQ32s")  # magic, chain, frames, length, points, events, hash of the last frame
+HASH = 32  # bytes
+AROUND = _FRAME.size + HASH  # bytes of a frame beside its content
+SECTOR = 512  # bytes; a disk writes one whole or not at all
+AHEAD = 1_000_000  # bytes of zeros that are written at a time
+READINGS = 3  # of a head that is not whole: it may have been under the writer's pen
+NOTHING = bytes(HASH)  # stands for the hash before the first frame
+
+Bytes = bytes | memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A frame in a file: `at` is where it begins, `hash` what it says its own is."""
+
+    chain: bytes
+    number: int
+    kind: bytes
+    id: int
+    flags: int
+    length: int
+    before: bytes
+    hash: bytes
+    at: int
+
+    @property
+    def end(self) -> int:
+        return self.at + AROUND + self.length
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """How far a chain had come: its frames, their bytes, how many points and events they hold, and the last hash."""
+
+    chain: bytes
+    frames: int
+    length: int
+    points: int
+    events: int
+    hash: bytes
+
+    def packed(self) -> bytes:
+        """An entry of the head's file."""
+        content = _HEAD.pack(MAGIC, self.chain, self.frames, self.length, self.points, self.events, self.hash)
+        return (content + hashlib.sha256(content).digest()).ljust(SECTOR, b"\0")
+
+
+def head_of(entry: bytes) -> Head | None:
+    """What an entry says; None: it is not as it was written."""
+    content, check = entry[: _HEAD.size], entry[_HEAD.size : _HEAD.size + HASH]
+    if hashlib.sha256(content).digest() != check or any(entry[_HEAD.size + HASH :]):
+        return None
+    magic, *fields = _HEAD.unpack(content)
+    return Head(*fields) if magic == MAGIC and len(entry) == SECTOR else None
+
+
+def read_head(path: Path) -> tuple[Head | None, str]:
+    """The newer whole entry of a head's file, and what is wrong with the file ("": nothing)."""
+    for _ in range(READINGS):
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            return None, f"{path.name}: {error.strerror}; whether the last points are there cannot be told"
+        head, fault = _newer(content, path.name)
+        if not fault:
+            break
+    return head, fault
+
+
+def _newer(content: bytes, name: str) -> tuple[Head | None, str]:
+    entries = [head_of(content[:SECTOR]), head_of(content[SECTOR : 2 * SECTOR])]
+    whole = [head for head in entries if head is not None]
+    fault = ""
+    if len(whole) < 2 or len(content) != 2 * SECTOR or whole[0].chain != whole[1].chain:
+        fault = f"{name} is not as it was written; whether the last points are there cannot be told"
+    return max(whole, key=lambda head: head.frames, default=None), fault
+
+
+class ChainFile:
+    """The file of a chain, for reading: frames where they lie, each at a time. Everything raises OSError."""
+
+    def __init__(self, path: Path) -> None:
+        self._handle = os.open(path, os.O_RDONLY)
+        self.size = os.fstat(self._handle).st_size
+
+    def __enter__(self) -> ChainFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._handle)
+
+    def read(self, at: int, length: int) -> bytes:
+        """So many bytes, fewer where the file ends."""
+        parts = []
+        while length > 0 and (part := os.pread(self._handle, length, at)):
+            parts.append(part)
+            at, length = at + len(part), length - len(part)
+        return b"".join(parts)
+
+    def frame(self, at: int) -> Frame | None:
+        """What says of itself to be a frame and ends within the file; its content is not looked at."""
+        start = self.read(at, _FRAME.size)
+        if len(start) < _FRAME.size or not start.startswith(MAGIC):
+            return None
+        _, chain, number, kind, own, flags, length, before = _FRAME.unpack(start)
+        if length > LARGEST_ROW or at + AROUND + length > self.size:
+            return None
+        check = self.read(at + _FRAME.size + length, HASH)
+        return Frame(chain, number, kind, own, flags, length, before, check, at) if len(check) == HASH else None
+
+    def content(self, frame: Frame) -> bytes | None:
+        """The content of a frame; None: the frame is not as it was written."""
+        whole = self.read(frame.at, AROUND + frame.length)
+        body = memoryview(whole)[:-HASH]
+        if hashlib.sha256(body).digest() != frame.hash or whole[-HASH:] != frame.hash:
+            return None
+        return bytes(body[_FRAME.size :])
+
+    def walk(self, head: Head | None) -> Iterator[Frame]:
+        """The chain from its first frame to where it breaks or ends.
+
+        Up to what the head tells of, the links are followed, which its hash vouches for; behind that each frame must be
+        whole, since what was not yet acknowledged may be torn.
+        """
+        at, number, before, chain = 0, 0, NOTHING, None
+        while (frame := self.frame(at)) is not None:
+            if (frame.number, frame.before) != (number, before) or chain not in (None, frame.chain):
+                return
+            if (head is None or number >= head.frames) and self.content(frame) is None:
+                return
+            yield frame
+            at, number, before, chain = frame.end, number + 1, frame.hash, frame.chain
+
+    def scan(self) -> Iterator[Frame]:
+        """Every whole frame, wherever it lies."""
+        at = 0
+        while (at := self._find(MAGIC, at)) >= 0:
+            frame = self.frame(at)
+            at = at + 1 if frame is None or self.content(frame) is None else frame.end
+            if frame is not None and at == frame.end:
+                yield frame
+
+    def only_zeros(self, at: int) -> bool:
+        """Whether nothing but zeros follows."""
+        while part := self.read(at, AHEAD):
+            if part.strip(b"\0"):
+                return False
+            at += len(part)
+        return True
+
+    def _find(self, what: bytes, at: int) -> int:
+        while len(part := self.read(at, AHEAD)) >= len(what):
+            if (found := part.find(what)) >= 0:
+                return at + found
+            at += len(part) - len(what) + 1
+        return -1
+
+
+class ChainWriter:
+    """The one writer of a chain: what `append` is given is durable, in one piece, when it returns.
+
+    Everything raises OSError. After a sync that failed nothing is written any more: the system then forgets what it
+    had not written, and a later sync that succeeds says nothing of it.
+    """
+
+    def __init__(self, path: Path, head_path: Path, head: Head, flags: int) -> None:
+        """Opens the files, to go on behind what the head tells of."""
+        self.head = head
+        self._flags = flags
+        self._broken = False
+        with contextlib.ExitStack() as undo:
+            self._file = undo.enter_context(_opened(path))
+            self._head_file = undo.enter_context(_opened(head_path))
+            self._size = os.fstat(self._file).st_size
+            self._open = undo.pop_all()
+
+    def close(self) -> None:
+        self._open.close()
+
+    def append(self, frames: Sequence[tuple[bytes, int, Sequence[Bytes]]], *, points: int = 0, events: int = 0) -> None:
+        """Adds frames (kind, id, parts of the content), with which so many points and events are complete."""
+        parts, head = packed(self.head, frames, self._flags, points, events)
+        try:
+            self._write(self._file, parts, self.head.length)
+        except OSError:
+            with contextlib.suppress(OSError):  # what was begun is not to be met again
+                os.ftruncate(self._file, self.head.length)
+                self._size = self.head.length
+            raise
+        self._grow(head.length)
+        self._sync(self._file)
+        self._tell(head)
+
+    def confirm(self, tail: bytes, head: Head) -> None:
+        """Puts frames that are there, and of which the head does not tell, on disk, and tells of them."""
+        os.ftruncate(self._file, self.head.length)
+        self._size = self.head.length
+        self._write(self._file, [tail], self.head.length)
+        self._grow(head.length)
+        self._sync(self._file)
+        if tail:
+            self._tell(head)
+
+    def end(self) -> None:
+        """Leaves the file without zeros, and both entries of the head with what the last one said."""
+        os.ftruncate(self._file, self.head.length)
+        self._sync(self._file)
+        self._write(self._head_file, [self.head.packed()], SECTOR * ((self.head.frames + 1) % 2))
+        self._sync(self._head_file)
+
+    def _grow(self, length: int) -> None:
+        """Behind frames that end there are zeros, as far as there is space for them."""
+        if length > self._size:
+            with contextlib.suppress(OSError):
+                self._write(self._file, [bytes(AHEAD)], length)
+            self._size = os.fstat(self._file).st_size
+
+    def _tell(self, head: Head) -> None:
+        self._write(self._head_file, [head.packed()], SECTOR * (head.frames % 2))
+        self._sync(self._head_file)
+        self.head = head
+
+    def _write(self, handle: int, parts: Sequence[Bytes], at: int) -> None:
+        if self._broken:
+            raise OSError(0, "an earlier sync failed, nothing is written behind it")
+        content = memoryview(b"".join(parts))
+        while content:
+            done = os.pwrite(handle, content, at)
+            content, at = content[done:], at + done
+
+    def _sync(self, handle: int) -> None:
+        try:
+            os.fdatasync(handle)
+        except OSError:
+            self._broken = True
+            raise
+
+
+def packed(
+    head: Head, frames: Sequence[tuple[bytes, int, Sequence[Bytes]]], flags: int, points: int = 0, events: int = 0
+) -> tuple[list[Bytes], Head]:
+    """Frames behind those that `head` tells of, as they lie in the file, and the head with them."""
+    parts: list[Bytes] = []
+    number, length, before = head.frames, head.length, head.hash
+    for kind, own, content in frames:
+        size = sum(map(len, content))
+        start = _FRAME.pack(MAGIC, head.chain, number, kind, own, flags, size, before)
+        total = hashlib.sha256(start)
+        for part in content:
+            total.update(part)
+        before = total.digest()
+        parts += [start, *content, before]
+        number, length = number + 1, length + AROUND + size
+    return parts, Head(head.chain, number, length, head.points + points, head.events + events, before)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    handle = os.open(path, os.O_RDWR)
+    try:
+        yield handle
+    finally:
+        os.close(handle)

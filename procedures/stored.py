@@ -1,0 +1,69 @@
+"""What a run on disk gives, whatever format it is in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+Status = Literal["running", "complete", "stopped", "failed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Waveform:
+    """Samples of one signal at one point: `samples`, shape (n,), float32; `rate`, Hz."""
+
+    point_id: int
+    name: str
+    rate: float
+    samples: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A point as it is stored: `text` is canonical JSON; `waveforms` their names in order."""
+
+    id: int
+    bench_ns: int
+    text: str
+    waveforms: tuple[str, ...]
+
+
+class Stored(Protocol):
+    """One snapshot of a run. What is damaged raises ValueError, TypeError, KeyError or sqlite3.Error when it is read.
+
+    Attributes:
+        hashed: whether each row carries the hash of the one before, so that none can be lost unnoticed.
+        header: without `status` and `summary`.
+    """
+
+    @property
+    def hashed(self) -> bool: ...
+    @property
+    def header(self) -> Mapping[str, Any]: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def summary(self) -> Mapping[str, Any]: ...
+
+    def count(self) -> int:
+        """How many points there are."""
+        ...
+
+    def points(self) -> Iterator[Point]:
+        """In order."""
+        ...
+
+    def events(self) -> list[dict[str, Any]]:
+        """In order: `bench_ns`, `kind`, `message`."""
+        ...
+
+    def waveforms(self, point_id: int | None = None, name: str | None = None) -> Iterator[Waveform]:
+        """In order, one in memory at a time; of one point and name alone where they are given."""
+        ...
+
+    def faults(self) -> Iterator[str]:
+        """What only the file itself shows."""
+        ...

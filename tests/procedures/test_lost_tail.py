@@ -1,0 +1,67 @@
+"""A killed run that loses what it had acknowledged does not pass for whole, whatever file the damage is in."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instrument.errors import RecordError
+from procedures.check import check
+from procedures.record import Recorder
+from procedures.run import Run
+from tests.procedures.conftest import HEADER
+
+POINTS = 10
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as SIGKILL leaves it after ten durable points."""
+    live, folder = (tmp_path_factory.mktemp("store") / name for name in ("live", "killed"))
+    with Recorder.create(live, HEADER) as record:
+        for n in range(1, POINTS + 1):
+            record.point({"load_N": 0.5 * n}, {"rigid": (250.0, np.sin(0.1 * n * np.arange(40)))}, n)
+        shutil.copytree(live, folder)
+    return folder
+
+
+def is_silent(folder: Path) -> bool:
+    """Whether points are gone or changed, and no check says so."""
+    if check(folder).faults:
+        return False
+    try:
+        run = Run.open(folder)
+        left = [(point["load_N"], run.waveform(point["id"], "rigid")[1]) for point in run.points()]
+    except RecordError:
+        return False
+    return left != [(0.5 * n, np.float32(np.sin(0.1 * n))) for n in range(1, POINTS + 1)]
+
+
+def damages(content: bytes) -> Iterator[bytes | None]:
+    """The file with a bit flipped here and there, cut, and gone."""
+    for at in range(5, len(content), max(1, len(content) // 40)):
+        yield content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :]
+    used = len(content.rstrip(b"\0"))
+    for share in (0, 0.3, 0.6, 0.9, 0.99):
+        yield content[: int(share * used)]
+    yield None
+
+
+def test_no_damage_to_a_file_of_a_killed_run_costs_points_unnoticed(killed: Path, tmp_path: Path) -> None:
+    assert not check(killed).faults
+    silent, tried = [], 0
+    for victim in sorted(killed.iterdir()):
+        for number, content in enumerate(damages(victim.read_bytes())):
+            folder = tmp_path / f"{victim.name}-{number}"
+            shutil.copytree(killed, folder)
+            (folder / victim.name).unlink()
+            if content is not None:
+                (folder / victim.name).write_bytes(content)
+            tried += 1
+            silent += [folder.name] * is_silent(folder)
+    assert tried > 40
+    assert silent == []
