@@ -59,7 +59,7 @@ class Rig:
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
         self._settings: tuple[object, ...] = ()  # that the last chain is of
         self._last = chain = self._chain()
-        mode = chain.mode(Touch(contact=False, drag=(0,) * chain.plays))
+        mode = chain.mode(Touch(contact=(False, False), drag=(0,) * chain.plays))
         self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
         self._voltage = silence
 
@@ -217,7 +217,9 @@ class Rig:
     def _lay(self, mounted: Mounted) -> None:
         self._mounted = mounted
         self.exchanges += 1
-        self._begin()
+        state = self._paths[-1].state(self._clock.now_ns())
+        state[: self._last.stack_order] = 0.0  # it has not crept yet
+        self._begin(state)
 
     def _begin(self, state: Floats | None = None) -> None:
         self._changed_ns = self._clock.now_ns()

@@ -106,7 +106,7 @@ class StackEffect(Effect, ABC):
 
     @abstractmethod
     def stack(self, stack: Stack) -> StateSpace:
-        """From the compression of the stack [m] to the forces on tooth and ring [N]."""
+        """From the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the other."""
 
 
 class HysteresisEffect(Effect, ABC):

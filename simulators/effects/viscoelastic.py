@@ -75,9 +75,9 @@ class Viscoelastic(StackEffect):
         )
         return StateSpace(
             np.block([[a, np.zeros_like(a)], [np.zeros_like(a), loop.a]]),
-            np.vstack([b, loop.b]),
+            np.block([[b, np.zeros_like(b)], [np.zeros_like(b), loop.b]]),
             np.block([[stack.tooth * c, np.zeros_like(c)], [np.zeros_like(c), stack.ring * loop.c]]),
-            np.array([[stack.tooth * d], [stack.ring * float(loop.d[0, 0])]]),
+            np.diag([stack.tooth * d, stack.ring * float(loop.d[0, 0])]),
         )
 
     def bound(self, case: Case) -> Bound:

@@ -6,6 +6,9 @@
 Inputs of every mode are the coil voltage, the constant 1, and the rate of the coil voltage; outputs are the films'
 voltages, the filtered and the plain force on the load cell, the compression of the stack, and the armature's
 displacement. Modes differ in what touches: the probe the sample, the armature a stop, the drive its limits.
+
+A sample is pressed, never pulled: it leaves the probe where its force passes zero, which is before its compression does
+where it creeps, relaxes free of force, and is met again where its surface then stands.
 """
 
 from __future__ import annotations
@@ -25,12 +28,13 @@ from simulators.physics.mechanics import INPUTS, Mechanics
 
 @dataclass(frozen=True)
 class Touch:
-    """Which of the chain's limits are met: -1 below, 0 not, 1 above; `contact` of probe and sample.
+    """Which of the chain's limits are met: -1 below, 0 not, 1 above.
 
+    contact: of probe and sample, over the tooth and over the ring.
     drag: of each play operator: -1 dragged down, 0 at rest, 1 dragged up.
     """
 
-    contact: bool = True
+    contact: tuple[bool, bool] = (True, True)
     rail: int = 0
     current: int = 0
     stop: int = 0
@@ -78,8 +82,8 @@ class Stack:
     object_share: float
 
     def elastic(self) -> StateSpace:
-        """From the compression [m] to the forces on tooth and ring [N]."""
-        return gain(np.array([[self.tooth], [self.ring]]))
+        """From the compressions over tooth and ring [m] to the forces on them [N]."""
+        return gain(np.diag([self.tooth, self.ring]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +103,8 @@ class Chain:
 
     Args:
         armature, limits: of the shaker.
-        stack: from the compression of the stack [m] to the forces on tooth and ring [N], both summed over teeth.
+        stack: from the compressions over tooth and ring [m] to the forces on them [N], both summed over teeth; neither
+            acts on the other.
         advance: of the probe past the point where it meets the sample [m].
         before: from the forces on tooth and ring, the plays' force h and the constant 1 to the films' voltages before
             their amplifiers.
@@ -122,7 +127,7 @@ class Chain:
         bridge_tau: float,
         weight: float,
     ) -> None:
-        self._armature, self._limits, self._stack = armature, limits, stack
+        self._armature, self._limits = armature, limits
         self._mechanics = Mechanics(armature, limits, stack, advance)
         self._plays = plays
         self.plays = len(plays.radii)
@@ -134,6 +139,7 @@ class Chain:
         # Numbers of outputs and states that others ask for by name.
         self.bridge = len(amplifiers)
         self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
+        self.stack_order = stack.order  # states that come first
         self._mechanical = stack.order + (3 if armature.mass else 0)
         self.play_states = range(self._mechanical, self._mechanical + self.plays)
         first = self.play_states.stop + before.order
@@ -218,7 +224,11 @@ class Chain:
             (system.c[k], system.d[k]) for k in (self._compression, self._displacement, self._current)
         )
         voltage = (np.zeros(system.order), np.array([1.0, 0.0, 0.0]))
-        guards = [self._sided(compression, 0.0, touch.contact, replace(touch, contact=not touch.contact))]
+        guards = []
+        for columns in self._mechanics.parting():
+            tooth, ring = (touches != (k in columns) for k, touches in enumerate(touch.contact))
+            row = self._mechanics.pressing(columns, compression)
+            guards.append(self._sided(row, 0.0, touch.contact[columns[0]], replace(touch, contact=(tooth, ring))))
         for name, quantity, limit in (
             ("rail", voltage, limits.rail),
             ("current", self._unlimited_current(touch, system, current), limits.current),
@@ -241,7 +251,7 @@ class Chain:
 
     def _held(self, current: float) -> Callable[[Floats, Floats], Floats]:
         """A limited current stays at the limit itself: above it, it would be limited again when let go."""
-        at = self._stack.order
+        at = self.stack_order
 
         def entry(x: Floats, u: Floats) -> Floats:
             seated = x.copy()
@@ -257,7 +267,7 @@ class Chain:
         arm = self._armature
         row = np.zeros(system.order)
         if arm.mass:
-            row[self._stack.order + 2] = -arm.force_constant / arm.resistance
+            row[self.stack_order + 2] = -arm.force_constant / arm.resistance
         return row, self._mechanics.voltage(touch) / arm.resistance
 
     def _sided(self, row: Rows, limit: float, beyond: bool, other: Touch) -> Guard:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulators.linear.lti import Floats, StateSpace
+from simulators.linear.lti import Floats, Rows, StateSpace
 
 if TYPE_CHECKING:
     from simulators.physics.chain import Armature, Limits, Touch
@@ -19,7 +19,7 @@ class Mechanics:
 
     Args:
         armature, limits: of the shaker.
-        stack: from the compression of the stack [m] to the forces on tooth and ring [N].
+        stack: from the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the other.
         advance: of the probe past the point where it meets the sample [m].
     """
 
@@ -29,6 +29,18 @@ class Mechanics:
     def system(self, touch: Touch) -> StateSpace:
         """While just this touches."""
         return self._dynamic(touch) if self._armature.mass else self._quasi_static(touch)
+
+    def parting(self) -> list[list[int]]:
+        """What parts from the probe by itself: tooth (0) and ring (1), or both at once where neither creeps."""
+        creeping = self._stack.order and (self._stack.d.diagonal() > 0).all()
+        return [[0], [1]] if creeping else [[0, 1]]
+
+    def pressing(self, columns: list[int], compression: Rows) -> Rows:
+        """The force on these as it is where they touch, and as it would be where they do not: then it is negative."""
+        stiffness = float(self._stack.d.diagonal()[columns].sum())
+        state = stiffness * compression[0]
+        state[: self._stack.order] += self._stack.c[columns].sum(axis=0)
+        return state, stiffness * compression[1]
 
     def _springs(self, touch: Touch) -> tuple[float, float]:
         """Stiffness of suspension and stop [N/m], and the force of the stop at rest [N]."""
@@ -44,9 +56,26 @@ class Mechanics:
             return np.array([0.0, touch.rail * self._limits.rail, 0.0])
         return np.array([1.0, 0.0, 0.0])
 
+    def _pressed(self, touch: Touch) -> StateSpace:
+        """From how far the probe is past where it meets a sample at rest [m] to the forces on tooth and ring [N].
+
+        Where the sample does not touch the probe it is free of force: it relaxes to where its surface then stands.
+        """
+        stack = self._stack
+        touching = np.array(touch.contact)
+        stiffness = stack.d.diagonal()
+        free = -stack.c / np.where(stiffness > 0, stiffness, 1.0)[:, np.newaxis]
+        free[touching] = 0.0
+        return StateSpace(
+            stack.a + stack.b @ free,
+            stack.b @ touching[:, np.newaxis],
+            np.where(touching[:, np.newaxis], stack.c, 0.0),
+            (stiffness * touching)[:, np.newaxis],
+        )
+
     def _quasi_static(self, touch: Touch) -> StateSpace:
         """All in balance."""
-        stack = self._stack
+        stack = self._pressed(touch)
         voltage = self.voltage(touch)
         current = voltage / self._armature.resistance
         if touch.current and self._limits.current is not None:
@@ -54,26 +83,24 @@ class Mechanics:
         stiffness, push = self._springs(touch)
         pushed = self._armature.force_constant * current + np.array([0.0, push, 0.0])
         one = np.array([0.0, 1.0, 0.0])
-        # The stack's force is sums @ (C z + D compression), and compression is displacement + advance.
-        sums = np.ones(2) if touch.contact else np.zeros(2)
-        direct = float(sums @ stack.d[:, 0])
+        # The stack's force is the sum of C z + D compression, and compression is displacement + advance.
+        direct = float(stack.d.sum())
         by_input = (pushed - direct * self._advance * one) / (stiffness + direct)
-        by_state = -(sums @ stack.c) / (stiffness + direct)
-        squeezed = 1.0 if touch.contact else 0.0
+        by_state = -stack.c.sum(axis=0) / (stiffness + direct)
         compression = by_input + self._advance * one
         return StateSpace(
-            stack.a + np.outer(stack.b[:, 0], squeezed * by_state),
-            np.outer(stack.b[:, 0], squeezed * compression),
+            stack.a + np.outer(stack.b[:, 0], by_state),
+            np.outer(stack.b[:, 0], compression),
             np.vstack(
                 [
-                    squeezed * (stack.c + np.outer(stack.d[:, 0], by_state)),
+                    stack.c + np.outer(stack.d[:, 0], by_state),
                     by_state,
                     by_state,
                     0 * by_state,
                     0 * by_state,
                 ]
             ),
-            np.vstack([squeezed * np.outer(stack.d[:, 0], compression), compression, by_input, one, current]),
+            np.vstack([np.outer(stack.d[:, 0], compression), compression, by_input, one, current]),
         )
 
     def _dynamic(self, touch: Touch) -> StateSpace:
@@ -81,28 +108,27 @@ class Mechanics:
 
         States: those of the stack, then i, x, v.
         """
-        stack, arm = self._stack, self._armature
+        stack, arm = self._pressed(touch), self._armature
         n = stack.order
         stiffness, push = self._springs(touch)
-        squeezed = 1.0 if touch.contact else 0.0
         a, b = np.zeros((n + 3, n + 3)), np.zeros((n + 3, INPUTS))
         i, x, v = n, n + 1, n + 2
         a[:n, :n] = stack.a
-        a[:n, x] = squeezed * stack.b[:, 0]
-        b[:n, 1] = squeezed * stack.b[:, 0] * self._advance
+        a[:n, x] = stack.b[:, 0]
+        b[:n, 1] = stack.b[:, 0] * self._advance
         if not (touch.current and self._limits.current is not None):
             a[i, i], a[i, v] = -arm.resistance / arm.inductance, -arm.force_constant / arm.inductance
             b[i] = self.voltage(touch) / arm.inductance
         a[x, v] = 1.0
-        direct = squeezed * float(stack.d[:, 0].sum())
-        a[v, :n] = -squeezed * stack.c.sum(axis=0) / arm.mass
+        direct = float(stack.d.sum())
+        a[v, :n] = -stack.c.sum(axis=0) / arm.mass
         a[v, i], a[v, v] = arm.force_constant / arm.mass, -arm.damping / arm.mass
         a[v, x] = -(stiffness + direct) / arm.mass
         b[v, 1] = (push - direct * self._advance) / arm.mass
         c, d = np.zeros((6, n + 3)), np.zeros((6, INPUTS))
-        c[:2, :n] = squeezed * stack.c
-        c[:2, x] = squeezed * stack.d[:, 0]
-        d[:2, 1] = squeezed * stack.d[:, 0] * self._advance
+        c[:2, :n] = stack.c
+        c[:2, x] = stack.d[:, 0]
+        d[:2, 1] = stack.d[:, 0] * self._advance
         c[2, x], d[2, 1] = 1.0, self._advance
         c[3, x] = 1.0
         d[4, 1] = 1.0

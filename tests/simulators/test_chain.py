@@ -47,7 +47,7 @@ class Setting:
             [gain(np.eye(1)), gain(np.eye(1))], np.zeros(2), 0.1, 0.0,
         )  # fmt: skip
         drive = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([-1j * self.volts]))
-        mode = chain.mode(Touch(contact=self.advance >= 0, drag=(0,) * chain.plays))
+        mode = chain.mode(Touch(contact=(self.advance >= 0,) * 2, drag=(0,) * chain.plays))
         inputs = (drive, constant(1.0, drive), drive.derivative())
         assert len(inputs) == INPUTS
         return chain, Path(inputs, mode, 0, np.zeros(mode.system.order))
