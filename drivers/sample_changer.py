@@ -15,6 +15,7 @@ from instrument.operator import Operator
 from instrument.sample import Sample
 
 POLL = 0.5  # s
+TIMEOUT = 120.0  # s
 STATE = ("mounted", "exchanges", "status")
 
 
@@ -40,10 +41,14 @@ class SampleChanger(ModbusDevice):
         self.samples: tuple[str, ...] = ()
 
     def connect(self) -> None:
-        """As of every device; and read the names of the samples it holds."""
+        """As of every device; read the names of the samples it holds, and wait until it stands.
+
+        A run that was killed may have left it on its way.
+        """
         super().connect()
         names = (self.get_text(f"place_{number}") for number in range(1, PLACES + 1))
         self.samples = tuple(name for name in names if name)
+        self._standing(TIMEOUT)
 
     def check_holds(self, names: Iterable[str]) -> None:
         """Refuse names of samples that no place holds. Raises UnknownName, which lists those that it holds."""
@@ -60,7 +65,7 @@ class SampleChanger(ModbusDevice):
         moving = "moving" in self.contract.set_bits("status", self._value("status", status))
         return Mounted(self._text("mounted", name), int(self._value("exchanges", exchanges)), moving)
 
-    def mount(self, name: str, timeout: float = 120.0) -> None:
+    def mount(self, name: str, timeout: float = TIMEOUT) -> None:
         """Have the sample of that name laid under the probe, which stands at home, and wait for it.
 
         Raises:

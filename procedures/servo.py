@@ -54,6 +54,7 @@ def check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
 
     Raises:
         BenchError: it reads something else, so that every load and the force limit would be off.
+        DeviceError: it gives no valid reading.
     """
     carry_out(bench, "zero of the load cell", lambda: _check_zero(bench, calibration))
 
@@ -83,8 +84,11 @@ def _check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
     bench.indicator.track(TRACK_FILTER)
     bench.clock.wait(TRACK_SETTLING)
     reading = read_indicator(bench)
+    if not reading.valid:
+        name = bench.indicator.name
+        raise DeviceError(f"{name}: no valid reading without load; let the bench come to rest, check it", device=name)
     allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV)
-    if not (reading.valid and abs(reading.reading_mV - calibration.zero_mV) <= allowed):
+    if not abs(reading.reading_mV - calibration.zero_mV) <= allowed:
         raise BenchError(
             f"{bench.indicator.name}: reads {reading.reading_mV:.4g} mV without load, the calibration "
             f"({calibration.source}) says {calibration.zero_mV:.4g} ± {allowed:.2g} mV; take the load off, or run "

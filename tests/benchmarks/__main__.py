@@ -26,6 +26,7 @@ from tests.benchmarks import (
     reproduce,
     scenes,
     serve,
+    served_kills,
     soak,
     solid,
     start_up,
@@ -55,7 +56,7 @@ PARTS = {
     "start_up": start_up.measure,
 }
 # A quarter of an hour and more: only by name.
-LONG = {"faults": faults.measure, "kills": kills.measure, "soak": soak.measure}
+LONG = {"faults": faults.measure, "kills": kills.measure, "served_kills": served_kills.measure, "soak": soak.measure}
 
 
 def main(names: list[str]) -> int:

@@ -112,7 +112,12 @@ def _other_process() -> Row:
 
             def sample(*more: str) -> dict[str, float]:
                 done = subprocess.run(
-                    [*palpate, *SWEEP, *more], input="\n", capture_output=True, text=True, check=True, env=environment
+                    [*palpate, *SWEEP, *more],
+                    stdin=subprocess.DEVNULL,
+                    capture_output=True,
+                    text=True,
+                    check=True,
+                    env=environment,
                 )
                 found: dict[str, float] = json.loads(done.stdout)["samples"][0]
                 return found

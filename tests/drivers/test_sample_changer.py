@@ -71,6 +71,12 @@ def test_nothing_lies_under_the_probe_while_the_carriage_moves(changer: SampleCh
     assert changer.mounted() == Mounted("1", 6, moving=False)
 
 
+def test_a_changer_that_a_killed_run_has_left_on_its_way_is_waited_for(changer: SampleChanger) -> None:
+    changer.set(order="3")
+    changer.connect()
+    assert changer.mounted() == Mounted("3", 2, moving=False)
+
+
 def test_a_name_that_no_place_holds_is_refused_by_the_driver_and_by_the_device(
     changer: SampleChanger, monkeypatch: pytest.MonkeyPatch
 ) -> None:

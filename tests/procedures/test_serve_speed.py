@@ -53,7 +53,9 @@ def test_a_sweep_from_another_process_on_a_fast_bench_gives_the_ratio_of_an_own_
         patient = bench.read_text().replace('watchdog = "2.0 s"', 'watchdog = "60 s"')  # on a machine with much to do
         bench.write_text(patient)
         command = [*CLIENT, *SWEEP, "--bench", str(bench)]
-        done = subprocess.run(command, input="\n", capture_output=True, text=True, check=False, env=environment)
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, env=environment
+        )
         server.communicate("quit\n")
     assert (done.returncode, server.returncode) == (0, 0), done.stderr
     (served,), (own,) = json.loads(done.stdout)["samples"], palpate(*SWEEP, "--seed", "6").object["samples"]
