@@ -19,7 +19,7 @@ from instrument.classification import (
     lower_limit_factor,
     quantities,
 )
-from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
+from instrument.config import Hashed, IsoDate, Name, NotNegative, Positive, check
 from instrument.errors import ConfigError, EstimateError, RangeError
 from instrument.load_cell_curve import Curvature, load_cell_curve
 from instrument.rounding import mean_u
@@ -28,7 +28,7 @@ STANDARD_GRAVITY = 9.80665
 """m/s², turns the gram-force of dead weights into newtons."""
 
 
-class LoadCellCalibration(Config):
+class LoadCellCalibration(Hashed):
     """`reading_mV = zero_mV + sensitivity_mV_per_N · load_N + curvature · load_N²`, of a cell with its indicator.
 
     The field names are the keys of the calibration file. Fractions are the greatest over the loads, and None where

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import tomllib
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from instrument.errors import ConfigError, nearest
 
@@ -16,15 +18,7 @@ MOST_VALUES = 100_000  # of a file; the films of an array of 64 teeth have 25 th
 LONGEST_TEXT = 1000  # characters of a key or a value
 DEEPEST = 8  # tables within tables
 MOST_PROBLEMS = 20  # of a file that are told
-
-
-class Config(BaseModel):
-    """A section of a configuration file: frozen, and unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-M = TypeVar("M", bound=Config)
+ACCEPT = "palpate calibrate accept"  # the command
 
 
 def _is_a_date(value: str) -> str:
@@ -41,12 +35,79 @@ NotNegative = Annotated[float, Field(ge=0)]
 Name = Annotated[str, Field(min_length=1)]
 
 
+class Config(BaseModel):
+    """A section of a configuration file: frozen, and unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Hashed(Config):
+    """What palpate writes into a file and reads back, with the SHA-256 of its content.
+
+    `accepted`: the day on which somebody accepted what had been edited by hand, ISO 8601.
+    """
+
+    accepted: IsoDate | None = None
+    _verified: bool = PrivateAttr(default=True)
+
+    @property
+    def verified(self) -> bool:
+        """Whether it is as it was written; a file from before there were hashes cannot tell."""
+        return self._verified
+
+    def sha256(self) -> str:
+        """Of its content, hex; of keys that it leaves out nothing."""
+        content = self.model_dump(mode="json", exclude_none=True)
+        return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def about(self) -> dict[str, Any]:
+        """What a record says of its file."""
+        return {"sha256": self.sha256(), "verified": self.verified, "accepted": self.accepted}
+
+    def marks(self) -> str:
+        """What is to be said of it behind its name, "" where it is as it was written."""
+        edited = f"edited by hand, accepted on {self.accepted}" if self.accepted else ""
+        marks = ", ".join(mark for mark in ("" if self.verified else "unverified", edited) if mark)
+        return f" ({marks})" if marks else ""
+
+
+M = TypeVar("M", bound=Config)
+H = TypeVar("H", bound=Hashed)
+
+
 def read(path: Path, model: type[M]) -> M:
     """Read and check one TOML file.
 
     Raises:
         ConfigError: the file is missing, unreadable, too large, not TOML, or has missing, unknown or bad keys.
     """
+    return check(read_data(path), model, str(path))
+
+
+def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
+    """Read a file that palpate wrote. One from before there were hashes is not `verified`.
+
+    Args:
+        edited: it may have been changed since.
+
+    Raises:
+        ConfigError: as `read`, and for a file that was changed after it was written.
+    """
+    data = read_data(path)
+    told = data.pop("sha256", None)
+    found = check(data, model, str(path))
+    if told is None or edited:
+        found._verified = told == found.sha256()
+    elif told != found.sha256():
+        raise ConfigError(
+            f"{path}: was changed after it was written: sha256 = {str(told)[:12]}… belongs to other values; put it "
+            f"back (the run that it came of has it) or, if the change is meant, accept it: {ACCEPT} {path}"
+        )
+    return found
+
+
+def read_data(path: Path) -> dict[str, Any]:
+    """What stands in a TOML file, unchecked. Raises ConfigError."""
     try:
         if path.exists() and not path.is_file():  # a device or pipe could be read for ever
             raise ConfigError(f"{path}: is no file; give the path of a TOML file")
@@ -55,11 +116,15 @@ def read(path: Path, model: type[M]) -> M:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}; give the path of a file that exists") from None
-    return parse(content, model, str(path))
+    return _parsed(content, str(path))
 
 
 def parse(content: bytes, model: type[M], where: str) -> M:
     """The content of a TOML file as a `model`. Raises ConfigError as `read`, each with `where`."""
+    return check(_parsed(content, where), model, where)
+
+
+def _parsed(content: bytes, where: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(content.decode())
     except UnicodeDecodeError:
@@ -67,7 +132,7 @@ def parse(content: bytes, model: type[M], where: str) -> M:
     except (ValueError, RecursionError) as error:  # also integers of thousands of digits, and brackets without end
         raise ConfigError(f"{where}: is not TOML: {error}") from None
     _hold_limits(data, where)
-    return check(data, model, where)
+    return data
 
 
 def _hold_limits(data: dict[str, Any], where: str) -> None:

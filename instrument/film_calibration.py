@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
 from instrument.calibration import LoadCellCalibration
-from instrument.config import Config, IsoDate, Name, NotNegative, Positive, check
+from instrument.config import Config, Hashed, IsoDate, Name, NotNegative, Positive, check
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import ConfigError, EstimateError
 from instrument.interpolation import interpolate
@@ -67,7 +67,7 @@ class CalibratedFilm(Config):
     clamping: Positive
 
 
-class FilmCalibration(Config):
+class FilmCalibration(Hashed):
     """Films of one sensor on its node. The field names are the keys of the calibration file.
 
     Args:
@@ -209,7 +209,7 @@ def calibrate_films(
         "gain": [[float(ratio[i, own[i] & (at == f)].mean() / mean[i]) for f in frequencies] for i in range(len(mean))],
         "least_N": min(reading.set_load for reading in readings),
         "greatest_N": max(reading.set_load for reading in readings),
-        "load_cell": load_cell.source,
+        "load_cell": f"{load_cell.source}{load_cell.marks()}",
         "load_cell_degrees_of_freedom": load_cell.degrees_of_freedom,
         **origin,
     }

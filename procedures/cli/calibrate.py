@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Group, Output, bench_options, budget_option, dwell_option, extrapolate_option
+from procedures.cli.options import (
+    FILE_NAME,
+    Choice,
+    Group,
+    Output,
+    bench_options,
+    budget_option,
+    dwell_option,
+    extrapolate_option,
+    output_options,
+)
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -159,6 +170,27 @@ def films(
     result, outcome = conduct(of_films(), settings, choice, output)
     if budget and output.for_people:
         print_budgets(result.calibration.budgets(), outcome["simulated"])
+
+
+@calibrate.command(epilog="Examples:\n\n  palpate calibrate accept runs/calibrations/load_cell-SI-0042.toml")
+@click.argument("file", type=FILE_NAME)
+@output_options
+def accept(file: Path, as_json: bool, quiet: bool) -> None:
+    """Accept a calibration that was edited by hand, after looking it over.
+
+    FILE holds the hash of what was written into it, and is refused once something else stands there. This gives it a
+    new hash and today's date, which every run that uses it tells. A file from before there were hashes is accepted the
+    same way.
+    """
+    from datetime import UTC, datetime
+
+    from instrument.calibration_file import accept_calibration
+
+    output = Output(as_json, quiet)
+    found = accept_calibration(file, datetime.now(UTC).date())
+    if output.as_json:
+        output.json({"calibration_file": str(file), "accepted": found.accepted if found else None})
+    output.line(f"{file}: {f'{found.source}{found.marks()}' if found else 'is as it was written, nothing to accept'}")
 
 
 def of_films() -> Procedure[Any, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from drivers.bench import Bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.calibration_file import read_calibration, read_film_calibration, write_calibration
-from instrument.config import Config
+from instrument.config import Hashed
 from instrument.design import Design
 from instrument.errors import ConfigError, PalpateError
 from instrument.film_calibration import FilmCalibration
@@ -38,7 +38,7 @@ def _path(name: str) -> Path:
     return store() / "calibrations" / f"{''.join(c if c.isalnum() or c in '-_' else '-' for c in name)}.toml"
 
 
-def keep(calibration: Config, session: Session, path: Path) -> None:
+def keep(calibration: Hashed, session: Session, path: Path) -> None:
     """Write a calibration into the folder of its run and, unless that was a replay, where later runs look for it.
 
     Raises RecordError.

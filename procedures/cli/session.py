@@ -79,12 +79,18 @@ class Session:
             "scene": self.scene.name if self.scene else None,
             "model": self.scene.model if self.scene else None,
             "seed": self.scene.seed if self.scene else None,
-            "calibration": self.calibration.source,
-            "film_calibration": self.films.source if self.films else None,
+            "calibration": f"{self.calibration.source}{self.calibration.marks()}",
+            "film_calibration": f"{self.films.source}{self.films.marks()}" if self.films else None,
+            "calibration_files": calibration_files(self.calibration, self.films),
             "mounting": self.mounting,
             "bench_seconds": self.bench.clock.now_ns() / 1e9,
             "wall_seconds": time.monotonic() - self.wall_start,
         }
+
+
+def calibration_files(load_cell: LoadCellCalibration, films: FilmCalibration | None) -> dict[str, Any]:
+    """What a run says of the files of its calibrations."""
+    return {"load_cell": load_cell.about(), "films": None if films is None else films.about()}
 
 
 @contextmanager
@@ -162,6 +168,7 @@ def open_session(
             "contracts": contracts_digest(),
             "calibration": calibration.model_dump(),
             "film_calibration": films.model_dump() if films else None,
+            "calibration_files": calibration_files(calibration, films),
             "versions": versions(),
             "commit": commit(),
             **(replay.header if replay is not None else {}),

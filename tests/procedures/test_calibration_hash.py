@@ -1,0 +1,104 @@
+"""A calibration that was edited by hand is refused until somebody accepts it; one from before has no hash to tell."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from instrument.calibration import THESIS_LOAD_CELL
+from instrument.calibration_file import read_calibration, write_calibration
+from instrument.errors import ConfigError
+from procedures.run import Run
+from tests.procedures.conftest import Palpate
+
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")
+LOAD_CELL = Path("runs/calibrations/load_cell-SIM-SI-0001.toml")
+
+
+@pytest.fixture
+def stored(palpate: Palpate) -> Path:
+    """The calibration of the simulated bench's load cell, as if it had been measured there."""
+    LOAD_CELL.parent.mkdir(parents=True)
+    own = {"device": "SIM-SI-0001", "simulated": True, "source": "by weights"}
+    write_calibration(LOAD_CELL, THESIS_LOAD_CELL.model_copy(update=own))
+    return LOAD_CELL
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_an_edited_calibration_is_refused_with_the_way_to_do_it(palpate: Palpate, stored: Path) -> None:
+    edit(stored, "sensitivity_mV_per_N = 10.3", "sensitivity_mV_per_N = 13.3")
+    said = palpate(*SWEEP)
+    assert said.status == 2
+    assert f"{stored}: was changed after it was written" in said.complaint
+    assert said.complaint.endswith(f"accept it: palpate calibrate accept {stored}")
+    assert [path.name for path in Path("runs").iterdir()] == ["calibrations"]
+
+
+def test_an_edit_that_is_accepted_is_used_and_told_by_every_run(palpate: Palpate, stored: Path) -> None:
+    edit(stored, "greatest_N = 7.25", "greatest_N = 7.15")
+    accepted = palpate("calibrate", "accept", str(stored), "--json").object["accepted"]
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", accepted)
+    outcome = palpate(*SWEEP, "--json").object
+    assert outcome["calibration"] == f"by weights (edited by hand, accepted on {accepted})"
+    told = {"sha256": read_calibration(stored).sha256(), "verified": True, "accepted": accepted}
+    assert outcome["calibration_files"] == {"load_cell": told, "films": None}
+    header = Run.open(Path(outcome["run"])).header
+    assert header["calibration_files"] == outcome["calibration_files"]
+    assert palpate("calibrate", "accept", str(stored)).out == f"{stored}: is as it was written, nothing to accept\n"
+
+
+def test_a_calibration_from_before_there_were_hashes_is_read_as_unverified_until_it_is_saved(
+    palpate: Palpate, stored: Path
+) -> None:
+    edit(stored, f'sha256 = "{read_calibration(stored).sha256()}"\n', "")
+    found = read_calibration(stored)
+    assert not found.verified
+    said = palpate(*SWEEP)
+    assert "calibration    by weights (unverified)\n" in said.out
+    outcome = palpate(*SWEEP, "--json").object
+    assert outcome["calibration"] == "by weights (unverified)"
+    assert outcome["calibration_files"]["load_cell"]["verified"] is False
+    write_calibration(stored, found)
+    assert read_calibration(stored).verified
+
+
+def test_films_that_were_edited_are_refused_and_accepted_too(palpate: Palpate) -> None:
+    made = palpate("calibrate", "films", "--dwell", "0.2 s", "--json").object
+    path = Path(made["film_calibration_file"])
+    text = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(r"sensitivity_mV_per_N = \d+", "sensitivity_mV_per_N = 9", text, count=1), encoding="utf-8")
+    assert f"{path}: was changed after it was written" in palpate(*SWEEP).complaint
+    assert "edited by hand" in palpate("calibrate", "accept", str(path)).out
+    outcome = palpate(*SWEEP, "--json").object
+    assert "edited by hand, accepted on" in outcome["film_calibration"]
+    assert outcome["calibration_files"]["films"]["accepted"]
+
+
+def test_what_is_no_calibration_is_not_accepted(palpate: Palpate, stored: Path) -> None:
+    edit(stored, "zero_mV = ", "zero = ")
+    said = palpate("calibrate", "accept", str(stored))
+    assert said.status == 2
+    assert "zero: unknown key" in said.complaint
+    assert "cannot be read" in palpate("calibrate", "accept", "absent.toml").complaint
+
+
+def test_no_digit_of_a_calibration_changes_unnoticed(tmp_path: Path) -> None:
+    path = tmp_path / "load_cell.toml"
+    write_calibration(path, THESIS_LOAD_CELL)
+    text = path.read_text(encoding="utf-8")
+    digits = [match.start() for match in re.finditer(r"\d", text)]
+    assert len(digits) > 150
+    for at in digits[::7]:
+        path.write_text(f"{text[:at]}{(int(text[at]) + 1) % 10}{text[at + 1 :]}", encoding="utf-8")
+        try:
+            found = read_calibration(path)
+        except ConfigError:
+            continue
+        assert found == THESIS_LOAD_CELL
