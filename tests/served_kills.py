@@ -29,7 +29,7 @@ from instrument.multicast import MULTICAST
 from instrument.sample import get_sample
 from procedures.check import check
 from procedures.cli.serving import Served, Wish, serving
-from procedures.run import DATABASE, Run
+from procedures.run import Run, is_run
 from simulators.bench import Place, SimulatedBench
 from simulators.device import Refused
 from simulators.physics.mounted import Mounted
@@ -238,7 +238,7 @@ class Rounds:
             self._look(found, run, reported, whole=status == 0)
             if status == 0:
                 break
-            if not (run / DATABASE).exists() or chance.random() < 0.3:
+            if not is_run(run) or chance.random() < 0.3:
                 shutil.rmtree(run, ignore_errors=True)
                 words = (*sweep, "--bench", str(self._bench), "--out", str(run))
                 found["begun anew"] += 1
@@ -248,7 +248,7 @@ class Rounds:
             if found["begun anew"] + found["resumed"] > 9:
                 found["never ended"] += 1
                 break
-        done = [point["sample"] for point in Run.open(run).points()] if (run / DATABASE).exists() else []
+        done = [point["sample"] for point in Run.open(run).points()] if is_run(run) else []
         found["incomplete"] += done != names
         shutil.rmtree(run, ignore_errors=True)
         return found
@@ -268,7 +268,7 @@ class Rounds:
             found["failed otherwise"] += status != 0
 
     def _look(self, found: Counter[str], run: Path, reported: int, *, whole: bool) -> None:
-        if not (run / DATABASE).exists():
+        if not is_run(run):
             found["lost"] += reported
             return
         if faults := check(run).faults:

@@ -1,7 +1,7 @@
 """Kills, interrupts and resumes over the served wire: is any point that of another sample, lost, or silently missing?
 
 Resumable: each round goes to `served-kills-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), VERSION being that of
-the code; a command that is given again goes on from there. `$PALPATE_BLOWS` says how many kills, interrupts and resumes.
+the code; a command that is given again goes on from there. `$PALPATE_BLOWS` says how many there shall be.
 """
 
 from __future__ import annotations
