@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from types import FrameType, TracebackType
 from typing import Any, Self
 
 from drivers.bench_lock import BenchLock
 from drivers.can import CanLink
-from drivers.clock import Clock
+from drivers.clock import BenchClock
 from drivers.device import READ_ATTEMPTS
 from drivers.incident import Incidents, Store
 from drivers.modbus import ModbusLink
@@ -21,42 +20,15 @@ from drivers.shaker_amplifier import ShakerAmplifier
 from drivers.signal_generator import SignalGenerator
 from drivers.signals import held, taken
 from drivers.strain_indicator import StrainIndicator
+from drivers.watched_clock import WatchedClock
 from instrument.bench import BenchDescription
-from instrument.errors import BenchError, DeviceError, SettingsLost
+from instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
 from instrument.operator import Operator
 
 RECOVERY = 1.0  # s, that devices are given to come back
+CLAIMS = 10  # that are tried within the time of the watchdog
 TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # a closed terminal hangs up
-
-
-class WatchedClock:
-    """The bench's clock as drivers and procedures see it: long waits feed the amplifier's watchdog."""
-
-    def __init__(self, clock: Clock, longest: float, feed: Callable[[], object]) -> None:
-        self._clock = clock
-        self._longest = longest
-        self._feed = feed
-        self._heard: Callable[[int], object] = lambda _now_ns: None
-        self.watching = False
-
-    def tap(self, heard: Callable[[int], object]) -> None:
-        """From now on call `heard` with each time that is told [ns]."""
-        self._heard = heard
-
-    def now_ns(self) -> int:
-        now = self._clock.now_ns()
-        self._heard(now)
-        return now
-
-    def wait(self, duration: float) -> None:
-        """Wait `duration` s. Raises SafetyError where the amplifier trips meanwhile."""
-        while self.watching and duration > self._longest:
-            self._clock.wait(self._longest)
-            duration -= self._longest
-            self._feed()
-        self._clock.wait(duration)
-        if self.watching:
-            self._feed()
+ENDINGS = (signal.SIGINT, *TERMINATIONS)
 
 
 class Bench:
@@ -67,15 +39,16 @@ class Bench:
     disabled again; where that fails, or the program is killed, the amplifier's watchdog drops the output.
     """
 
-    def __init__(self, description: BenchDescription, clock: Clock, operator: Operator) -> None:
+    def __init__(self, description: BenchDescription, clock: BenchClock, operator: Operator) -> None:
         self.description = description
         self.operator = operator
         self.changer: SampleChanger | None = None
         self.force_limit = description.force_limit
         generator, amplifier = description.signal_generator, description.shaker_amplifier
         self.generator = SignalGenerator(ModbusLink.tcp(generator), generator.unit)
-        self.amplifier = ShakerAmplifier(ModbusLink.tcp(amplifier), amplifier.unit)
-        self.clock = WatchedClock(clock, description.watchdog / 2, self.amplifier.check)
+        owned = amplifier.watchdog_fed_by == "owner"
+        self.amplifier = ShakerAmplifier(ModbusLink.tcp(amplifier), amplifier.unit, owned=owned)
+        self.clock = WatchedClock(clock, self.amplifier, description.watchdog)
         line = ModbusLink.rtu(description.line)
         self.indicator = StrainIndicator(line, description.strain_indicator.unit, self.clock)
         self.positioner = Positioner(line, description.positioner.unit, self.clock)
@@ -83,6 +56,7 @@ class Bench:
         self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
         self.incidents = Incidents(self.clock)
         self.attended = False
+        self._safe = True
         self._other_links: list[ModbusLink | CanLink] = [line, can]
         if (place := description.sample_changer) is not None:
             self.changer = SampleChanger(ModbusLink.tcp(place), place.unit, self.clock)
@@ -108,6 +82,9 @@ class Bench:
             stack.enter_context(taken(TERMINATIONS, _terminate))
             self._open(self.amplifier.link, stack)
             self.amplifier.connect()
+            self._claim()
+            stack.callback(self._release)
+            stack.enter_context(self.clock.beating())
             self.amplifier.disable()  # a bench that was left driving stops, whatever cannot be opened next
             self._open(self.generator.link, stack)
             self.generator.connect()
@@ -134,6 +111,37 @@ class Bench:
     def _open(self, link: ModbusLink | CanLink, stack: ExitStack) -> None:
         link.open()
         stack.callback(link.close)
+
+    def _claim(self) -> None:
+        """Become the amplifier's owner; of one that died the watchdog may have to run out first.
+
+        Raises BenchInUse: another program owns it and is alive; nothing has been changed.
+        """
+        if self.amplifier.claim():
+            return
+        piece = self.amplifier.get("watchdog") / CLAIMS
+        for _ in range(CLAIMS):
+            self.clock.wait(piece)
+            if self.amplifier.claim():
+                return
+        raise BenchInUse(
+            f"{self.amplifier.name}: belongs to another program, which feeds its watchdog; wait for it or end it"
+        )
+
+    def _release(self) -> None:
+        if self._safe:
+            with suppress(BenchError), held(ENDINGS):  # its output is off, and nobody feeds its watchdog any more
+                self.amplifier.release()
+
+    @property
+    def cautions(self) -> list[str]:
+        """What a person should know before the bench drives."""
+        if self.amplifier.owned:
+            return []
+        return [
+            f"{self.amplifier.name}: any request feeds its watchdog, so that whoever else reads it keeps its output on "
+            "when this program dies; see that nobody does"
+        ]
 
     def _configure(self) -> None:
         """Put the bench file's settings into amplifier and indicator.
@@ -222,6 +230,8 @@ class Bench:
         self.amplifier.check()
         for device in self.devices:
             device.identify()
+            if device is self.amplifier:
+                self._claim()
             lost = device.differences()
             device.restore()
             for found in lost:
@@ -235,8 +245,9 @@ class Bench:
         self.clock.watching = False
         self.incidents.hold()
         self.amplifier.broken = self.generator.broken = ""
-        with held((signal.SIGINT, *TERMINATIONS)):
+        with held(ENDINGS):
             failures = self._switch_off()
+        self._safe = not failures
         if failures:
             message = (
                 "outputs could not all be switched off: "

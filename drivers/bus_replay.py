@@ -14,7 +14,7 @@ import struct
 import threading
 import tty
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
@@ -27,11 +27,18 @@ from drivers.modbus import ModbusLink
 from drivers.pcapng import Link, Packet, read_pcapng
 from instrument.bench import BenchDescription, TcpAddress
 from instrument.config import parse
+from instrument.contracts import shaker_amplifier
 from instrument.errors import ConfigError, UsageError
 
 LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes
 LINE = "line"
+TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its number; all that stands before the request
+AMPLIFIER = shaker_amplifier.CONTRACT
+ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # token and counter are written
+FIRST = bytes([0, 0, 0, 1])
+LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # the status alone is read
+LOOKED = b"\3\2\0\0"
 
 
 class BusReplay:
@@ -39,13 +46,18 @@ class BusReplay:
 
     It is the clock of the bench that is opened there, which is given to `attach` before.
 
+    What feeds the amplifier's watchdog may come at any time and finds out nothing: here it is always confirmed.
+
     Attributes:
+        goes_on: no time passes while the program waits for nothing.
         run: header of the run that was recorded, as its record has it.
         description: of the recorded bench; inside, with its addresses of now.
 
     Raises where it is made:
         UsageError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
     """
+
+    goes_on = False
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
         """`describe` says for people what a packet is."""
@@ -60,7 +72,7 @@ class BusReplay:
             bench: str = self.run["bench"]
         except (ValueError, KeyError, TypeError) as error:
             raise ConfigError(f"{self.path}: its run is of another palpate ({error}); replay with that one") from None
-        self._packets = [packet for packet in packets if packet.who != RUN]
+        self._packets = list(_without_heartbeats(packet for packet in packets if packet.who != RUN))
         self._at = 0
         self.description = parse(bench.encode(), BenchDescription, str(self.path))
         self._stack = ExitStack()
@@ -117,8 +129,11 @@ class BusReplay:
         def heard(sending: bool, data: bytes) -> None:
             if sending:
                 who = whom(data)
-                at = self._next(Packet(0, who, kind, True, data))
-                self._wire.expect(LINE if link.serial else who, len(data), self._reply(at))
+                sent = Packet(0, who, kind, True, data)
+                reply = _confirmed(data) if _is_heartbeat(sent) else self._reply(self._next(sent))
+                if reply and kind is Link.TCP:
+                    reply = data[:TRANSACTION] + reply[TRANSACTION:]
+                self._wire.expect(LINE if link.serial else who, len(data), reply)
 
         link.tap(heard)
 
@@ -157,9 +172,35 @@ class BusReplay:
 
 
 def _same(recorded: Packet, did: Packet) -> bool:
-    """A look at the clock is one whatever it shows."""
-    data = did.data if did.link is Link.NOTE else recorded.data
-    return (recorded.link, recorded.who, data) == (did.link, did.who, did.data)
+    """A look at the clock is one whatever it shows, a request on TCP the same whatever its number."""
+    if (recorded.link, recorded.who) != (did.link, did.who):
+        return False
+    begins = TRANSACTION if did.link is Link.TCP else 0
+    return did.link is Link.NOTE or recorded.data[begins:] == did.data[begins:]
+
+
+def _is_heartbeat(packet: Packet) -> bool:
+    """Whether it feeds the amplifier's watchdog and does nothing else; the first of a token claims the amplifier."""
+    if packet.who != AMPLIFIER.name:
+        return False
+    request = packet.data[MBAP:]
+    return packet.sent and (request == LOOK or (request.startswith(ALIVE) and request[-4:] != FIRST))
+
+
+def _confirmed(request: bytes) -> bytes:
+    """The answer to a heartbeat."""
+    reply = request[MBAP:][:5] if request[MBAP:].startswith(ALIVE) else LOOKED
+    return request[:4] + (len(reply) + 1).to_bytes(2) + request[6:MBAP] + reply
+
+
+def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
+    unheard = False  # the answer to one
+    for packet in packets:
+        of_amplifier = packet.who == AMPLIFIER.name
+        if of_amplifier and packet.sent:
+            unheard = _is_heartbeat(packet)
+        if not (of_amplifier and unheard):
+            yield packet
 
 
 class _Wire:

@@ -14,8 +14,17 @@ class Clock(Protocol):
         """Return when `duration` seconds of bench time have passed."""
 
 
+class BenchClock(Clock, Protocol):
+    """What a bench is opened with. `goes_on`: whether its time passes also while nobody waits."""
+
+    @property
+    def goes_on(self) -> bool: ...
+
+
 class WallClock:
     """The clock of a real bench; of a run that goes on it shows `begun` ns at the start."""
+
+    goes_on = True
 
     def __init__(self, begun: int = 0) -> None:
         self._start = time.monotonic_ns() - begun

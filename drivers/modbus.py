@@ -219,7 +219,7 @@ class ModbusLink:
             self._reply_due = False
         if reply.isError():
             code = getattr(reply, "exception_code", 0)
-            raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}")
+            raise DeviceError(f"{who}: answered exception {code}, {EXCEPTIONS.get(code, 'unknown')}", code=code)
         return reply
 
 

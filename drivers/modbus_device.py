@@ -99,7 +99,7 @@ class ModbusDevice(Device):
         try:
             reply = self.link.transact(self.name, read_registers, start, count, self.unit)
         except DeviceError as error:
-            raise DeviceError(f"{error}, to a read of {', '.join(names)}") from None
+            raise DeviceError(f"{error}, to a read of {', '.join(names)}", code=error.code) from None
         if reply.function_code != 3 or len(reply.registers) != count:
             raise DeviceError(
                 f"{self.name}: answered function {reply.function_code} with {len(reply.registers)} registers "
@@ -136,7 +136,7 @@ class ModbusDevice(Device):
         try:
             reply = self.link.transact(self.name, write_registers, start, registers, self.unit)
         except DeviceError as error:
-            raise DeviceError(f"{error}, to {self._described(values)}") from None
+            raise DeviceError(f"{error}, to {self._described(values)}", code=error.code) from None
         if reply.function_code != 16 or reply.address != start or reply.count != len(registers):
             raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
 

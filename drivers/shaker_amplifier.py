@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from drivers.modbus import ModbusLink
 from drivers.modbus_device import ModbusDevice
+from instrument.contract import Value
 from instrument.contracts import shaker_amplifier
-from instrument.errors import SafetyError
+from instrument.contracts.shaker_amplifier import SETTINGS
+from instrument.errors import BenchInUse, DeviceError, SafetyError, SettingsLost
 
 HOTTEST = 85.0  # degC; it trips at 90
+ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 2, 3, 6  # Modbus exception codes
+OFF = {"enable": "off"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +32,95 @@ class AmplifierState:
 
 
 class ShakerAmplifier(ModbusDevice):
+    """An amplifier that is `owned` obeys whoever has claimed it, and his signs of life alone feed its watchdog."""
+
     contract = shaker_amplifier.CONTRACT
+
+    def __init__(self, link: ModbusLink, unit: int, *, owned: bool = True) -> None:
+        super().__init__(link, unit)
+        self.owned = owned
+        self._token = 0
+        self._counters = {False: 0, True: 0}  # of signs of life, and of orders: these do not depend on the time
+        self._turn = threading.Lock()  # the counter rises in the order in which it is sent
+
+    def claim(self) -> bool:
+        """Become the owner, or stay it; False where another owner's watchdog is being fed.
+
+        Raises:
+            DeviceError: it has no owners. LinkError: it cannot be asked.
+        """
+        if not self.owned:
+            return True
+        if self._token:
+            try:
+                self.feed()
+                return True
+            except (BenchInUse, SettingsLost):
+                self._token = 0
+        try:
+            self._token, self._counters = int(self.get("ticket")), {False: 0, True: 0}
+        except DeviceError as error:
+            if error.code != ILLEGAL_ADDRESS:
+                raise
+            raise DeviceError(
+                f"{self.name}: has no owners, so whoever reads it keeps its output on though this program has died; "
+                'if that cannot be helped, write watchdog_fed_by = "any request" below [shaker_amplifier] in the bench '
+                "file"
+            ) from None
+        try:
+            self.feed()
+        except BenchInUse:
+            self._token = 0
+            return False
+        return True
+
+    def feed(self) -> None:
+        """Tell the watchdog that this program is alive; said again where it is not confirmed, as it does no harm.
+
+        Raises:
+            BenchInUse: another program has claimed it. SettingsLost: it knows of no owner, having been switched off.
+            LinkError, DeviceError: it does not answer.
+        """
+        self._asked(self.live)
+
+    def live(self) -> None:
+        """As `feed`, said once."""
+        if self._token:
+            self._told(lambda: self._as_owner({}))
+        else:
+            self._told(lambda: self._read(("status",)))
+
+    def release(self) -> None:
+        """Output off, and nobody's from now on. Raises LinkError, DeviceError."""
+        token, self._token = self._token, 0
+        if token:
+            self.set(release=token)
+
+    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> None:
+        if not self._token or not values.keys() <= SETTINGS.keys() or values == OFF:
+            super()._write(start, registers, values)
+            return
+        for name, register in zip(sorted(values, key=SETTINGS.__getitem__), registers, strict=True):
+            self._as_owner({"order": name, "order_value": register}, {name: values[name]})
+
+    def _as_owner(self, order: Mapping[str, Value], meant: Mapping[str, Value] | None = None) -> None:
+        """Token and counter, and a setting that is `meant`."""
+        with self._turn:
+            self._counters[bool(order)] += 1
+            block = {"token": self._token, "counter": self._counters[bool(order)], **order}
+            data = b"".join(self.contract.encode(name, value) for name, value in block.items())
+            registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
+            try:
+                super()._write(self.contract["token"].address, registers, meant or block)
+            except DeviceError as error:
+                if error.code == DEVICE_BUSY:
+                    raise BenchInUse(
+                        f"{self.name}: belongs to another program, which feeds its watchdog; wait for that to end, or "
+                        "look for who else knows its address"
+                    ) from None
+                if error.code == ILLEGAL_VALUE:
+                    raise SettingsLost(f"{self.name}: does not know this program any more; look at it") from None
+                raise
 
     def configure(self, gain: float, current_limit: float, watchdog: float) -> None:
         """Set the voltage gain V/V, the peak current A at which it trips, and the watchdog time-out s."""
@@ -45,7 +140,7 @@ class ShakerAmplifier(ModbusDevice):
         self.set(clear_faults=1)
 
     def read(self) -> AmplifierState:
-        """Currents, temperature and faults; this read also feeds the watchdog."""
+        """Currents, temperature and faults."""
         current, voltage, temperature, faults, latched, status = self.get_many(
             "output_current", "output_voltage", "temperature", "faults", "faults_latched", "status"
         )

@@ -6,7 +6,7 @@ A simulated bench differs from a real one only in the addresses of this descript
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
@@ -29,8 +29,9 @@ class TcpAddress(Config):
 
 
 class Amplifier(TcpAddress):
-    """The shaker amplifier and its settings."""
+    """The shaker amplifier, its settings, and what feeds its watchdog: its owner alone, or any request of anybody."""
 
+    watchdog_fed_by: Literal["owner", "any request"] = "owner"
     gain: float = Field(default=2.0, ge=0, le=20, strict=True)  # V/V [A]
     current_limit: Amperes = Field(default=5.0, ge=0.1, le=6)  # peak [A]
 

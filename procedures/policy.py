@@ -15,6 +15,7 @@ from drivers.bench import Bench
 from drivers.device import READ_ATTEMPTS
 from instrument.errors import (
     BenchError,
+    BenchInUse,
     DeviceError,
     IdentityError,
     LinkError,
@@ -52,6 +53,7 @@ class Policy:
 POLICIES = (
     Policy("a limit of the bench is passed, or the amplifier has tripped", (SafetyError,), STOP),
     Policy("another device stands in the place of one", (IdentityError,), STOP),
+    Policy("another program has the amplifier", (BenchInUse,), STOP),
     Policy("another sample is mounted than was ordered, or it was away meanwhile", (SampleError,), STOP),
     Policy("the rig cannot reach what is asked for", (UnreachableError,), STOP),
     Policy("settings are lost or changed: power cycle, reboot, front panel", (SettingsLost,), RESTORE, ATTEMPTS),

@@ -28,6 +28,8 @@ class VirtualClock:
     the result does not depend on how a wait is cut into pieces.
     """
 
+    goes_on = False  # for whoever waits on it; a served one is moved on by the pacer
+
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()
         self._now = 0

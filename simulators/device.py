@@ -37,8 +37,12 @@ class SimulatedDevice:
         return self.settings[name]
 
     def write(self, values: dict[str, float]) -> None:
-        """Take new settings, already checked against the contract's limits. Raises Refused."""
+        """Take what a client writes, already checked against the contract's limits. Raises Refused."""
         self.settings.update(values)
+
+    def turn(self, values: dict[str, float]) -> None:
+        """Take what somebody sets at the front panel. Raises Refused."""
+        self.write(values)
 
     def read_text(self, name: str) -> str:
         """What a text field says now."""
@@ -50,7 +54,7 @@ class SimulatedDevice:
 
     def reset(self) -> None:
         """As after power-on."""
-        self.write({f.name: float(f.default) for f in self.contract.fields if f.access == "rw"})
+        self.turn({f.name: float(f.default) for f in self.contract.fields if f.access == "rw"})
 
     def out_of_range(self) -> None:
         """A write was refused because a value lies outside the contract's limits."""

@@ -9,14 +9,17 @@ import numpy as np
 
 from instrument.contracts import shaker_amplifier
 from instrument.contracts.shaker_amplifier import FAULTS
+from simulators.amplifier_owner import Owner
 from simulators.clock import NEVER, VirtualClock
-from simulators.device import DEVICE_FAILURE, Refused, SimulatedDevice
+from simulators.device import DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice
 from simulators.linear.periodic import Periodic
 
 AMBIENT = 25.0  # degC [A]
 THERMAL_RESISTANCE = 2.0  # K/W of the power in the coil [A]
 THERMAL_TIME = 300.0  # s [A]
 HOT = 90.0  # degC at which it trips [A]
+LONGEST_SILENCE = 60.0  # s, after which an owner is taken for gone where there is no watchdog
+OWNERS = {"counter", "order", "order_value"}  # that mean nothing without a token
 COOL = 80.0  # degC to which it must cool before that fault is gone [A]
 
 
@@ -38,7 +41,7 @@ class ShakerAmplifier(SimulatedDevice):
         self._source = source
         self._changed = changed
         self._resistance = coil_resistance
-        self._last_request_ns = 0
+        self._owner = Owner()
         self._latched = 0
         self._rms = 0.0  # V, of the output
         self._heated_from = self._heating_to = AMBIENT
@@ -58,6 +61,34 @@ class ShakerAmplifier(SimulatedDevice):
         self._changed()
 
     def write(self, values: dict[str, float]) -> None:
+        """From its owner; from others while it has none that is alive; and from anybody that the output goes off."""
+        if "token" not in values and values.keys() & OWNERS:
+            raise Refused(ILLEGAL_VALUE)
+        now, lease_ns = self.clock.now_ns(), self._seconds_ns(self.settings["watchdog"] or LONGEST_SILENCE)
+        if "token" in values:
+            self._owner.heard(values, now, lease_ns)
+            if order := self._order(values):
+                self.turn(order)
+        elif "release" in values:
+            self._owner.release(values["release"])
+            self.turn({"enable": 0.0})
+        elif values != {"enable": 0.0}:
+            self._owner.replaced(now, lease_ns)
+            self.turn(values)
+        else:
+            self.turn(values)
+
+    def _order(self, values: dict[str, float]) -> dict[str, float]:
+        """The setting that the owner writes, by its name; none where he is just heard of."""
+        if "order" not in values:
+            return {}
+        name = self.contract.choice("order", values["order"])
+        value = self.contract.decode(name, int(values["order_value"]).to_bytes(2, "big"))
+        if not self.contract.allows(name, value):
+            raise Refused(ILLEGAL_VALUE)
+        return {name: value}
+
+    def turn(self, values: dict[str, float]) -> None:
         if values.get("enable") and self._latched:
             raise Refused(DEVICE_FAILURE)
         if values.get("clear_faults"):
@@ -78,11 +109,14 @@ class ShakerAmplifier(SimulatedDevice):
             case "faults_latched":
                 return self._latched
             case "status":
-                return self.settings["enable"]  # bit 0
+                return self.settings["enable"] + 2 * bool(self._owner.token)  # bits 0 and 1
+            case "ticket":
+                return self._owner.ticket()
         return super().read(name)
 
     def requested(self) -> None:
-        self._last_request_ns = self.clock.now_ns()
+        if not self._owner.token:
+            self._owner.fed_ns = self.clock.now_ns()
 
     def next_event_ns(self) -> int:
         if not self.settings["enable"]:
@@ -101,12 +135,17 @@ class ShakerAmplifier(SimulatedDevice):
 
     def reset(self) -> None:
         self._latched = 0
+        self._owner.forget()
         super().reset()
 
     def _watchdog_ns(self) -> int:
-        """When the watchdog drops the output unless a request comes."""
-        timeout = self.speed * self.settings["watchdog"]
-        return self._last_request_ns + round(timeout * 1e9) if timeout else NEVER
+        """When the watchdog drops the output unless it is fed."""
+        timeout = self.settings["watchdog"]
+        return self._owner.fed_ns + self._seconds_ns(timeout) if timeout else NEVER
+
+    def _seconds_ns(self, seconds: float) -> int:
+        """Of the clients' time."""
+        return round(self.speed * seconds * 1e9)
 
     def _hot_ns(self) -> int:
         """When the heat sink reaches its limit if nothing changes."""

@@ -6,6 +6,7 @@ The bench is imported where it is used: the process that hands the tests to the 
 from __future__ import annotations
 
 import os
+import signal
 import stat
 import threading
 from collections.abc import Iterator
@@ -33,8 +34,10 @@ def hasty(description: BenchDescription) -> BenchDescription:
 
 
 def pytest_configure() -> None:
-    """A worker has a core: threads of the linear algebra would only get in each other's way."""
+    """A worker has a core: threads of the linear algebra would only get in each other's way. Ctrl-C is not ignored."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a script: commands under test get it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -67,6 +70,16 @@ def open_ends() -> set[str]:
 def latched(sim: SimulatedBench) -> frozenset[str]:
     """Latched faults, read behind the bus: a request would feed the watchdog."""
     return sim.amplifier.contract.set_bits("faults_latched", sim.amplifier.read("faults_latched"))
+
+
+@pytest.fixture
+def foreground() -> Iterator[None]:
+    """Signals that end a program do so, however these tests were started."""
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, signal.SIG_DFL) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -10,9 +10,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import click
+
 from drivers.bench import Bench
 from drivers.bus_log import BusLog, check_log
-from drivers.clock import Clock, WallClock
+from drivers.clock import BenchClock, WallClock
 from instrument.bench import BenchDescription, read_bench
 from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
 from instrument.contracts import contracts_digest
@@ -128,7 +130,7 @@ def open_session(
         mounting = check_somebody(by_hand, given.sample_changer is not None, choice.assume_mounted)
     with ExitStack() as stack:
         folder = resumed.folder if resumed else stack.enter_context(places(choice, procedure, today))
-        clock: Clock = WallClock(0 if resumed is None else resumed.bench_ns)
+        clock: BenchClock = WallClock(0 if resumed is None else resumed.bench_ns)
         operator: Operator = ConsoleOperator(assume if mounting == "assumed" else None)
         description = given
         if replay is not None:
@@ -183,6 +185,9 @@ def open_session(
             record = stack.enter_context(resumed)
         stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
         opened.attend(record.event)
+        for caution in opened.cautions:
+            click.echo(f"palpate: note: {caution}", err=True)
+            record.event("caution", caution, opened.clock.now_ns())
         with storing(folder):
             (folder / "bench.toml").write_text(str(header["bench"]), encoding="utf-8")
             if chosen is not None:

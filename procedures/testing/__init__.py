@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from drivers.bench import Bench, WatchedClock
+    from drivers.bench import Bench
+    from drivers.watched_clock import WatchedClock
     from instrument.bench import BenchDescription
     from instrument.operator import Operator
     from procedures.testing.benches import Watch

@@ -77,7 +77,7 @@ class FrontPanel(DeviceFault):
             found = node(sim, self.on)
             found.write(sensor_node.CONTRACT[self.setting], self.value)
         else:
-            device(sim, self.on).write({self.setting: self.value})
+            device(sim, self.on).turn({self.setting: self.value})
 
 
 def device(sim: SimulatedBench, name: str) -> SimulatedDevice:

@@ -18,6 +18,7 @@ from tests.benchmarks import (
     faults,
     fixture,
     kills,
+    load,
     masters,
     models,
     numbers,
@@ -56,7 +57,13 @@ PARTS = {
     "start_up": start_up.measure,
 }
 # A quarter of an hour and more: only by name.
-LONG = {"faults": faults.measure, "kills": kills.measure, "served_kills": served_kills.measure, "soak": soak.measure}
+LONG = {
+    "faults": faults.measure,
+    "kills": kills.measure,
+    "load": load.measure,
+    "served_kills": served_kills.measure,
+    "soak": soak.measure,
+}
 
 
 def main(names: list[str]) -> int:

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Iterator
 
 import pytest
 
@@ -22,25 +21,12 @@ ENDING = pytest.mark.parametrize(
 )
 
 
+pytestmark = pytest.mark.usefixtures("foreground")
 REQUESTS = 100  # more than any that a signal can be late by
 
 
 class Failure(Exception):
     """Nothing that palpate raises itself."""
-
-
-@pytest.fixture(autouse=True)
-def dispositions() -> Iterator[None]:
-    """Signals as a shell in the foreground leaves them, however these tests were started."""
-    defaults = {
-        signal.SIGTERM: signal.SIG_DFL,
-        signal.SIGHUP: signal.SIG_DFL,
-        signal.SIGINT: signal.default_int_handler,
-    }
-    before = {number: signal.signal(number, handler) for number, handler in defaults.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def test_outputs_are_off_after_a_normal_exit(sim: SimulatedBench) -> None:
@@ -103,15 +89,18 @@ def test_a_signal_that_the_program_was_started_to_ignore_ends_nothing(
     number: signal.Signals, sim: SimulatedBench
 ) -> None:
     """As by nohup, or in the background of a script."""
-    signal.signal(number, signal.SIG_IGN)
-    with open_bench(sim) as bench:
-        drive(bench)
-        os.kill(os.getpid(), number)
-        bench.clock.wait(1.0)
-        assert driving(sim)
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with open_bench(sim) as bench:
+            drive(bench)
+            os.kill(os.getpid(), number)
+            bench.clock.wait(1.0)
+            assert driving(sim)
+            assert signal.getsignal(number) == signal.SIG_IGN
+        assert not driving(sim)
         assert signal.getsignal(number) == signal.SIG_IGN
-    assert not driving(sim)
-    assert signal.getsignal(number) == signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])

@@ -25,6 +25,8 @@ from tests.conftest import hasty
 class Ticking:
     """A clock that is never twice the same, as that of the wall."""
 
+    goes_on = False
+
     def __init__(self, sim: SimulatedBench) -> None:
         self._clock = sim.clock
         self._looks = 0
@@ -96,6 +98,30 @@ def test_a_request_that_was_not_answered_is_not_answered(sim: SimulatedBench, lo
             return bench.positioner.position()
 
     assert logged(sim, log, use) == replayed(sim, log, use) == 1e-3
+
+
+@pytest.mark.parametrize("fed_by", ["owner", "any request"])
+def test_signs_of_life_to_the_watchdog_may_come_at_other_times_than_in_the_log(
+    sim: SimulatedBench, log: Path, fed_by: str
+) -> None:
+    """On a wall's clock a thread gives them."""
+    amplifier = sim.description.shaker_amplifier.model_copy(update={"watchdog_fed_by": fed_by})
+    sim.description = sim.description.model_copy(update={"shaker_amplifier": amplifier})
+
+    def use(bench: Bench, *beats: int) -> list[Any]:
+        heard: list[Any] = []
+        with bench:
+            bench.drive()
+            for gain, count in enumerate(beats):
+                for _ in range(count):
+                    bench.amplifier.live()
+                bench.amplifier.set(gain=gain)
+                bench.clock.wait(1.5)
+                heard += [bench.amplifier.read(), bench.clock.now_ns()]
+        return heard
+
+    heard = logged(sim, log, lambda bench: use(bench, 0, 3, 1))
+    assert replayed(sim, log, lambda bench: use(bench, 2, 0, 5)) == heard
 
 
 def changed(log: Path, change: Callable[[list[Packet]], list[Packet]]) -> None:

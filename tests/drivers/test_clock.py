@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from drivers.bench import Bench, WatchedClock
+from drivers.bench import Bench
 from drivers.clock import WallClock
 from instrument.errors import SafetyError
 from simulators.bench import SimulatedBench
@@ -56,24 +56,3 @@ def test_a_wall_clock_counts_from_its_start_and_takes_waits_that_are_over() -> N
     clock.wait(-1e-9)
     first = clock.now_ns()
     assert 0 <= first <= clock.now_ns()
-
-
-def test_watching_cuts_a_wait_into_pieces_no_longer_than_allowed() -> None:
-    class Recorder:
-        def __init__(self) -> None:
-            self.waits: list[float] = []
-
-        def now_ns(self) -> int:
-            return 0
-
-        def wait(self, duration: float) -> None:
-            self.waits.append(duration)
-
-    fed: list[None] = []
-    recorder = Recorder()
-    clock = WatchedClock(recorder, 1.0, lambda: fed.append(None))
-    clock.wait(2.5)
-    assert (recorder.waits, len(fed)) == ([2.5], 0)
-    clock.watching = True
-    clock.wait(2.5)
-    assert (recorder.waits[1:], len(fed)) == ([1.0, 1.0, 0.5], 3)

@@ -17,10 +17,12 @@ import pytest
 
 from drivers.bench import Bench
 from drivers.modbus_device import ModbusDevice
+from drivers.shaker_amplifier import ShakerAmplifier
 from instrument.contract import Contract, Field, Value
 from instrument.contracts import CONTRACTS
 from instrument.contracts.sensor_node import SYNC_COB_ID
 from instrument.sample import get_sample
+from simulators.amplifier_owner import Owner
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice
 from simulators.scene import Scene
@@ -139,6 +141,10 @@ def test_driver_and_simulator_exchange_the_golden_frames_of_all_registers(
     device: str, pair: tuple[ModbusDevice, SimulatedDevice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver, simulated = pair
+    if isinstance(driver, ShakerAmplifier):
+        driver.release()  # an owner writes orders: see below
+    taken: list[dict[str, float]] = []
+    monkeypatch.setattr(simulated, "write", taken.append)
     wire = listen(driver.link, monkeypatch)
     for field in driver.contract.fields:
         golden = GOLDEN[device]["fields"][field.name]
@@ -159,6 +165,23 @@ def test_driver_and_simulator_exchange_the_golden_frames_of_all_registers(
             assert (wire.requests[-1], wire.replies[-1]) == read_exchange(field, golden), field.name
             assert means(driver.contract, field.name, number, golden["value"])
     assert len(wire.requests) == sum(2 if field.access == "rw" else 1 for field in driver.contract.fields)
+
+
+def test_the_owner_of_the_amplifier_writes_the_golden_orders(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    amplifier, golden = bench.amplifier, GOLDEN["shaker_amplifier"]["owner"]
+    amplifier.release()
+    monkeypatch.setattr(sim.amplifier, "_owner", Owner())  # which begins with the golden ticket
+    wire = listen(amplifier.link, monkeypatch)
+    assert amplifier.claim()
+    amplifier.feed()
+    amplifier.set(gain=12.34)
+    amplifier.enable()
+    amplifier.disable()
+    amplifier.release()
+    assert wire.requests[1:] == [bits(frame) for frame in golden.values()]
+    assert wire.replies[1:] == [bits(frame)[:5] for frame in golden.values()]
 
 
 @pytest.mark.parametrize("device", MODBUS)

@@ -32,7 +32,8 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
     modbus = [m for m in whole if not re.match("node|all nodes", m["who"])]
     said = [(m["who"], m["text"]) for m in modbus]
     assert {who for who, _ in said} == {"signal_generator", "shaker_amplifier", "strain_indicator", "positioner"}
-    assert ("shaker_amplifier", "<- write gain = 2 V/V, current_limit = 5 A") in said
+    owned = "token = 2654435761, counter = 2, order = current_limit, order_value = 5000"
+    assert ("shaker_amplifier", f"<- write {owned}") in said
     assert ("positioner", "<- write command = home") in said
     assert any(who == "strain_indicator" and re.search(r"reading = \d\S* mV", text) for who, text in said)
     assert [text[:2] for _, text in said] == ["<-", "->"] * (len(said) // 2)  # each request has its answer

@@ -17,6 +17,7 @@ from procedures.run import Run
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Benches, Palpate, outputs
 
+pytestmark = pytest.mark.usefixtures("foreground")
 SMALL = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")
 DRIVEN = (1, "sample 1, 3 N")  # a point is stored, and the next load is about to be set
 

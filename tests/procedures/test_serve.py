@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import socket
 import sys
@@ -26,6 +27,7 @@ from procedures.cli.options import Output
 from procedures.cli.served import Person, Traffic, status
 from procedures.cli.serving import Wish, serve_until_told, serving
 from procedures.point_by_point import Progress
+from procedures.run import Run
 from simulators.bench import Place, SimulatedBench
 from simulators.clock import VirtualClock
 from simulators.rig import STANDARD_GRAVITY
@@ -84,6 +86,35 @@ def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_ru
         for one, other in zip(found["samples"], alone, strict=True):
             apart = 3 * math.hypot(one["force_ratio_u"], other["force_ratio_u"])
             assert one["force_ratio"] == pytest.approx(other["force_ratio"], abs=apart)
+
+
+def test_a_bench_whose_amplifier_anybody_feeds_says_so_before_it_drives_and_in_its_record(
+    palpate: Palpate, wish: Wish, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = Path("bench.toml")
+    with serving(replace(wish, samples=(get_sample("1"),), out=place)) as served:
+        same_wall(monkeypatch, served.sim)
+        owned = place.read_text()
+        place.write_text(owned.replace('watchdog_fed_by = "owner"', 'watchdog_fed_by = "any request"'))
+        sweep = (
+            "sweep",
+            "loads",
+            "--samples",
+            "1",
+            "--loads",
+            "2 N",
+            "--dwell",
+            "0.2 s",
+            "--json",
+            "--bench",
+            str(place),
+        )
+        said = palpate(*sweep, "--out", "run")
+        assert said.status == 0
+        assert re.match("palpate: note: shaker amplifier at .*: any request feeds its watchdog", said.err)
+        assert Run.open(Path("run")).events()[0]["kind"] == "caution"
+        place.write_text(owned)
+        assert palpate(*sweep).err == ""
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,83 @@
+"""The bench's clock as drivers and procedures see it: while it is watching, the amplifier's watchdog is fed in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
+from drivers.clock import BenchClock
+from drivers.heartbeat import Heartbeat
+from drivers.shaker_amplifier import ShakerAmplifier
+
+
+class WatchedClock:
+    """Waits are cut into pieces of half the watchdog's time, and after each the amplifier is looked at.
+
+    Where time passes in waits alone, they feed the watchdog, too. Where it goes on by itself, what is done between two
+    waits may take longer than the watchdog's time: there a heartbeat feeds it.
+    """
+
+    def __init__(self, clock: BenchClock, amplifier: ShakerAmplifier, watchdog: float) -> None:
+        self._clock = clock
+        self._amplifier = amplifier
+        self._longest = watchdog / 2
+        self._unfed = 0.0  # s of waits
+        self._heartbeat = Heartbeat(amplifier.live, watchdog / 4) if clock.goes_on else None
+        self._heard: Callable[[int], object] = lambda _now_ns: None
+        self._watching = False
+
+    def tap(self, heard: Callable[[int], object]) -> None:
+        """From now on call `heard` with each time that is told [ns]."""
+        self._heard = heard
+
+    def beating(self) -> AbstractContextManager[object]:
+        """Inside, the owner of the amplifier is alive, whether it drives or not."""
+        return self._heartbeat or nullcontext()
+
+    @property
+    def watching(self) -> bool:
+        """Whether the amplifier drives, and has to be fed and looked at."""
+        return self._watching
+
+    @watching.setter
+    def watching(self, watching: bool) -> None:
+        self._watching = watching
+        self._unfed = 0.0
+        if self._heartbeat:
+            self._heartbeat.expect(0.0 if watching else math.inf)
+            self._heartbeat.failure()  # of before
+
+    def now_ns(self) -> int:
+        now = self._clock.now_ns()
+        self._heard(now)
+        return now
+
+    def wait(self, duration: float) -> None:
+        """Wait `duration` s.
+
+        Raises:
+            SafetyError: the amplifier trips meanwhile. BenchInUse, SettingsLost: it no longer knows its owner.
+        """
+        while self.watching and duration > self._longest:
+            self._pass(self._longest)
+            duration -= self._longest
+        self._pass(duration)
+
+    def _pass(self, duration: float) -> None:
+        if not self.watching:
+            self._clock.wait(duration)
+            return
+        if self._heartbeat:
+            self._heartbeat.expect(duration)
+        self._clock.wait(duration)
+        if self._heartbeat:
+            self._heartbeat.expect(0.0)
+            if failure := self._heartbeat.failure():
+                raise failure
+        else:
+            self._unfed += duration
+            if 2 * self._unfed >= self._longest:
+                self._amplifier.feed()
+                self._unfed = 0.0
+        self._amplifier.check()

@@ -1,0 +1,283 @@
+"""The amplifier obeys its owner: strangers neither keep its output on nor set it, but anybody may switch it off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymodbus.client import ModbusTcpClient
+
+from drivers.bench import CLAIMS, Bench
+from instrument.bench import BenchDescription
+from instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
+from instrument.errors import BenchInUse, DeviceError, SettingsLost
+from simulators.bench import SimulatedBench
+from simulators.clock import VirtualClock
+from simulators.device import Refused
+from simulators.linear.periodic import Periodic
+from simulators.shaker_amplifier import ShakerAmplifier
+from tests.conftest import latched
+from tests.drivers.benches import drive, driving, open_bench
+
+WATCHDOG = 2.0  # s
+BUSY, ILLEGAL_VALUE = 6, 3
+
+
+def test_a_setting_stands_where_its_order_says() -> None:
+    assert {name: CONTRACT[name].address for name in SETTINGS} == SETTINGS
+
+
+# --- a dead owner --------------------------------------------------------------------------------------
+
+
+def test_strangers_who_read_a_bench_do_not_keep_a_dead_program_s_output_on(bench: Bench, sim: SimulatedBench) -> None:
+    drive(bench)
+    address = sim.description.shaker_amplifier
+    with ExitStack() as stack:
+        strangers = [ModbusTcpClient(address.host, port=address.port) for _ in range(3)]
+        for stranger in strangers:
+            stranger.connect()
+            stack.callback(stranger.close)
+        for _ in range(4):
+            sim.clock.wait(WATCHDOG / 4)  # nobody speaks for the program any more
+            for stranger in strangers:
+                assert not stranger.read_holding_registers(CONTRACT["status"].address, count=1).isError()
+    assert sim.amplifier.settings["enable"] == 0.0
+    assert latched(sim) == {"watchdog"}
+
+
+class Scene:
+    """An amplifier alone, at whose wire owner and strangers are."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        sine = Periodic(0.0, 0, 0, 0, np.array([1]), np.array([1.0 + 0j]))
+        self.device = ShakerAmplifier(self.clock, "SIM", lambda: sine, lambda: None, 3.5)
+
+    def read(self, name: str) -> int:
+        self.device.requested()
+        return int(self.device.read(name))
+
+    def write(self, **values: float) -> int:
+        """Exception code of the answer, 0 for none."""
+        self.device.requested()
+        try:
+            self.device.write(values)
+        except Refused as refused:
+            return refused.code
+        return 0
+
+
+STRANGERS: dict[str, Callable[[Scene, int], int]] = {
+    "reads": lambda scene, _: scene.read("status") and BUSY,
+    "claims": lambda scene, _: scene.write(token=scene.read("ticket"), counter=1),
+    "says again what the owner said": lambda scene, token: scene.write(token=token, counter=1),
+    "enables as the owner did": lambda scene, token: scene.write(
+        token=token, counter=2, order=SETTINGS["enable"], order_value=1
+    ),
+    "enables": lambda scene, _: scene.write(enable=1.0),
+    "sets": lambda scene, _: scene.write(gain=20.0, current_limit=6.0),
+    "stops the watchdog": lambda scene, _: scene.write(watchdog=0.0),
+    "releases": lambda scene, _: scene.write(release=scene.read("ticket")),
+    "counts": lambda scene, _: scene.write(counter=2.0**32 - 1),
+}
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    strangers=st.lists(st.sampled_from(sorted(STRANGERS)), min_size=1, max_size=31),
+    pauses=st.lists(st.integers(1, 1999), max_size=5),
+    tried=st.integers(0, 1999),
+)
+def test_the_output_drops_within_the_time_out_whenever_its_owner_dies_and_whoever_else_is_there(
+    strangers: list[str], pauses: list[int], tried: int
+) -> None:
+    """The owner lives for so many pauses, in ms; `tried` ms after his last sign of life the others try again."""
+    scene = Scene()
+    token = scene.read("ticket")
+
+    def tries() -> None:
+        for stranger in strangers:
+            assert STRANGERS[stranger](scene, token) in (BUSY, ILLEGAL_VALUE), stranger
+        assert scene.device.settings["enable"] == 1.0
+        assert scene.device.settings["gain"] == CONTRACT["gain"].default
+
+    own = partial(scene.write, token=token)
+    assert own(counter=1) == 0
+    assert own(counter=1, order=SETTINGS["watchdog"], order_value=1000 * WATCHDOG) == 0
+    assert own(counter=2, order=SETTINGS["enable"], order_value=1) == 0
+    for count, pause in enumerate(pauses, 2):
+        tries()
+        scene.clock.wait(1e-3 * pause)
+        tries()
+        assert own(counter=count) == 0
+    scene.clock.wait(1e-3 * tried)
+    tries()
+    scene.clock.wait(WATCHDOG - 1e-3 * tried)
+    assert scene.device.settings["enable"] == 0.0
+    assert scene.write(token=scene.read("ticket"), counter=1) == 0  # and another may follow him
+
+
+# --- who may write -------------------------------------------------------------------------------------
+
+
+def test_while_it_is_owned_others_may_switch_it_off_and_nothing_else(bench: Bench, sim: SimulatedBench) -> None:
+    drive(bench)
+    stranger = open_bench(sim).amplifier
+    stranger.link.open()
+    try:
+        for write in (
+            stranger.enable,
+            stranger.clear_faults,
+            lambda: stranger.configure(20.0, 6.0, 60.0),
+            lambda: stranger.set(watchdog=60.0),
+            lambda: stranger.set(release=1),
+        ):
+            with pytest.raises(DeviceError, match="device busy"):
+                write()
+        assert driving(sim)
+        assert sim.amplifier.settings["gain"] == sim.description.shaker_amplifier.gain
+        stranger.disable()
+    finally:
+        stranger.link.close()
+    assert sim.amplifier.settings["enable"] == 0.0
+
+
+def test_an_amplifier_that_nobody_has_claimed_is_anybody_s_and_any_request_feeds_it(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    bench.amplifier.release()
+    bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=0.5)
+    bench.amplifier.enable()
+    for _ in range(5):
+        sim.clock.wait(0.4)
+        bench.amplifier.get("gain")
+    bench.amplifier.set(watchdog=0)
+    sim.clock.wait(1000.0)
+    assert bench.amplifier.read().enabled
+
+
+def test_to_release_it_switches_it_off(bench: Bench, sim: SimulatedBench) -> None:
+    drive(bench)
+    bench.amplifier.release()
+    assert (sim.amplifier.settings["enable"], sim.amplifier._owner.token) == (0.0, 0)
+
+
+# --- two programs, on two machines ---------------------------------------------------------------------
+
+
+@pytest.fixture
+def elsewhere(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> BenchDescription:
+    """The same bench as another machine has it, whose locks are not ours."""
+    monkeypatch.setattr("drivers.bench.BenchLock", lambda _description: ExitStack())
+    return sim.description
+
+
+def test_a_program_on_another_machine_is_refused_and_changes_nothing(
+    sim: SimulatedBench, elsewhere: BenchDescription
+) -> None:
+    with open_bench(sim) as first:
+        drive(first)
+        waits = []
+
+        class Feeding:
+            """Time in which the first program goes on, too."""
+
+            goes_on = False
+            now_ns = sim.clock.now_ns
+
+            def wait(self, duration: float) -> None:
+                waits.append(duration)
+                first.clock.wait(duration)
+
+        before = dict(sim.amplifier.settings), dict(sim.generator.settings)
+        with pytest.raises(
+            BenchInUse, match=r"shaker amplifier at .* belongs to another program.*wait for it or end it"
+        ):
+            Bench(elsewhere, Feeding(), sim.operator).__enter__()
+        assert (dict(sim.amplifier.settings), dict(sim.generator.settings)) == before
+        assert sum(waits) == pytest.approx(WATCHDOG) and len(waits) == CLAIMS
+        assert driving(sim)
+        first.clock.wait(10.0)
+        assert driving(sim)
+
+
+def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
+    sim: SimulatedBench, elsewhere: BenchDescription
+) -> None:
+    killed = open_bench(sim)
+    killed.__enter__()
+    drive(killed)
+    for link in (killed.amplifier.link, killed.generator.link, *killed._other_links):
+        link.close()
+    died = sim.clock.now_ns()
+    with open_bench(sim) as second:
+        assert WATCHDOG <= 1e-9 * (sim.clock.now_ns() - died) <= 1.2 * WATCHDOG
+        drive(second)
+        killed.amplifier.link.open()  # it was stopped, and goes on
+        with closing(killed.amplifier.link):
+            with pytest.raises(BenchInUse, match="belongs to another program"):
+                killed.clock.wait(1.0)
+            with pytest.raises(DeviceError, match="device busy"):
+                killed.amplifier.release()
+        assert driving(sim)
+
+
+def test_an_amplifier_that_was_off_meanwhile_is_claimed_again_with_its_settings(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    bench.amplifier.set(gain=3.0)
+    sim.amplifier.reset()
+    with pytest.raises(SettingsLost, match="does not know this program any more"):
+        bench.amplifier.feed()
+    bench.recover()
+    assert sim.amplifier.settings["gain"] == 3.0
+    drive(bench)
+    bench.clock.wait(10.0)
+    assert driving(sim)
+
+
+# --- amplifiers without owners -------------------------------------------------------------------------
+
+
+def without_owners(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The registers are not there: every amplifier but ours."""
+    fields = tuple(field for field in CONTRACT.fields if field.address < CONTRACT["ticket"].address)
+    read, write = sim.amplifier.read, sim.amplifier.write
+    monkeypatch.setattr(sim.amplifier, "contract", replace(CONTRACT, fields=fields))
+
+    def refuse(call: Callable[..., object], asked: set[str], value: object) -> object:
+        if not asked <= {field.name for field in fields}:
+            raise Refused(2)
+        return call(value)
+
+    monkeypatch.setattr(sim.amplifier, "read", lambda name: refuse(read, {name}, name))
+    monkeypatch.setattr(sim.amplifier, "write", lambda values: refuse(write, set(values), values))
+
+
+def test_an_amplifier_without_owners_is_refused_until_the_bench_file_says_so(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_owners(sim, monkeypatch)
+    with pytest.raises(DeviceError, match=r'has no owners.* watchdog_fed_by = "any request" .*bench file'):
+        open_bench(sim).__enter__()
+    amplifier = sim.description.shaker_amplifier.model_copy(update={"watchdog_fed_by": "any request"})
+    description = sim.description.model_copy(update={"shaker_amplifier": amplifier})
+    with open_bench(sim, description) as bench:
+        assert len(bench.cautions) == 1
+        assert bench.cautions[0].startswith(f"{bench.amplifier.name}: any request feeds its watchdog, so that whoever")
+        drive(bench)
+        bench.clock.wait(10.0)
+        assert driving(sim)
+        sim.clock.wait(WATCHDOG)
+        assert not sim.amplifier.settings["enable"]
+
+
+def test_a_bench_whose_amplifier_has_an_owner_has_nothing_to_warn_of(bench: Bench) -> None:
+    assert bench.cautions == []

@@ -1,0 +1,167 @@
+"""While the bench drives, its amplifier is fed in time and looked at, whatever the program does meanwhile."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from drivers.bench import Bench
+from drivers.heartbeat import PATIENCE, Heartbeat
+from drivers.watched_clock import WatchedClock
+from instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
+from simulators.bench import SimulatedBench
+from tests.drivers.benches import drive, driving
+
+
+class Amplifier:
+    """What the clock asks of one, in order."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def feed(self) -> None:
+        self.asked.append("feed")
+
+    live = feed
+
+    def check(self) -> None:
+        self.asked.append("check")
+
+
+class Waits:
+    """A clock that notes how long it was waited for."""
+
+    def __init__(self, asked: list[str], goes_on: bool) -> None:
+        self.goes_on = goes_on
+        self._asked = asked
+
+    def now_ns(self) -> int:
+        return 0
+
+    def wait(self, duration: float) -> None:
+        self._asked.append(f"{duration:g} s")
+
+
+def watched(goes_on: bool) -> tuple[WatchedClock, list[str]]:
+    amplifier = Amplifier()
+    return WatchedClock(Waits(amplifier.asked, goes_on), amplifier, 2.0), amplifier.asked  # type: ignore[arg-type]
+
+
+def test_a_clock_that_watches_cuts_waits_and_looks_at_the_amplifier_after_each_piece() -> None:
+    clock, asked = watched(goes_on=True)
+    clock.wait(2.5)
+    assert asked == ["2.5 s"]
+    clock.watching = True
+    clock.wait(2.5)
+    assert asked[1:] == ["1 s", "check", "1 s", "check", "0.5 s", "check"]
+
+
+def test_where_time_passes_in_waits_alone_they_feed_the_watchdog_before_half_its_time_is_over() -> None:
+    clock, asked = watched(goes_on=False)
+    clock.watching = True
+    for _ in range(5):
+        clock.wait(0.2)
+    clock.wait(1.2)
+    assert [what for what in asked if what != "check"] == [
+        "0.2 s",
+        "0.2 s",
+        "0.2 s",
+        "feed",
+        "0.2 s",
+        "0.2 s",
+        "1 s",
+        "feed",
+        "0.2 s",
+    ]
+
+
+def test_a_heartbeat_speaks_for_who_drives_and_no_longer_than_he_is_heard_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that computes, or waits for a processor, keeps its shaker; one that hangs loses it."""
+    said: list[None] = []
+    heartbeat = Heartbeat(lambda: said.append(None), 1.0)
+    monkeypatch.setattr("time.monotonic", lambda: 100.0)
+    heartbeat.turn(1e9)
+    assert len(said) == 1  # nothing is driven
+    heartbeat.expect(5.0)
+    heartbeat.turn(105.0 + PATIENCE)
+    assert len(said) == 2
+    heartbeat.turn(105.1 + PATIENCE)
+    assert len(said) == 2
+    heartbeat.expect(math.inf)
+    heartbeat.turn(1e9)
+    assert len(said) == 3
+
+
+@pytest.mark.parametrize(
+    ("error", "kept"), [(LinkTimeout("late"), False), (BenchInUse("taken"), True), (ZeroDivisionError("defect"), True)]
+)
+def test_what_a_heartbeat_meets_is_told_once_but_for_links_that_come_back(error: Exception, kept: bool) -> None:
+    def fail() -> None:
+        raise error
+
+    heartbeat = Heartbeat(fail, 1.0)
+    heartbeat.turn(0.0)
+    assert heartbeat.failure() is (error if kept else None)
+    assert heartbeat.failure() is None
+
+
+class GoesOn:
+    """The bench's clock as that of a wall, which a test moves on itself."""
+
+    goes_on = True
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self.now_ns, self.wait = sim.clock.now_ns, sim.clock.wait
+
+
+@pytest.fixture
+def beat(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Lets a heartbeat's thread take its turn and returns when it has; the time of the wall plays no part."""
+    turn, turned = threading.Semaphore(0), threading.Semaphore(0)
+
+    def run(heartbeat: Heartbeat) -> None:
+        while True:
+            turn.acquire()
+            if heartbeat._end.is_set():
+                return
+            heartbeat.turn(0.0)
+            turned.release()
+
+    def leave(heartbeat: Heartbeat, *_: object) -> None:
+        heartbeat._end.set()
+        turn.release()
+        heartbeat._thread.join()
+
+    monkeypatch.setattr(Heartbeat, "_run", run)
+    monkeypatch.setattr(Heartbeat, "__exit__", leave)
+
+    def beat() -> None:
+        turn.release()
+        turned.acquire()
+
+    return beat
+
+
+def test_a_bench_whose_time_goes_on_is_fed_while_the_program_does_something_else(
+    sim: SimulatedBench, beat: Callable[[], None]
+) -> None:
+    with Bench(sim.description, GoesOn(sim), sim.operator) as bench:
+        drive(bench)
+        for _ in range(5):
+            sim.clock.wait(1.5)  # nobody waits: a plot is drawn
+            beat()
+        assert driving(sim)
+        with pytest.raises(SafetyError, match="tripped on watchdog"):
+            bench.clock.wait(2.0)  # the heartbeat has stopped
+
+
+def test_a_wait_ends_when_the_heartbeat_finds_another_owner(sim: SimulatedBench, beat: Callable[[], None]) -> None:
+    with Bench(sim.description, GoesOn(sim), sim.operator) as bench:
+        drive(bench)
+        sim.amplifier.reset()  # switched off and on again
+        beat()
+        with pytest.raises(DeviceError, match="does not know this program any more"):
+            bench.clock.wait(0.1)
