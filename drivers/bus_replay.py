@@ -23,12 +23,14 @@ import can
 
 from drivers.bench import Bench
 from drivers.bus_log import CLOCK, NODES, RUN, WHOLE_FORMAT, can_links, modbus_links, packed, unpacked
+from drivers.clock import WallClock
 from drivers.modbus import ModbusLink
 from drivers.pcapng import Link, Packet, read_pcapng
 from instrument.bench import BenchDescription, TcpAddress
 from instrument.config import parse
 from instrument.contracts import shaker_amplifier
 from instrument.errors import ConfigError, UsageError
+from instrument.serial_line import FASTEST, character_bits, reply_begins
 
 LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes
@@ -39,6 +41,7 @@ ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # token 
 FIRST = bytes([0, 0, 0, 1])
 LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # the status alone is read
 LOOKED = b"\3\2\0\0"
+BITS = character_bits(parity=True, stop_bits=2)  # of the longest character
 
 
 class BusReplay:
@@ -98,7 +101,7 @@ class BusReplay:
                     for name, address in recorded
                     if isinstance(address, TcpAddress)
                 },
-                LINE: {"port": self._wire.line(LINE)},
+                LINE: {"port": self._wire.line(LINE), "baudrate": FASTEST},
                 "can": {"interface": "virtual", "channel": channel},
             }
             self.description = recorded.model_copy(
@@ -278,6 +281,8 @@ class _Wire:
             while due and self._got[name] >= due[0][0]:
                 size, reply = due.popleft()
                 self._got[name] -= size
+                if name == LINE:
+                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # a reply that comes sooner is none
                 os.write(end, reply)
         except OSError:  # the other side has gone
             return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 import queue
 import threading
@@ -14,9 +13,9 @@ from typing import Any
 import can
 import canopen
 from canopen.lss import LssMaster
-from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from drivers.sdo import LATE_ANSWERS, CheckedSdoClient
 from instrument.bench import CanBus
 from instrument.errors import DeviceError, LinkError, LinkTimeout
 from instrument.multicast import MULTICAST, keep_to_group
@@ -25,40 +24,8 @@ for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever 
     logging.getLogger(_name).addHandler(logging.NullHandler())
 canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
 
-LATE_ANSWERS = 10  # that one interrupted transfer can leave; a node that sends more is not to be trusted
-
-LARGEST_OBJECT = 4096  # bytes; a device name has some tens
-SEGMENT = 7  # bytes of an object in a frame
-SDO_FRAME = 8  # bytes
-INITIATE_DOWNLOAD, INITIATE_UPLOAD = 0x20, 0x40  # CiA 301
-
 FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
-
-
-class _SdoClient(SdoClient):
-    """canopen's SDO client, which takes answers to other requests, of any length, and keeps those nobody asked for."""
-
-    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        if len(data) == SDO_FRAME and self.responses.qsize() <= LATE_ANSWERS:
-            super().on_response(can_id, data, timestamp)  # type: ignore[no-untyped-call]
-
-    def request_response(self, sdo_request: bytearray) -> bytes:
-        """The answer. Raises SdoCommunicationError: none, or one about another object."""
-        response: bytes = super().request_response(sdo_request)  # type: ignore[no-untyped-call]
-        begins = sdo_request[0] & 0xE0 in (INITIATE_DOWNLOAD, INITIATE_UPLOAD)
-        if begins and response[1:4] != sdo_request[1:4]:
-            raise SdoCommunicationError("answer about another object")
-        return response
-
-    def upload(self, index: int, subindex: int) -> bytes:
-        """An object of the size that was announced. Raises SdoCommunicationError: of another, or without end."""
-        with self.open(index, subindex, "rb", buffering=0) as stream:  # type: ignore[no-untyped-call]
-            segments = list(itertools.islice(iter(lambda: stream.read(SEGMENT), b""), LARGEST_OBJECT // SEGMENT))
-            data = b"".join(segments)
-            if not stream._done or stream.size not in (None, len(data)):
-                raise SdoCommunicationError(f"object of {len(data)} bytes, {stream.size} were announced")
-        return data
 
 
 class _Listener(can.Listener):
@@ -169,7 +136,7 @@ class CanLink:
 
     def add_node(self, node_id: int) -> canopen.RemoteNode:
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
-        node.sdo = _SdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
+        node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout
         node.sdo_channels = [node.sdo]
         node.emcy.on_emcy = _unheard  # type: ignore[method-assign]  # canopen would keep them all, for ever; who wants them subscribes
@@ -180,9 +147,9 @@ class CanLink:
         """Call `callback(cob_id, data, timestamp)` in the receiving thread for each such frame."""
         self.network.subscribe(cob_id, callback)
 
-    def upload(self, who: str, node: canopen.RemoteNode, index: int, subindex: int) -> bytes:
-        """Read an object. Raises LinkError, LinkTimeout, DeviceError."""
-        data: bytes = self._transfer(who, node, node.sdo.upload, index, subindex)
+    def upload(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, size: int | None = None) -> bytes:
+        """Read an object, of `size` bytes where the node does not say. Raises LinkError, LinkTimeout, DeviceError."""
+        data: bytes = self._transfer(who, node, node.sdo.upload, index, subindex, size)
         return data
 
     def download(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, data: bytes) -> None:

@@ -64,7 +64,7 @@ class CanopenDevice(Device):
     def _get(self, name: str) -> bytes:
         field = self.contract[name]
         try:
-            data = self.link.upload(self.name, self._node, field.index, field.subindex)
+            data = self.link.upload(self.name, self._node, field.index, field.subindex, field.size)
         except DeviceError as error:
             raise DeviceError(f"{error}, reading {name}") from None
         if len(data) != field.size:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
-import select
 import struct
 import threading
 from collections.abc import Callable
@@ -16,8 +14,10 @@ from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOEx
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
+from drivers.rtu import LARGEST_REPLY, RtuClient
 from instrument.bench import SerialLine, TcpAddress
 from instrument.errors import DeviceError, LinkError, LinkTimeout
+from instrument.serial_line import FASTEST
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 
@@ -27,42 +27,7 @@ EXCEPTIONS = {
     11: "gateway target did not respond",
 }  # fmt: skip
 LARGEST_FRAME = 256  # bytes on a serial line
-LARGEST_REPLY = 4096  # bytes that may come for one request, late replies among them
 BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
-
-
-class _SerialClient(ModbusSerialClient):
-    """pymodbus' serial client, which sleeps in steps of 1 ms to see whether a reply has come, woken by it."""
-
-    def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        """What has come unasked is thrown away. Once the system has taken the request there is nothing to wait for."""
-        line = self.socket
-        if not line:
-            raise ConnectionException(str(self))
-        try:
-            if late := line.in_waiting:
-                line.read(late)
-            sent = os.write(line.fileno(), request)
-            return sent if sent == len(request) else sent + (line.write(request[sent:]) or 0)
-        except OSError:
-            self.close()  # type: ignore[no-untyped-call]
-            raise ConnectionException(str(self)) from None
-
-    def recv(self, size: int | None) -> bytes:
-        """What has come, once anything has; nothing after the time-out. A reply in pieces is put together above."""
-        line = self.socket
-        if not line:
-            raise ConnectionException(str(self))
-        try:
-            if not select.select([line], [], [], line.timeout)[0]:
-                return b""
-            heard = os.read(line.fileno(), LARGEST_REPLY)
-        except OSError:
-            heard = b""
-        if not heard:  # ready to be read, and nothing to read: it was unplugged
-            self.close()  # type: ignore[no-untyped-call]
-            raise ConnectionException(str(self))
-        return heard
 
 
 class _StrictDecoder(DecodePDU):
@@ -132,13 +97,8 @@ class ModbusLink:
 
     @classmethod
     def rtu(cls, line: SerialLine) -> ModbusLink:
-        client = _SerialClient(
-            line.port,
-            baudrate=line.baudrate,
-            parity=line.parity,
-            stopbits=line.stopbits,
-            timeout=line.timeout,
-            retries=0,
+        client = RtuClient(
+            line.port, baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, timeout=line.timeout
         )
         return cls(line.port, client)
 
@@ -175,6 +135,20 @@ class ModbusLink:
             return f"there is no serial port {self.name}"
         return f"serial port {self.name} is in use by another program or may not be opened"
 
+    def _why_none(self) -> str:
+        """What may be the reason that no valid answer came."""
+        client = self._client
+        if not isinstance(client, RtuClient):
+            return "check power, cable and unit id"
+        if client.too_soon:
+            rate = client.comm_params.baudrate
+            no_line = f", or give a port that is no line (USB, pseudo-terminal) a baudrate of {FASTEST}"
+            return (
+                f"{client.too_soon} bytes came sooner than {rate} bit/s can bring them; look for a device that talks "
+                f"unasked{no_line if rate < FASTEST else ''}"
+            )
+        return "check power, cable, baud rate and unit id"
+
     def _await_silence(self, line: ModbusSerialClient) -> None:
         heard = 0
         try:
@@ -208,7 +182,7 @@ class ModbusLink:
             except ModbusIOException as error:
                 raise LinkTimeout(
                     f"{who}: no valid answer on {self.name} within {self._client.comm_params.timeout_connect:g} s; "
-                    "check power, cable and unit id"
+                    f"{self._why_none()}"
                 ) from error
             except (ModbusException, OSError) as error:
                 raise LinkError(f"{who}: {self.name} failed: {error}; check cable and power") from error

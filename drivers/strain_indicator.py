@@ -13,6 +13,9 @@ from instrument.errors import DeviceError
 
 COMMAND_POLL = 0.01  # s
 COMMAND_POLLS = 100
+DISPLAY = ("status", "decimals", "reading", "reading_float", "updates")
+UPDATES = 65536  # after which the display's renewals are counted from 0 again
+COUNTED_NS = 1_000_000_000_000  # in which they are not half as many
 RENEWAL_NS = 300_000_000  # the display is renewed ten times a second: after so long it must have been
 
 
@@ -50,6 +53,11 @@ class StrainIndicator(ModbusDevice):
         self._clock = clock
         self._renewed: tuple[int, float] | None = None
 
+    def identify(self) -> None:
+        """As of every device; its display may have been renewed less often than before, as it may have started anew."""
+        super().identify()
+        self._renewed = None
+
     def configure(self, gage_factor: float, full_scale_mV: float) -> None:
         """Set the gage factor and the reading in mV above which overload is flagged."""
         self.set(gage_factor=gage_factor, full_scale=full_scale_mV)
@@ -66,11 +74,10 @@ class StrainIndicator(ModbusDevice):
         """The reading, which stands in the device twice: both must agree.
 
         Raises:
-            DeviceError: the integer and the floating-point reading differ.
+            DeviceError: the integer and the floating-point reading differ, or the display was renewed less often than
+                at the last reading: the reply is an old one.
         """
-        status, decimals, integer, floating, updates = self.get_many(
-            "status", "decimals", "reading", "reading_float", "updates"
-        )
+        status, decimals, integer, floating, updates = self._asked(self._fresh)
         bits = self.contract.set_bits("status", status)
         step = 10.0**-decimals
         reading = integer * step
@@ -83,6 +90,17 @@ class StrainIndicator(ModbusDevice):
         return IndicatorReading(
             reading, step, "stable" in bits, "overload" in bits, "bridge_open" in bits, self._stale(updates)
         )
+
+    def _fresh(self) -> list[float]:
+        values = list(map(self._value, DISPLAY, self._read(DISPLAY)))
+        if self._renewed is not None and self._clock.now_ns() - self._renewed[0] < COUNTED_NS:
+            before, now = self._renewed[1], values[-1]
+            if (now - before) % UPDATES > UPDATES / 2:
+                raise DeviceError(
+                    f"{self.name}: its display was renewed {now:g} times, {before:g} at the reading before; the reply "
+                    "is late, or the indicator has started anew: not used"
+                )
+        return values
 
     def _stale(self, updates: float) -> bool:
         now = self._clock.now_ns()

@@ -14,6 +14,7 @@ from instrument.config import Config, read
 from instrument.designs import get_design
 from instrument.errors import UnknownName
 from instrument.quantity import Amperes, Newtons, Seconds, Volts
+from instrument.serial_line import FASTEST
 
 Unit = Annotated[int, Field(ge=1, le=247, strict=True)]
 Timeout = Annotated[Seconds, Field(gt=0, le=60)]
@@ -40,7 +41,7 @@ class SerialLine(Config):
     """The Modbus RTU line that strain indicator and positioner share."""
 
     port: str = Field(min_length=1)
-    baudrate: int = Field(default=115200, ge=1200, le=4_000_000, strict=True)
+    baudrate: int = Field(default=115200, ge=1200, le=FASTEST, strict=True)
     parity: Annotated[str, Field(pattern="^[NEO]$")] = "N"
     stopbits: int = Field(default=1, ge=1, le=2, strict=True)
     timeout: Timeout = 1.0

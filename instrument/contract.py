@@ -295,6 +295,13 @@ class Contract:
         ends = [(2 * (f.address - start), f.size) for f in (self[name] for name in names)]
         return start, count, [slice(at, at + size) for at, size in ends]
 
+    def widened(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """As many fields and one that stands beside them and can be read as well; the same where none does (Modbus)."""
+        start, count = self.block(names)
+        readable = [f for f in self.fields if f.access != "wo"]
+        beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
+        return (*names, *beside[-1:])
+
     def digest(self) -> str:
         """SHA-256 of the whole declaration, kept with each run."""
         declared = {

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
 from instrument.sample import Sample
+from instrument.serial_line import FASTEST
 from simulators.can import CanSegment
 from simulators.can_bus import own_channel
 from simulators.clock import VirtualClock
-from simulators.modbus import BAUDRATE, LOOPBACK, ServerThread
+from simulators.modbus import LOOPBACK, ServerThread
 from simulators.operator import SimulatedOperator
 from simulators.positioner import Positioner
 from simulators.rig import Rig
@@ -110,7 +111,7 @@ class SimulatedBench:
                 ),
                 line=SerialLine(
                     port=line,
-                    baudrate=round(serial.baudrate) if serial else BAUDRATE,
+                    baudrate=round(serial.baudrate) if serial else FASTEST,
                     timeout=timeouts.get("line", TIMEOUT),
                 ),
                 strain_indicator=Indicator(unit=INDICATOR_UNIT),

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 BEHIND = (LOOPBACK, 0)  # where a device is that its clients reach by a relay
-BAUDRATE = 115200
 OUTER = 4  # bytes of a frame around its data: unit, function, check sum
 BLOCKS = 64  # of registers, whose fields are remembered
 HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them

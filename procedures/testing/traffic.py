@@ -79,9 +79,9 @@ class Traffic:
     def _listen_can(self, link: CanLink) -> None:
         upload, download, command, subscribe = link.upload, link.download, link.command, link.subscribe
 
-        def uploaded(who: str, node: Any, index: int, subindex: int) -> bytes:
+        def uploaded(who: str, node: Any, index: int, subindex: int, size: int | None = None) -> bytes:
             data: bytes = self._answered(
-                who, "read", sdo(index, subindex), b"", lambda: upload(who, node, index, subindex)
+                who, "read", sdo(index, subindex), b"", lambda: upload(who, node, index, subindex, size)
             )
             return data
 

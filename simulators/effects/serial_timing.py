@@ -7,11 +7,10 @@ from typing import ClassVar
 from pydantic import Field
 
 from instrument.quantity import BitsPerSecond
+from instrument.serial_line import SHORTEST_SILENCE, SILENCE
 from simulators.effects.effect import Bound, Case, Effect, Kind
 
 CHARACTER = 11  # bits: start, eight, parity or a second stop, stop
-SILENCE = 3.5  # characters
-SHORTEST_SILENCE = 1.75e-3  # s, above 19200 bit/s
 
 
 class SerialTiming(Effect):

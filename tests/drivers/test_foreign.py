@@ -25,6 +25,7 @@ from instrument.bench import SerialLine, TcpAddress
 from instrument.contract import Contract
 from instrument.contracts import positioner, signal_generator
 from instrument.errors import IdentityError
+from instrument.serial_line import FASTEST
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
 
@@ -169,7 +170,7 @@ def test_the_positioners_driver_uses_a_device_of_another_stack_on_a_line(nothing
         server = modbus_rtu.RtuServer(port)
         held = modbus_tk_device(server, 2, POSITIONER, POSITIONER.identity.vendor)
         server.start()
-        link = ModbusLink.rtu(SerialLine(port=ours, baudrate=BAUDRATE, timeout="10 s"))  # type: ignore[arg-type]
+        link = ModbusLink.rtu(SerialLine(port=ours, baudrate=FASTEST, timeout="10 s"))  # type: ignore[arg-type]
         link.open()
         try:
             driver = Positioner(link, 2, VirtualClock())

@@ -12,8 +12,9 @@ from typing import Any
 
 import can
 
-from drivers.can import LARGEST_OBJECT, CanLink, _Listener
+from drivers.can import CanLink, _Listener
 from drivers.clock import WallClock
+from drivers.sdo import LARGEST_OBJECT
 from drivers.sensor_node import SensorNode
 from instrument.bench import CanBus
 from instrument.contract import sdo

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.can import LARGEST_OBJECT
+from drivers.sdo import LARGEST_OBJECT
 from instrument.bench import BenchDescription
 from instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
 from instrument.errors import ConfigError, LinkError, RecordError

@@ -46,7 +46,7 @@ TCP: dict[str, type[BenchError] | None] = {
     "connection_refused": LinkError,
 }  # fmt: skip
 RTU: dict[str, type[BenchError] | None] = {
-    "bit_error": LinkTimeout, "lost_bytes": LinkTimeout, "leading_glitch": LinkTimeout, "late_answer": LinkTimeout,
+    "bit_error": LinkTimeout, "lost_bytes": LinkTimeout, "leading_glitch": None, "late_answer": LinkTimeout,
     "two_replies": None, "silence": LinkTimeout,
 }  # fmt: skip
 

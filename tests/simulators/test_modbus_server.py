@@ -207,3 +207,15 @@ def test_rubbish_on_the_line_is_passed_over_in_the_end(line: int, served: Simula
         if answer in heard:
             return
     raise AssertionError(f"only {heard.hex(' ')} is heard")
+
+
+@pytest.mark.parametrize("part", ["02 10 0010 0004 08 00", "02 03 00", "01", "02 03 0020 0003"])
+def test_a_request_that_is_broken_off_is_dropped_after_a_silence(line: int, served: SimulatedBench, part: str) -> None:
+    """Neither does it swallow the request that follows, nor is its rest the rest of anything."""
+    probe = served.positioner.contract["probe"].address
+    for _ in range(3):
+        os.write(line, bytes.fromhex(part))
+        assert not select.select([line], [], [], 0.03)[0]  # more than 3.5 characters
+        os.write(line, checked(f"02 03 {probe:04x} 0002"))
+        assert select.select([line], [], [], 10.0)[0]
+        assert os.read(line, 256) == checked(f"02 03 04 {PROBE:08x}")

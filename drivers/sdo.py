@@ -1,0 +1,85 @@
+"""The client's end of SDO transfers (CiA 301): which of the answers that come belongs to what was asked."""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import time
+
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+LATE_ANSWERS = 10  # that one interrupted transfer can leave; a node that sends more is not to be trusted
+LARGEST_OBJECT = 4096  # bytes; a device name has some tens
+SEGMENT = 7  # bytes of an object in a frame
+FRAME = 8  # bytes
+SPECIFIER, TOGGLE = 0xE0, 0x10  # bits of a command
+DOWNLOAD, UPLOAD, UPLOAD_SEGMENT, DOWNLOAD_SEGMENT, ABORT = 0x20, 0x40, 0x60, 0x00, 0x80
+ANSWERS = {DOWNLOAD: 0x60, UPLOAD: 0x40, UPLOAD_SEGMENT: 0x00, DOWNLOAD_SEGMENT: 0x20}
+TIMED_OUT = 0x0504_0000
+NO_OBJECT = bytes(3)
+
+
+class CheckedSdoClient(SdoClient):
+    """canopen's SDO client, which takes the first answer that comes, of any length, and keeps those nobody asked for.
+
+    Answers have no number, so a late or repeated one is told by its object, or its toggle bit, and passed over.
+    """
+
+    _object = NO_OBJECT  # index and subindex that are transferred
+
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if len(data) == FRAME and self.responses.qsize() <= LATE_ANSWERS:
+            super().on_response(can_id, data, timestamp)  # type: ignore[no-untyped-call]
+
+    def request_response(self, sdo_request: bytearray) -> bytes:
+        """The answer. Raises SdoCommunicationError: none in time. SdoAbortedError."""
+        request = bytes(sdo_request)
+        if request[0] & SPECIFIER in (DOWNLOAD, UPLOAD):
+            self._object = request[1:4]
+        self._forget()
+        self.send_request(request)  # type: ignore[no-untyped-call]
+        until = self._now() + self.RESPONSE_TIMEOUT
+        for heard in itertools.count():
+            left = max(until - self._now(), 0.0)
+            if not left and heard > LATE_ANSWERS:
+                break
+            try:
+                answer: bytes = self.responses.get(timeout=left)
+            except queue.Empty:
+                break
+            if answer[0] == ABORT and answer[1:4] in (self._object, NO_OBJECT):
+                raise SdoAbortedError(int.from_bytes(answer[4:], "little"))
+            if self._answers(answer, request):
+                return answer
+        self.abort(TIMED_OUT)  # type: ignore[no-untyped-call]
+        raise SdoCommunicationError("no answer in time")
+
+    def _answers(self, answer: bytes, request: bytes) -> bool:
+        asked = request[0] & SPECIFIER
+        if answer[0] & SPECIFIER != ANSWERS.get(asked):
+            return False
+        if asked in (DOWNLOAD, UPLOAD):
+            return answer[1:4] == self._object
+        return answer[0] & TOGGLE == request[0] & TOGGLE
+
+    def _forget(self) -> None:
+        """What came before it was asked for."""
+        while not self.responses.empty():
+            self.responses.get()
+
+    def _now(self) -> float:
+        return time.monotonic()
+
+    def upload(self, index: int, subindex: int, size: int | None = None) -> bytes:
+        """An object of the size that was announced, or, where none is in four bytes, the first `size` of them.
+
+        Raises SdoCommunicationError: of another size, or without end. SdoAbortedError.
+        """
+        with self.open(index, subindex, "rb", buffering=0) as stream:  # type: ignore[no-untyped-call]
+            segments = list(itertools.islice(iter(lambda: stream.read(SEGMENT), b""), LARGEST_OBJECT // SEGMENT))
+            data = b"".join(segments)
+            if not stream._done or stream.size not in (None, len(data)):
+                raise SdoCommunicationError(f"object of {len(data)} bytes, {stream.size} were announced")
+            unsaid = stream.exp_data is not None and stream.size is None
+        return data[:size] if unsaid else data

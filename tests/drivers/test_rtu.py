@@ -1,0 +1,236 @@
+"""Which bytes on a serial line are the reply: not an echo, not noise, not what is late or came too soon."""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from pymodbus.pdu import DecodePDU
+
+from drivers.clock import WallClock
+from drivers.modbus import ModbusLink
+from drivers.modbus_device import ModbusDevice
+from drivers.positioner import Positioner
+from drivers.rtu import ReplyFramer
+from drivers.strain_indicator import StrainIndicator
+from instrument.bench import SerialLine
+from instrument.contract import PROBE
+from instrument.errors import DeviceError, LinkTimeout
+from instrument.serial_line import FASTEST, reply_begins
+from simulators.bench import SimulatedBench
+from simulators.clock import VirtualClock
+from tests.drivers.virtual_line import VirtualLine, checked
+
+UNIT = 2
+LIMITS = 0x14
+
+
+def registers(address: int, count: int, first: int = LIMITS) -> bytes:
+    """The reply to a read: each register holds its address, but the first of the limits, which holds `first`."""
+    values = [first if at == LIMITS else at for at in range(address, address + count)]
+    return checked(bytes([UNIT, 3, 2 * count]) + struct.pack(f">{count}H", *values))
+
+
+def answered(request: bytes) -> bytes:
+    address, count = struct.unpack(">HH", request[2:6])
+    return registers(address, count) if request[1] == 3 else checked(request[:6])
+
+
+@contextmanager
+def terminal(says: Callable[[bytes], list[bytes]]) -> Iterator[Positioner]:
+    """A driver on a pseudo-terminal, at whose other end each request is answered with these pieces."""
+    own, theirs = os.openpty()
+    tty.setraw(theirs)
+
+    def serve() -> None:
+        while (request := os.read(own, 256)) != b"end":
+            WallClock().wait(reply_begins(len(request), FASTEST, 11))  # as a line does
+            for piece in says(request):
+                os.write(own, piece)
+
+    link = ModbusLink.rtu(SerialLine(port=os.ttyname(theirs), baudrate=FASTEST))
+    link.open()
+    server = threading.Thread(target=serve, daemon=True)
+    server.start()
+    try:
+        yield Positioner(link, UNIT, VirtualClock())
+    finally:
+        link.close()
+        os.write(theirs, b"end")
+        server.join()
+        os.close(theirs)
+        os.close(own)
+
+
+def read(driver: ModbusDevice) -> list[float]:
+    """Three fields of the positioner as the terminal's registers hold them."""
+    return driver.get_many("limit_low", "limit_high")
+
+
+HELD = [pytest.approx(1e-6 * (0x14 << 16 | 0x15)), pytest.approx(1e-6 * (0x16 << 16 | 0x17))]
+
+
+@pytest.fixture(autouse=True)
+def _without_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("instrument.contract.Contract.misread", lambda *_: "")
+
+
+def line(
+    driver: type[ModbusDevice], device: Callable[[bytes], list[tuple[float, bytes]]], **settings: int
+) -> tuple[ModbusDevice, VirtualLine]:
+    client = VirtualLine(device, **settings)
+    link = ModbusLink("virtual line", client)
+    if driver is StrainIndicator:
+        return StrainIndicator(link, UNIT, VirtualClock()), client
+    return Positioner(link, UNIT, VirtualClock()), client
+
+
+# --- an adapter that adds to what the device says --------------------------------------------------------
+
+ADDED: dict[str, Callable[[bytes], list[bytes]]] = {
+    "echo": lambda request: [request + answered(request)],
+    "echo in pieces": lambda request: [request[:3], request[3:] + answered(request)[:4], answered(request)[4:]],
+    "noise": lambda request: [b"\x00" + answered(request)],
+    "noise like a beginning": lambda request: [bytes([UNIT, 3]), answered(request)],
+    "noise like a unit": lambda request: [bytes([UNIT]) + answered(request)],
+    "noise and echo": lambda request: [b"\xff" + request + b"\x00" + answered(request)],
+    "noise behind": lambda request: [answered(request) + b"\xf8"],
+}
+
+
+@pytest.mark.parametrize("added", ADDED)
+def test_what_an_adapter_adds_to_a_reply_is_passed_over(added: str) -> None:
+    with terminal(ADDED[added]) as driver:
+        for _ in range(3):
+            assert read(driver) == HELD
+            driver.set(target=2e-3, speed=1e-3, command="move")
+
+
+NOTHING: dict[str, Callable[[bytes], bytes]] = {
+    "an echo alone": lambda request: request,
+    "a part of an echo": lambda request: request[:-1],
+    "another unit": lambda request: checked(bytes([UNIT + 1]) + answered(request)[1:-2]),
+    "another length": lambda _: registers(LIMITS, 5),
+    "another function": lambda request: checked(bytes([UNIT, 4]) + answered(request)[2:-2]),
+    "a check sum that does not fit": lambda request: answered(request)[:-1] + b"\x00",
+    "two replies that differ": lambda _: registers(LIMITS, 4, 9) + registers(LIMITS, 4, 8),
+}
+
+
+@pytest.mark.parametrize("said", NOTHING)
+def test_what_is_no_reply_is_a_time_out_and_no_reading(said: str) -> None:
+    driver, _ = line(Positioner, lambda request: [(0.0, NOTHING[said](request))])
+    with pytest.raises(LinkTimeout, match=r"no valid answer.* check power, cable, baud rate and unit id"):
+        read(driver)
+
+
+def test_an_echo_of_a_write_confirms_nothing() -> None:
+    driver, _ = line(Positioner, lambda request: [(0.0, request)])
+    with pytest.raises(LinkTimeout):
+        driver.set(target=2e-3, speed=1e-3, command="move")
+
+
+# --- replies that are late -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
+def test_what_comes_sooner_than_the_wire_allows_is_refused(baudrate: int) -> None:
+    """The repeated reply comes while the request is still being sent, the reply at the first moment that it can."""
+
+    def device(request: bytes) -> list[tuple[float, bytes]]:
+        return [(-1e-6, registers(LIMITS, 4, 9)), (0.0, answered(request))]
+
+    driver, client = line(Positioner, device, baudrate=baudrate)
+    assert read(driver) == HELD
+    assert client.too_soon == len(registers(LIMITS, 4))
+
+
+def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
+    driver, _ = line(Positioner, lambda _: [(-1e-6, registers(LIMITS, 4))], baudrate=9600)
+    with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.*\(USB, .*\) a baudrate of 4000000"):
+        read(driver)
+
+
+def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:
+    """A busy machine may look only when the reply has long come: it is not thrown away."""
+    driver, client = line(Positioner, lambda request: [(-1e-6, answered(request))])
+    now = iter([0.0, 0.0])
+    client._now = lambda: next(now, 1.0)  # type: ignore[method-assign]
+    assert read(driver) == HELD
+
+
+def test_reads_that_follow_each_other_differ_in_length_where_the_contract_allows() -> None:
+    asked = []
+
+    def device(request: bytes) -> list[tuple[float, bytes]]:
+        asked.append(struct.unpack(">HH", request[2:6]))
+        return [(0.0, answered(request))]
+
+    driver, _ = line(Positioner, device)
+    for _ in range(3):
+        read(driver)
+    driver.get_many("position", "status")  # nothing stands beside them
+    driver.get_many("position", "status")
+    assert asked == [(0x14, 4), (0x13, 5), (0x14, 4), (0x20, 3), (0x20, 3)]
+
+
+def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_it() -> None:
+    """As a slow adapter does it, 3 ms later: the reply to the read before, then the one to this."""
+    before: list[bytes] = []
+
+    def device(request: bytes) -> list[bytes]:
+        address, count = struct.unpack(">HH", request[2:6])
+        reply = registers(address, count, first=len(before) + 1)
+        before.append(reply)
+        return [*before[-2:-1], reply]
+
+    with terminal(device) as driver:
+        for number in range(1, 21):
+            low, _ = driver.get_many("limit_low", "limit_high")
+            assert round(1e6 * low) >> 16 == number
+
+
+def test_a_display_that_was_renewed_less_often_than_before_is_a_late_reply() -> None:
+    updates = iter([5, 6, 4, 7, 65535, 7])
+
+    def device(request: bytes) -> list[tuple[float, bytes]]:
+        count = int.from_bytes(request[4:6], "big")
+        display = struct.pack(">HHifHH", 1, 1, 10, 1.0, next(updates), 0)[: 2 * count]
+        return [(0.0, checked(bytes([UNIT, 3, 2 * count]) + display))]
+
+    driver, _ = line(StrainIndicator, device)
+    assert isinstance(driver, StrainIndicator)
+    for _ in range(2):
+        assert driver.read().reading_mV == 1.0
+    with pytest.raises(DeviceError, match="renewed 4 times, 6 at the reading before; the reply is late"):
+        driver.read()
+    assert driver.read().valid
+    driver.read_attempts = 2
+    assert driver.read().valid  # the late one is passed over, and it is asked again
+
+
+def test_a_part_of_an_echo_whose_check_sum_fits_by_chance_is_no_confirmation() -> None:
+    """The register is such that the confirmation of its write has the check sum 02 xx, and xx is written."""
+    framer = ReplyFramer(DecodePDU(False))
+    heads = (bytes([unit, 16, 0, address, 0, 1]) for unit in range(1, 248) for address in range(256))
+    confirmation = next(frame for frame in map(checked, heads) if frame[-2] == 2)
+    framer.request = checked(confirmation + b"\x00")
+    assert framer.decode(framer.request[:8])[3] == b""
+    framer.request = checked(confirmation[:-1] + bytes([confirmation[-1] ^ 1, 0]))
+    assert framer.decode(confirmation)[3] == confirmation[1:-2]
+
+
+@pytest.mark.parametrize("baudrate", [2400, 57600])
+def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate(
+    baudrate: int, sim: SimulatedBench
+) -> None:
+    link = ModbusLink.rtu(sim.description.line.model_copy(update={"baudrate": baudrate}))
+    link.open()
+    positioner = Positioner(link, sim.description.positioner.unit, sim.clock)
+    assert [positioner.get("probe") for _ in range(3)] == [PROBE] * 3
+    link.close()
