@@ -296,9 +296,9 @@ class Contract:
         return start, count, [slice(at, at + size) for at, size in ends]
 
     def widened(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """As many fields and one that stands beside them and can be read as well; the same where none does (Modbus)."""
+        """The same and a number that stands beside them and can be read as well, where one does (Modbus)."""
         start, count = self.block(names)
-        readable = [f for f in self.fields if f.access != "wo"]
+        readable = [f for f in self.fields if f.access != "wo" and f.type != "text"]
         beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
         return (*names, *beside[-1:])
 
