@@ -66,6 +66,7 @@ def progress(self):
 Output.progress = progress
 
 class BenchClock:
+    goes_on = False
     def __init__(self, begun=0):
         self._lock = threading.Lock()
         self._end = socket.socket(socket.AF_UNIX)
