@@ -13,7 +13,15 @@ from drivers.can import CanLink
 from drivers.canopen_device import CanopenDevice
 from drivers.clock import Clock
 from instrument.contracts import sensor_node
-from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, SYNC_COB_ID, SYNC_PRODUCER
+from instrument.contracts.sensor_node import (
+    CHANNELS,
+    EMERGENCY,
+    FULL_SCALE_COUNTS,
+    RANGE_VOLTS,
+    SILENT,
+    SYNC_COB_ID,
+    SYNC_PRODUCER,
+)
 from instrument.errors import DeviceError, LinkError, RangeError
 
 CONTRACT = sensor_node.CONTRACT
@@ -24,7 +32,7 @@ _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples, before the co
 LATEST_WAITS = 10
 MOST_EMERGENCIES = 10_000  # kept of one node
 LARGEST_RECORDING = 10_000_000  # samples, where nobody says how many
-EMERGENCY, HEARTBEAT = 0x80, 0x700
+HEARTBEAT = 0x700
 BOOTED = 0
 MISSED = 3  # heartbeats, after which a node is missed
 
@@ -72,7 +80,8 @@ class SensorNode(CanopenDevice):
             self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
         for pdo in CONTRACT.pdos:
             self.link.subscribe(pdo.base + self.id, self._on_frame)
-        self.link.subscribe(EMERGENCY + self.id, self._on_emergency)
+        if not (emergency := int(self.get(EMERGENCY))) & SILENT:
+            self.link.subscribe(emergency, self._on_emergency)
         self.link.subscribe(HEARTBEAT + self.id, self._on_heartbeat)
         self._heard_ns = self.clock.now_ns()
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from instrument.contract import Contract, Field, Value
 from instrument.contracts import CONTRACTS
-from instrument.contracts.sensor_node import SYNC_COB_ID
+from instrument.contracts.sensor_node import SYNC_COB_ID, WITH_NODE_ID
 from instrument.errors import RecordError
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 NODE_IDS = range(1, 21)  # the nodes of the DBC: the largest bench has 20
 HEARTBEAT, EMERGENCY = 0x700, 0x80  # COB-IDs of node 0, CiA 301
 NMT_STATES = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operational"}  # CiA 301
-PDO_COB_ID = (range(0x1800, 0x1A00), 1)  # index and subindex of COB-IDs that follow the node id, CiA 301
 
 _OURS = "These maps are Palpate's own and no real device's"
 _COLUMNS = ("address", "name", "type", "unit", "scale", "access", "limits", "default", "choices or bits", "meaning")
@@ -161,7 +160,7 @@ def node_eds(contract: Contract) -> str:
     for f in contract.fields:
         variable = dictionary.get_variable(f.index, f.subindex)
         variable.description = f.meaning.replace(";", ",")  # a semicolon begins a comment
-        if f.index in PDO_COB_ID[0] and f.subindex == PDO_COB_ID[1]:
+        if f.name in WITH_NODE_ID:
             variable.default_raw = f"$NODEID+0x{int(f.default):X}"
     text = io.StringIO()
     with warnings.catch_warnings():  # from Python 3.12 on; its result is not used, all dates are given

@@ -13,6 +13,7 @@ from instrument.contract import Contract, Field
 from instrument.object_dictionary import object_dictionary
 from simulators.can_bus import LockedNetwork, open_bus
 from simulators.clock import VirtualClock
+from simulators.sdo_server import SdoServer
 
 SDO_FRAME = 8  # bytes
 NO_SUBINDEX = 0x0609_0011
@@ -50,7 +51,9 @@ class CanopenDevice:
 
 def local_node(device: CanopenDevice) -> canopen.LocalNode:
     """canopen's node of a device, with all objects of its contract."""
-    return canopen.LocalNode(device.id, object_dictionary(device.contract))
+    local = canopen.LocalNode(device.id, object_dictionary(device.contract))
+    local.sdo = SdoServer(local.sdo.rx_cobid, local.sdo.tx_cobid, local)  # type: ignore[no-untyped-call]
+    return local
 
 
 def attach(

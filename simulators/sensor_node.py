@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from instrument.contract import Field
 from instrument.contracts import sensor_node
-from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, place
+from instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, WITH_NODE_ID, place
 from instrument.design import Film
 from simulators.canopen_device import CanopenDevice
 from simulators.clock import VirtualClock
@@ -70,7 +70,7 @@ class SensorNode(CanopenDevice):
 
     def read(self, field: Field) -> Any:
         """Raw value of an object, for its SDO server."""
-        if field.name.startswith("tpdo") and field.name.endswith("cob_id"):
+        if field.name in WITH_NODE_ID:
             return int(self.settings[field.name]) + self.id
         if field.name.startswith("sample_") and field.name[-1].isdigit():
             return int(self._last[int(field.name[-1]) - 1])

@@ -15,6 +15,9 @@ SYNC_PRODUCER = 0x4000_0000
 SYNC_COB_ID = 0x80
 RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
+EMERGENCY = "emergency_cob_id"
+SILENT = 0x8000_0000  # bit of a COB-ID: it is not used
+WITH_NODE_ID = ("tpdo1_cob_id", "tpdo2_cob_id", EMERGENCY)  # which is added to their defaults, CiA 301
 FULL_SCALE_COUNTS = 32768
 
 
@@ -40,6 +43,8 @@ CONTRACT = Contract(
         Field("device_name", sdo(0x1008), "text", "device name", default="Palpate SN-1"),
         Field("hardware_version", sdo(0x1009), "text", "hardware version; 'simulated' on a simulated node",
               default="1.0"),
+        Field(EMERGENCY, sdo(0x1014), "uint32", "COB-ID of emergencies; bit 31: none are sent",
+              minimum=0x81, maximum=0x8000_07FF, default=0x80),
         Field("heartbeat", sdo(0x1017), "uint16", "heartbeat period; 0 is none", "s", 1e-3, "rw", 0, 60, 1),
         Field("vendor", sdo(0x1018, 1), "uint32", "vendor id", default=0x50414C50),
         Field("product", sdo(0x1018, 2), "uint32", "product code", default=0x534E0001),

@@ -35,6 +35,7 @@ class ForeignNode:
         self._operational = False
         self.objects = {f.address: _stored(f.name) for f in sensor_node.CONTRACT.fields}
         self.objects[sdo(0x1009)] = b"rev B"
+        self.objects[sdo(0x1014)] = (0x1C0 + NODE).to_bytes(4, "little")  # of its own choice
         self.objects[sdo(0x1018, 4)] = (0xF0F0).to_bytes(4, "little")
         self.objects[sdo(0x1800, 1)] = (0x180 + NODE).to_bytes(4, "little")
 
@@ -49,6 +50,7 @@ class ForeignNode:
         """As at a SYNC, which this node produces itself."""
         if self._operational and self.objects[sdo(0x1005)][3] & 0x40:
             self._count += 1
+            self._send(0x1C0 + NODE, b"\x10\x81\x11" + bytes(5))
             self.objects[sdo(0x2001)] = self._count.to_bytes(4, "little")
             self._send(0x180 + NODE, struct.pack("<4h", self._count, -self._count, 0, 32767))
             self._send(0x280 + NODE, struct.pack("<IB", self._count, 0b1000))
@@ -122,6 +124,7 @@ def test_the_nodes_driver_uses_a_node_without_canopen(nothing_left_behind: None)
         recorded = driver.acquire(0.02)
         with pytest.raises(DeviceError, match="Object does not exist"):
             driver.link.upload("it", driver._node, 0x5000, 0)
+    assert driver.emergencies == [b"\x10\x81\x11" + bytes(5)] * 20
     count = np.arange(1, 21)
     assert recorded.voltage[0] == pytest.approx(count * 5.0 / 32768)
     assert recorded.voltage[1] == pytest.approx(-count * 0.5 / 32768)

@@ -234,7 +234,7 @@ def test_a_node_answers_with_the_golden_frames_of_all_objects(
         if name.startswith("sample_") and name != "sample_counter":
             node._last = np.full(4, golden["value"])
         else:
-            shared = node.id if name.startswith("tpdo") and name.endswith("cob_id") else 0
+            shared = node.id if name in ("tpdo1_cob_id", "tpdo2_cob_id", "emergency_cob_id") else 0
             node.settings[name] = physical(field, golden["value"]) - shared
         number = node_bench.nodes[0].get(name)
         if "write" in golden:

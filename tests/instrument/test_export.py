@@ -185,7 +185,7 @@ def test_the_eds_gives_every_object_with_type_access_limits_and_default(field: F
     else:
         assert variable.min * field.scale == pytest.approx(field.minimum, abs=1e-12)
         assert variable.max * field.scale == pytest.approx(field.maximum, rel=1e-12)
-    node_id = 5 if field.name.startswith("tpdo") and field.name.endswith("cob_id") else 0
+    node_id = 5 if field.name in ("tpdo1_cob_id", "tpdo2_cob_id", "emergency_cob_id") else 0
     assert (variable.default - node_id) * field.scale == pytest.approx(field.default, rel=1e-12)
 
 

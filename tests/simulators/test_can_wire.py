@@ -178,3 +178,70 @@ def test_frames_that_are_too_short_are_none_of_the_nodes(master: Master, data: s
     master.send(NMT, data[:2])
     assert master.ask(PROBE) == "4300200078563412"
     assert master.heard(ANSWER) == []
+
+
+# --- transfers at the edge of CiA 301 ------------------------------------------------------------------
+
+TOO_LONG, TOO_SHORT, UNKNOWN_COMMAND, NOT_TOGGLED = "12000706", "13000706", "01000405", "00000305"
+
+
+def test_an_expedited_download_without_a_size_is_taken(master: Master) -> None:
+    """7.2.4.3.3: the server takes as many of the four bytes as the object has."""
+    assert master.ask("22 17 10 00 F4 01 00 00") == "6017100000000000"  # 1017h, two bytes: 500 ms
+    assert master.ask("40 17 10 00 00 00 00 00") == "4b171000f4010000"
+    assert master.ask("22 00 21 01 01 AA BB CC") == "6000210100000000"  # 2100h, one byte
+    assert master.ask("40 00 21 01 00 00 00 00") == "4f00210101000000"
+
+
+@pytest.mark.parametrize(
+    ("announced", "code"), [("00 00 00 80", TOO_LONG), ("03 00 00 00", TOO_LONG), ("01 00 00 00", TOO_SHORT)]
+)
+def test_a_segmented_download_of_another_size_is_refused_at_once(master: Master, announced: str, code: str) -> None:
+    assert master.ask(f"21 17 10 00 {announced}") == "80171000" + code
+    assert master.ask("00 01 02 03 04 05 06 07")[8:] == UNKNOWN_COMMAND
+
+
+def test_a_segmented_download_that_goes_on_is_refused_and_one_that_fits_is_taken(master: Master) -> None:
+    assert master.ask("20 17 10 00 00 00 00 00") == "6017100000000000"
+    assert master.ask("00 01 02 03 04 05 06 07")[8:] == TOO_LONG
+    assert master.ask("21 17 10 00 02 00 00 00") == "6017100000000000"
+    assert master.ask("0B F4 01 00 00 00 00 00") == "2000000000000000"
+    assert master.ask("40 17 10 00 00 00 00 00") == "4b171000f4010000"
+    assert master.ask("1B F4 01 00 00 00 00 00")[8:] == UNKNOWN_COMMAND  # it has ended
+
+
+def test_a_segment_with_the_wrong_toggle_bit_ends_the_transfer(master: Master) -> None:
+    assert master.ask("40 08 10 00 00 00 00 00") == "410810000c000000"
+    assert master.ask("70 00 00 00 00 00 00 00")[8:] == NOT_TOGGLED
+    assert master.ask("60 00 00 00 00 00 00 00")[8:] == UNKNOWN_COMMAND
+
+
+def test_a_transfer_that_its_client_aborts_has_ended(master: Master) -> None:
+    assert master.ask("40 08 10 00 00 00 00 00") == "410810000c000000"
+    master.send(REQUEST, "80 08 10 00 00 00 04 05")
+    assert master.ask("60 00 00 00 00 00 00 00")[8:] == UNKNOWN_COMMAND
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [
+        ("A4 08 10 00 7F 00 00 00", "80081000" + UNKNOWN_COMMAND),  # no change of protocol is offered
+        ("A4 08 10 00 7F 0B 00 00", "80081000" + UNKNOWN_COMMAND),  # one is up to 11 bytes, the name has 12
+        ("A4 08 10 00 7F 0C 00 00", "410810000c000000"),
+        ("A4 00 20 00 7F 04 00 00", "4300200078563412"),
+        ("A3 00 20 00 7F 04 00 00", "80002000" + UNKNOWN_COMMAND),  # start of a block upload that was not begun
+        ("C6 17 10 00 02 00 00 00", "80171000" + UNKNOWN_COMMAND),  # block download
+    ],
+)
+def test_a_block_transfer_is_answered_by_what_its_client_offers_or_refused(
+    master: Master, request_: str, answer: str
+) -> None:
+    assert master.ask(request_) == answer
+
+
+def test_emergencies_come_with_the_identifier_that_1014h_tells(master: Master) -> None:
+    assert master.ask("40 14 10 00 00 00 00 00") == "4314100081000000"
+    sim = master.sim
+    with sim.clock.lock:
+        sim.can.emergency(sim.can.nodes[0], 0x8110)
+    assert master.next(0x081) == "1081000000000000"
