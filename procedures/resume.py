@@ -14,10 +14,12 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from drivers.bench import Bench
 from instrument.errors import RecordError, UsageError
+from procedures.arithmetic import ALIKE, alike, same_arithmetic
 from procedures.check import check
 from procedures.encoding import Waveforms, as_json, encoded
 from procedures.pause import PAUSED, Pause
@@ -31,6 +33,7 @@ MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the re
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
+NamedWaveform = tuple[str, float, np.ndarray]
 
 
 class _Scene(BaseModel):
@@ -69,6 +72,7 @@ class Resumed(Recorder):
         super().__init__(run.folder)
         self.run = run
         self._replay, self._accept = replay, accept
+        self._to_the_last_digit = True
         with contextlib.ExitStack() as undo:
             undo.callback(self.close)
             if faults := check(run.folder).faults:
@@ -102,6 +106,13 @@ class Resumed(Recorder):
                 f"{self.folder} cannot go on, the bench has changed:\n  "
                 + "\n  ".join(changes)
                 + f"\nput it back as it was, or resume with {ACCEPT}, which is recorded"
+            )
+        was, now = self.run.header.get("arithmetic"), header.get("arithmetic")
+        if not (isinstance(was, dict) and isinstance(now, dict) and same_arithmetic(was, now)):
+            self._to_the_last_digit = False
+            changes.append(
+                f"arithmetic: {json.dumps(was)} in the record, {json.dumps(now)} now; stored points are compared to"
+                f" {ALIKE:g} of each number"
             )
         if not self.run.hashed:
             changes.append("record format 3 until here, 4 from now on: its rows were unhashed")
@@ -138,12 +149,22 @@ class Resumed(Recorder):
         before = self._stored[self._points]
         self._points += 1
         with reading(self.folder) as stored:
-            there = {w.name: (w.rate, w.samples.tobytes()) for w in stored.waveforms(before.id)}
-        now = {name: (rate, samples.tobytes()) for name, rate, samples in arrays}
+            there = [(w.name, w.rate, w.samples) for w in stored.waveforms(before.id)]
         self._bench_ns = bench_ns
-        if (bench_ns, text, tuple(now), now) != (before.bench_ns, before.text, before.waveforms, there):
+        if bench_ns != before.bench_ns or not self._same(before.text, text) or not self._same_waveforms(there, arrays):
             self._differs(f"point {self._points}", bench_ns)
         return self._points
+
+    def _same(self, before: str, now: str) -> bool:
+        return before == now if self._to_the_last_digit else alike(json.loads(before), json.loads(now))
+
+    def _same_waveforms(self, before: list[NamedWaveform], now: list[NamedWaveform]) -> bool:
+        if [(name, rate, each.size) for name, rate, each in before] != [(n, rate, each.size) for n, rate, each in now]:
+            return False
+        pairs = [(one, other) for (_, _, one), (_, _, other) in zip(before, now, strict=True)]
+        if self._to_the_last_digit:
+            return all(one.tobytes() == other.tobytes() for one, other in pairs)
+        return all(np.allclose(one, other, ALIKE, ALIKE * _largest(one), equal_nan=True) for one, other in pairs)
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
         """As `Recorder.event`; one that is stored already is compared. Raises RecordError as `point`."""
@@ -175,6 +196,10 @@ class Resumed(Recorder):
             )
         self._events.clear()
         super().event(CHANGED, message, bench_ns)
+
+
+def _largest(samples: np.ndarray) -> float:
+    return float(np.abs(samples[np.isfinite(samples)]).max(initial=0.0))
 
 
 class PausedAgain:

@@ -53,7 +53,9 @@ def main() -> None:
     143 terminated.
     """
     from instrument.errors import PalpateError
+    from procedures.arithmetic import same_everywhere
 
+    same_everywhere()
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files can hold bytes that are no text
     try:

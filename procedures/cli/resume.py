@@ -51,7 +51,8 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
 
     The bench is opened again and compared with the record: settings, devices, contracts, calibrations, versions. No
     finished point is lost or stored twice. A real bench begins at the next point, its sample mounted anew; a simulated
-    one does everything again up to there, so that the finished run equals one that was never interrupted.
+    one does everything again up to there, so that the finished run equals one that was never interrupted. Where the
+    last digits of numbers are another machine's, stored points are compared to 1e-6 of each; the record says so.
     """
     from instrument.errors import UsageError
     from procedures.cli.conduct import conduct

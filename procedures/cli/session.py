@@ -23,6 +23,7 @@ from instrument.designs import get_design
 from instrument.errors import RecordError, UsageError
 from instrument.film_calibration import FilmCalibration
 from instrument.operator import Operator
+from procedures.arithmetic import arithmetic
 from procedures.cli.calibrations import films_of, load_cell_of
 from procedures.cli.operator import ASSUME, ConsoleOperator, Mounting, assume, check_somebody, weaker
 from procedures.cli.options import Choice, result_folder
@@ -172,6 +173,7 @@ def open_session(
             "film_calibration": films.model_dump() if films else None,
             "calibration_files": calibration_files(calibration, films),
             "versions": versions(),
+            "arithmetic": arithmetic(),
             "commit": commit(),
             **(replay.header if replay is not None else {}),
         }

@@ -70,6 +70,8 @@ def print_run(run: Run, digest: str) -> None:
     calibration = run.header.get("calibration")
     source = calibration.get("source") if isinstance(calibration, dict) else None
     mounting = run.header.get("mounting")
+    arithmetic = run.header.get("arithmetic")
+    kernels = arithmetic.get("blas") if isinstance(arithmetic, dict) else None
     points = run.points()
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
     same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
@@ -85,6 +87,7 @@ def print_run(run: Run, digest: str) -> None:
         f"calibration  {source or '-'}",
         f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
         f"digest       {digest}",
+        f"arithmetic   {kernels or '-'}",
         *unhashed(run.hashed),
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
         table,

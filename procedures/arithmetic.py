@@ -1,0 +1,82 @@
+"""The last digits of a number: which kernels sum it, asked for in one place and told in each run.
+
+OpenBLAS takes the kernels of the processor that it finds and a thread for each core, and each sums in another order, so
+that fits differ by 1e-16 from machine to machine. The command line asks for kernels that every processor has on which
+numpy runs (x86-64-v2), and for one thread. Other libraries and processors are told apart by what a run says of them.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+KERNELS = {"OPENBLAS_CORETYPE": "Nehalem", "OPENBLAS_NUM_THREADS": "1"}
+ALIKE = 1e-6  # relative difference of numbers that two arithmetics may give
+NOTHING = 1e-12  # of the largest number beside it: what is smaller may be rounding alone
+
+
+def same_everywhere() -> None:
+    """Ask for the same kernels on every x86-64 processor. Call it before numpy is loaded: later it does nothing."""
+    if platform.machine() in ("x86_64", "AMD64"):
+        os.environ.update(KERNELS)
+
+
+@functools.cache
+def arithmetic() -> dict[str, str]:
+    """What the last digits rest on; `processor` says whose they are, and has no part in them by itself."""
+    import numpy as np
+    from threadpoolctl import threadpool_info
+
+    loaded = threadpool_info()
+    blas = next((each for each in loaded if "numpy" in each["filepath"]), loaded[0] if loaded else {})
+    known = (blas.get(key) for key in ("internal_api", "version", "architecture"))
+    config: Any = np.show_config(mode="dicts")
+    return {
+        "machine": platform.machine(),
+        "processor": _processor(),
+        "blas": f"{' '.join(str(each) for each in known if each)}, {blas.get('num_threads', 0)} threads",
+        "vectors": " ".join(config.get("SIMD Extensions", {}).get("found", [])),
+        "libm": " ".join(platform.libc_ver()),
+    }
+
+
+def same_arithmetic(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Whether both give the same last digits."""
+    return {**before, "processor": ""} == {**now, "processor": ""}
+
+
+def alike(before: Any, now: Any) -> bool:
+    """Whether two values, as JSON has them, are the same but for what two arithmetics make of their numbers."""
+    largest = max((abs(number) for number in _numbers(before)), default=0.0)
+    return _alike(before, now, NOTHING * largest)
+
+
+def _alike(before: Any, now: Any, nothing: float) -> bool:
+    if isinstance(before, dict) and isinstance(now, dict):
+        return before.keys() == now.keys() and all(_alike(value, now[key], nothing) for key, value in before.items())
+    if isinstance(before, list) and isinstance(now, list):
+        return len(before) == len(now) and all(_alike(*pair, nothing) for pair in zip(before, now, strict=True))
+    if isinstance(before, float) and isinstance(now, (float, int)):
+        return abs(before - now) <= max(ALIKE * max(abs(before), abs(now)), nothing)
+    return bool(before == now)
+
+
+def _numbers(value: Any) -> list[float]:
+    if isinstance(value, dict):
+        return [number for each in value.values() for number in _numbers(each)]
+    if isinstance(value, list):
+        return [number for each in value for number in _numbers(each)]
+    return [value] if isinstance(value, float) else []
+
+
+def _processor() -> str:
+    try:
+        with Path("/proc/cpuinfo").open(encoding="utf-8", errors="replace") as lines:
+            names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+            return next(names, platform.processor())
+    except OSError:
+        return platform.processor()

@@ -1,0 +1,112 @@
+"""The same bytes on another processor; and where the arithmetic is another, what is told and what still works."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from procedures.arithmetic import alike, arithmetic, same_arithmetic
+from procedures.run import Run
+from tests.procedures.conftest import Palpate
+from tests.runs import rehash
+
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
+LAST_DIGIT, TOO_FAR = 1 + 4e-16, 1 + 1e-5
+
+x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="OpenBLAS has these kernels for x86-64 alone")
+
+
+def digest(folder: Path, kernel: str, threads: str, *, scene: str) -> tuple[str, dict[str, Any]]:
+    """Of a sweep in a process that is told to sum by these kernels."""
+    code = "from procedures.cli import main; main()"
+    command = (sys.executable, "-c", code, *SWEEP, "--scene", scene, "--out", str(folder))
+    kernels = {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": threads}
+    subprocess.run(command, env={**os.environ, **kernels}, check=True, cwd=folder.parent, timeout=50)
+    run = Run.open(folder)
+    header: Any = run.header
+    return run.digest(), header["arithmetic"]
+
+
+@x86_64
+@pytest.mark.slow
+def test_kernels_of_several_processors_give_the_same_bytes(tmp_path: Path) -> None:
+    found = [digest(tmp_path / kernel, kernel, t, scene="ideal") for kernel, t in (("Haswell", "2"), ("Prescott", "1"))]
+    assert found[0] == found[1]
+    assert "Nehalem, 1 threads" in found[0][1]["blas"]
+
+
+def test_another_processor_with_the_same_kernels_is_the_same_arithmetic_and_other_kernels_are_not() -> None:
+    now = arithmetic()
+    assert same_arithmetic({**now, "processor": "another"}, now)
+    assert not same_arithmetic({**now, "blas": "openblas 0.3 Haswell, 1 threads"}, now)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "same"),
+    [
+        (1.0, LAST_DIGIT, True),
+        (1.0, TOO_FAR, False),
+        ([3e-17, 1.0], [-5e-17, 1.0], True),  # rounding alone, beside a number of size
+        ([3e-11, 1.0], [5e-11, 1.0], False),
+        ({"a": [1.0, "x", None, True]}, {"a": [LAST_DIGIT, "x", None, True]}, True),
+        ({"a": 1.0}, {"a": 1.0, "b": 1.0}, False),
+        (2, 3, False),
+        ([1.0], [1.0, 1.0], False),
+        (1.0, None, False),
+        ("valid", "clipped", False),
+    ],
+)
+def test_values_are_alike_where_numbers_differ_by_their_last_digits_only(before: Any, now: Any, same: bool) -> None:
+    assert alike(before, now) is same
+
+
+@pytest.fixture
+def cut(palpate: Palpate, on_progress: Any) -> Callable[..., Any]:
+    """Resumes a run that was stopped at its first point, with another arithmetic and another point in its record."""
+
+    def resume(factor: float, **other: str) -> Any:
+        def report(done: int, _total: int, _what: str) -> None:
+            if done == 1:
+                raise KeyboardInterrupt
+
+        on_progress(report)
+        assert palpate(*SWEEP, "--out", "cut").status == 130
+        on_progress(lambda *_: None)
+
+        def changed(point: dict[str, Any]) -> None:
+            point["force_ratio"] *= factor
+
+        rehash(Path("cut"), header=lambda header: header["arithmetic"].update(other), point=changed, number=1)
+        return palpate("runs", "resume", "cut", "--quiet")
+
+    return resume
+
+
+def test_a_run_goes_on_under_another_arithmetic_and_says_so(cut: Callable[..., Any]) -> None:
+    assert cut(LAST_DIGIT, blas="openblas 0.3 Haswell, 8 threads").status == 0
+    run = Run.open(Path("cut"))
+    assert (run.status, len(run.points())) == ("complete", 2)
+    assert {"machine", "processor", "blas", "vectors", "libm"} == arithmetic().keys()
+    assert all(arithmetic()[key] for key in ("machine", "blas", "vectors", "libm"))
+    (told,) = [event["message"] for event in run.events() if event["kind"] == "changed"]
+    assert "Haswell, 8 threads" in told
+    assert "compared to 1e-06 of each number" in told
+
+
+@pytest.mark.slow
+def test_another_result_under_another_arithmetic_is_refused(cut: Callable[..., Any]) -> None:
+    said = cut(TOO_FAR, blas="openblas 0.3 Haswell, 8 threads")
+    assert said.status == 1
+    assert "point 1 is not what the bench gives now" in said.complaint
+
+
+@pytest.mark.slow
+def test_under_the_same_arithmetic_every_digit_counts(cut: Callable[..., Any]) -> None:
+    assert cut(LAST_DIGIT).status == 1
