@@ -32,6 +32,8 @@ AHEAD = 1_000_000  # bytes of zeros that are written at a time
 READINGS = 3  # of a head that is not whole: it may have been under the writer's pen
 NOTHING = bytes(HASH)  # stands for the hash before the first frame
 
+LAST = 1 << 31  # flag of the last frame that was added at a time
+
 Bytes = bytes | memoryview
 
 
@@ -107,7 +109,11 @@ class ChainFile:
 
     def __init__(self, path: Path) -> None:
         self._handle = os.open(path, os.O_RDONLY)
-        self.size = os.fstat(self._handle).st_size
+
+    @property
+    def size(self) -> int:
+        """Of a file that may be growing."""
+        return os.fstat(self._handle).st_size
 
     def __enter__(self) -> ChainFile:
         return self
@@ -268,9 +274,9 @@ def packed(
     """Frames behind those that `head` tells of, as they lie in the file, and the head with them."""
     parts: list[Bytes] = []
     number, length, before = head.frames, head.length, head.hash
-    for kind, own, content in frames:
+    for left, (kind, own, content) in zip(range(len(frames))[::-1], frames, strict=True):
         size = sum(map(len, content))
-        start = _FRAME.pack(MAGIC, head.chain, number, kind, own, flags, size, before)
+        start = _FRAME.pack(MAGIC, head.chain, number, kind, own, flags if left else flags | LAST, size, before)
         total = hashlib.sha256(start)
         for part in content:
             total.update(part)

@@ -9,7 +9,7 @@
 
 Points and events are numbered from 1. The header in a STAT frame has entries that hold from there on. Frames of other
 kinds are passed over. A waveform may lie in several frames, and they may be written long before their point. Flag 1
-says in every frame that the run is simulated.
+says in every frame that the run is simulated. Behind what the head tells of lies at most what was added last.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from instrument.errors import RangeError
-from procedures.chain import ChainFile, Frame, Head, read_head
+from procedures.chain import LAST, ChainFile, Frame, Head, read_head
 from procedures.encoding import LARGEST_ROW, SAMPLE, Waveforms, as_json, encoded
 from procedures.stored import Point, Waveform
 
@@ -97,6 +97,9 @@ class Record:
             raise ValueError(f"{HEAD_FILE} is that of another run")
         if len(self.frames) < head.frames or (head.frames and self.frames[head.frames - 1].hash != head.hash):
             raise ValueError(f"of {head.frames} rows not all are as they were written, in their place")
+        ends = [frame.end for frame in self.frames[head.frames :] if frame.flags & LAST]
+        if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
+            raise ValueError(f"{HEAD_FILE} is older than what it tells of")
         header = self.json(self.frames[0])
         if self.frames[0].kind != HEADER or header["format"] != FORMAT:
             raise ValueError(f"its record format is not {FORMAT}")
@@ -216,6 +219,15 @@ def named(frame: Frame) -> str:
 @contextlib.contextmanager
 def opened(folder: Path) -> Iterator[Record]:
     """The record in a folder. Raises OSError: it is not there. ValueError: it is damaged."""
-    head, fault = read_head(folder / HEAD_FILE)  # first, so that a live run has what it tells of
     with ChainFile(folder / RECORD) as file:
-        yield Record(file, head, fault)
+        head, fault = read_head(folder / HEAD_FILE)
+        while True:
+            try:
+                record = Record(file, head, fault)
+                break
+            except ValueError:
+                before = head, fault
+                head, fault = read_head(folder / HEAD_FILE)
+                if (head, fault) == before:  # else the run is being written, and has gone on meanwhile
+                    raise
+        yield record

@@ -79,12 +79,12 @@ def salvaging(folder: Path) -> Iterator[Left]:
 def _of_chain(file: ChainFile, head_file: Path) -> Left:
     head, fault = read_head(head_file)
     # A frame in its place in the chain counts before one with its number elsewhere.
-    numbered = {frame.number: frame for frame in file.walk(head) if file.content(frame) is not None}
-    chain = head.chain if head is not None else numbered[0].chain if numbered else None
-    scanned = [frame for frame in file.scan() if chain in (None, frame.chain)]
-    if chain is None and scanned:
-        ((chain, _),) = Counter(frame.chain for frame in scanned).most_common(1)
-    for frame in scanned:
+    found = [*(frame for frame in file.walk(head) if file.content(frame) is not None), *file.scan()]
+    chain, _ = Counter(frame.chain for frame in found).most_common(1)[0] if found else (b"", 0)
+    if head is not None and head.chain != chain:
+        head, fault = None, f"{HEAD_FILE} is that of another run"
+    numbered: dict[int, Frame] = {}
+    for frame in found:
         if frame.chain == chain:
             numbered.setdefault(frame.number, frame)
     frames = [frame for _, frame in sorted(numbered.items())]

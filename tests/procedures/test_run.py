@@ -16,6 +16,8 @@ import pandas as pd
 import pytest
 
 from instrument.errors import RecordError, UnknownName, UsageError
+from procedures import record_file
+from procedures.chain import Head
 from procedures.export import export
 from procedures.record import Recorder
 from procedures.run import Run
@@ -88,6 +90,37 @@ def test_a_live_run_can_be_read_and_goes_on(tmp_path: Path) -> None:
         check_two_points(run)
         assert recorder.point({"load_N": 4.5}, {}, 3) == 3
         assert len(run.points()) == 3
+
+
+def test_a_run_that_goes_on_while_it_is_read_is_not_taken_for_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = begin(tmp_path)
+    read, went_on = record_file.read_head, []
+
+    def slow(path: Path) -> tuple[Head | None, str]:
+        """Between head and record two points are written."""
+        found = read(path)
+        if not went_on:
+            went_on.extend(recorder.point({"load_N": 1.5 * n}, {}, n) for n in (3, 4))
+        return found
+
+    monkeypatch.setattr(record_file, "read_head", slow)
+    assert len(Run.open(tmp_path).points()) == 4
+    recorder.close()
+
+
+def test_a_head_that_is_older_than_its_record_is_refused(tmp_path: Path) -> None:
+    recorder = begin(tmp_path, 1)
+    before = (tmp_path / "run.head").read_bytes()
+    recorder.point({"load_N": 2.0}, {}, 2)
+    (tmp_path / "run.head").write_bytes(before)
+    assert len(Run.open(tmp_path).points()) == 2  # as a kill may leave it
+    recorder.point({"load_N": 2.5}, {}, 3)
+    recorder.close()
+    (tmp_path / "run.head").write_bytes(before)
+    with pytest.raises(RecordError, match=r"run\.head is older than what it tells of"):
+        Run.open(tmp_path)
 
 
 def test_a_killed_run_is_read(killed: Path) -> None:
