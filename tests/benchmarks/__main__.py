@@ -13,6 +13,7 @@ from rich.table import Table
 
 from tests.benchmarks import (
     array,
+    damages,
     driver_call,
     estimators,
     faults,
@@ -63,6 +64,7 @@ LONG = {
     "load": load.measure,
     "served_kills": served_kills.measure,
     "soak": soak.measure,
+    "damages": damages.measure,
 }
 
 
