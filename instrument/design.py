@@ -114,7 +114,9 @@ class Design:
         thesis_softness_order: sample names, hard to soft.
         source: where dimensions and figures come from.
         film_covariance: (films, films), relative, of the sensitivities; None: they were not calibrated here, and their
-            scatter is all that is known.
+            scatter is all that is known. `film_freedom`: its degrees of freedom; None: it is known.
+        pickup: what moving cables add to a film's force in step with the drive, at most, as a share of the load on the
+            sensor (bench file); None: none is known.
 
     Raises:
         RangeError: a dimension is not positive and finite, or parts overlap.
@@ -138,6 +140,8 @@ class Design:
     disc_radius: float = 5e-3
     support: str = "elastic"
     film_covariance: tuple[tuple[float, ...], ...] | None = None
+    film_freedom: float | None = None
+    pickup: float | None = None
 
     def __post_init__(self) -> None:
         for part in (self.tooth, self.ring, self.plate, self.film_sheet, self):

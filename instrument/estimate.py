@@ -15,8 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.errors import EstimateError
+from instrument.hum import tuned
 from instrument.noise import noise_at
-from instrument.sine_columns import COEFFICIENTS, sine_columns
+from instrument.noise_parts import short_noise
+from instrument.sine_columns import COEFFICIENTS, SineColumns, sine_columns
 
 Floats = npt.NDArray[np.float64]
 
@@ -25,6 +27,12 @@ SHORTEST_RECORD = 0.25
 
 Measured by trial.
 """
+FEW_DEGREES = 50.0
+"""Of freedom, below which noise is known to worse than a tenth: a record too short to tell white from 1/f noise.
+
+Where noise prevails its intervals may then be a fifth wider than they need to be.
+"""
+LEAST_SHARE = 1e-3  # of noise in an uncertainty, whose degrees of freedom still count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,15 +45,18 @@ class SineFit:
         phase: (channels,) rad, −π to π, at time zero of the record's own time axis.
         offset: (channels,) V, at the middle of the record.
         trend: (channels,) V/s.
-        amplitude_u: (channels,) V, standard uncertainty from `noise`, with its degrees of freedom.
-            Noise only: no gain, no coherent pick-up. Linear, so for amplitudes well above it.
+        amplitude_u: (channels,) V, standard uncertainty from `noise` and `hum_u`, with `degrees_of_freedom`.
+            No gain, no coherent pick-up. Linear, so for amplitudes well above it.
+        amplitude_bias: (channels,) V, what noise adds to an amplitude in the mean: it is a length.
+        hum_u: (channels,) V, what hum may have in an amplitude that shows but wanders unseen in so short a record.
         residual: (channels,) V, rms with `samples` less columns degrees of freedom; of hum what was not told apart.
         noise: (channels,) V, of one sample, of the density that it has around the drive; `instrument.noise`.
         correlation: (channels, channels), of the noise.
-        degrees_of_freedom: of `noise`.
+        degrees_of_freedom: of `amplitude_u`.
         amplitude_correlation: (channels, channels), of the errors of `amplitude`.
         condition: condition number of the scaled columns; 1 is the best there is.
         hum: what a volt of mains hum may add to an amplitude, at its worst phase [V]; 0 where it is told apart.
+        mains: their frequencies, as they were fitted [Hz].
         samples: in each channel.
         rate: samples a second.
     """
@@ -56,15 +67,24 @@ class SineFit:
     offset: Floats
     trend: Floats
     amplitude_u: Floats
+    amplitude_bias: Floats
+    hum_u: Floats
     residual: Floats
     noise: Floats
     correlation: Floats
-    degrees_of_freedom: int
+    degrees_of_freedom: float
     amplitude_correlation: Floats
     condition: float
     hum: float
+    mains: tuple[float, ...]
     samples: int
     rate: float
+
+    @property
+    def unbiased(self) -> Floats:
+        """`amplitude` (channels,) less `amplitude_bias` [V]."""
+        unbiased: Floats = self.amplitude - self.amplitude_bias
+        return unbiased
 
 
 def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> SineFit:
@@ -87,7 +107,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
 
     basis = sine_columns(t, frequency)
     level = y.mean(axis=1, keepdims=True)
-    scaled = basis.solve(y - level)
+    basis, scaled = tuned(basis, y - level, basis.solve(y - level))
     residuals = (y - level) - (basis.columns @ scaled).T
     a, b, offset, trend = scaled[:COEFFICIENTS] * basis.scale[:COEFFICIENTS, np.newaxis]
     at_middle = np.arctan2(-b, a)
@@ -95,22 +115,33 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - spent))
     direction = basis.direction(at_middle)
     spread = np.linalg.norm(direction, axis=0)
-    around = noise_at(frequency, residuals, step, spent)
+    across = np.linalg.norm(basis.direction(at_middle + np.pi / 2), axis=0)
+    around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
+    amplitude, noise_u = np.hypot(a, b), around.sigma * spread
+    hum_u = _wandering(basis, scaled)
+    amplitude_u = np.hypot(noise_u, hum_u)
+    of_noise = np.divide(noise_u, amplitude_u, out=np.ones_like(noise_u), where=amplitude_u > 0)
+    amplitude_correlation = around.correlation * ((direction / spread).T @ (direction / spread))
+    amplitude_correlation *= np.outer(of_noise, of_noise)
+    np.fill_diagonal(amplitude_correlation, 1.0)
     turns = math.remainder(frequency * basis.middle, 1.0)
     return SineFit(
         frequency=float(frequency),
-        amplitude=np.hypot(a, b),
+        amplitude=amplitude,
         phase=np.remainder(at_middle - 2 * np.pi * turns + np.pi, 2 * np.pi) - np.pi,
         offset=level[:, 0] + offset,
         trend=trend,
-        amplitude_u=around.sigma * spread,
+        amplitude_u=amplitude_u,
+        amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - (around.sigma * across) ** 2, 0.0)),
+        hum_u=hum_u,
         residual=residual,
         noise=around.sigma,
         correlation=around.correlation,
-        degrees_of_freedom=around.degrees_of_freedom,
-        amplitude_correlation=around.correlation * ((direction / spread).T @ (direction / spread)),
+        degrees_of_freedom=float((around.degrees_of_freedom / np.maximum(of_noise, LEAST_SHARE) ** 4).min()),
+        amplitude_correlation=amplitude_correlation,
         condition=basis.condition,
-        hum=basis.hum(),
+        hum=basis.hum,
+        mains=basis.mains,
         samples=t.size,
         rate=1 / step,
     )
@@ -134,7 +165,8 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
 
     (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), r the correlation of the two amplitudes: noise common to
     both channels cancels only as far as they move in phase. In phase over whole cycles this is
-    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The ratio's bias is taken off.
+    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The ratio's bias is taken off: that of both
+    amplitudes, which are lengths, and that of the quotient.
 
     Args:
         fit: of both channels together.
@@ -143,7 +175,7 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
     Raises:
         EstimateError: the denominator's amplitude is below three of its standard uncertainties.
     """
-    top, bottom = float(fit.amplitude[numerator]), float(fit.amplitude[denominator])
+    top, bottom = float(fit.unbiased[numerator]), float(fit.unbiased[denominator])
     top_u, bottom_u = float(fit.amplitude_u[numerator]), float(fit.amplitude_u[denominator])
     if not bottom > 3 * bottom_u:
         raise EstimateError(
@@ -165,6 +197,18 @@ def quotient_bias(ratio: float, bottom: float, variance: float, covariance: floa
         covariance: of top and bottom.
     """
     return (ratio * variance - covariance) / bottom**2
+
+
+def _wandering(basis: SineColumns, scaled: Floats) -> Floats:
+    """Standard uncertainty (channels,) of amplitudes by hum that is fitted at the mains' rated frequency alone [V].
+
+    The frequency is as likely anywhere within its wander, and so is the phase: the greatest leak over √3 and √2.
+    """
+    if not basis.strays:
+        return np.zeros(scaled.shape[1])
+    hum, _ = basis.phasors(scaled)
+    found: Floats = np.linalg.norm(np.abs(hum).T * basis.strays, axis=1) / math.sqrt(6)
+    return found
 
 
 def _check_samples(time: Floats, signals: Floats) -> None:

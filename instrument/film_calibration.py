@@ -130,13 +130,21 @@ class FilmCalibration(Hashed):
         )
 
     def apply(self, design: Design) -> Design:
-        """The design with these sensitivities and their covariance."""
+        """The design with these sensitivities and their covariance, which has the scatter's degrees of freedom.
+
+        The load cell's part of it, which is mostly better known, cancels in a ratio.
+        """
         found = np.array([film.sensitivity_mV_per_N for film in self.films])
         relative = np.array(self.covariance) / np.outer(found, found)
         films = (
             replace(film, sensitivity=1e-3 * float(value)) for film, value in zip(design.films, found, strict=True)
         )
-        return replace(design, films=tuple(films), film_covariance=tuple(map(tuple, relative.tolist())))
+        return replace(
+            design,
+            films=tuple(films),
+            film_covariance=tuple(map(tuple, relative.tolist())),
+            film_freedom=float(min(film.degrees_of_freedom for film in self.films)),
+        )
 
     def check_use(self, design: Design, device: str, simulated: bool, today: date) -> None:
         """Raises ConfigError where it is not that of this sensor on this node, or has expired."""

@@ -27,10 +27,10 @@ class ToothPoint:
         voltage_V, force_N: of its own film.
         base_voltage_V, base_force_N: of the film under its base, which other teeth may share.
         force_ratio: of its force to the base's, so that those of one base add up; `force_ratio_u` with the scatter
-            of both films' gains and their calibration.
+            of both films' gains, their calibration and their cables' pick-up.
         noise_u: what noise has in it.
-        force_u, base_force_u: of the forces, with the scatter of the film's gain and its calibration; None: a record
-            of before they were known.
+        force_u, base_force_u: of the forces, with the scatter of the film's gain, its calibration and its pick-up;
+            None: a record of before they were known.
     """
 
     tooth: int
@@ -52,8 +52,10 @@ class FilmForces:
     Attributes:
         force_ratio: mean over the bases of the force on a base's teeth to the force on the base, as in Tables 5.7 and
             A2.9 to A2.20; `force_ratio_u` with the scatter of the gains and the films' calibration.
-        noise_u, calibration_u: what noise and the films' calibration have in it.
-        force_rigid_u, force_total_u: of the sums, with noise, scatter and calibration, all as they hang together.
+        noise_u, calibration_u, pickup_u: what noise, the films' calibration and the cables' pick-up have in it.
+        degrees_of_freedom: of `noise_u`.
+        force_rigid_u, force_total_u: of the sums, with noise, scatter, calibration and pick-up, all as they hang
+            together.
     """
 
     voltage_rigid_V: float
@@ -64,6 +66,8 @@ class FilmForces:
     force_ratio_u: float
     noise_u: float
     calibration_u: float
+    pickup_u: float
+    degrees_of_freedom: float
     force_rigid_u: float
     force_total_u: float
     teeth: tuple[ToothPoint, ...]
@@ -80,7 +84,7 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
     """
     films = design.films
     gains = np.array([film.sensitivity for film in films])
-    voltage = 2 * fit.amplitude
+    voltage = 2 * fit.unbiased
     force = voltage / gains
     force_u = 2 * fit.amplitude_u / gains
     covariance = fit.amplitude_correlation * np.outer(force_u, force_u)
@@ -94,7 +98,9 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
             )
     calibrated = np.zeros((len(films), len(films))) if design.film_covariance is None else design.film_covariance
     force_covariance = np.asarray(calibrated) * np.outer(force, force)
-    whole_covariance = covariance + force_covariance + scatter_covariance(design) * np.outer(force, force)
+    pickup_covariance = pickup_u(design) ** 2 * float(force[bases].sum()) ** 2 * np.eye(len(films))
+    whole_covariance = covariance + force_covariance + pickup_covariance
+    whole_covariance += scatter_covariance(design) * np.outer(force, force)
     each_u = np.sqrt(np.diag(whole_covariance))
     slopes = np.zeros(len(films))
     teeth = []
@@ -117,7 +123,10 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
                 base_force_N=float(force[base]),
                 force_ratio=ratio,
                 force_ratio_u=math.hypot(
-                    noise_u, ratio * ratio_scatter(design, film, films[base]), _u(slope, force_covariance)
+                    noise_u,
+                    ratio * ratio_scatter(design, film, films[base]),
+                    _u(slope, force_covariance),
+                    _u(slope, pickup_covariance),
                 ),
                 noise_u=noise_u,
                 force_u=float(each_u[rigid]),
@@ -127,20 +136,31 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
     rigids = [i for i in range(len(films)) if i not in bases]
     of_rigid = np.array([float(i in rigids) for i in range(len(films))])
     ratio = math.fsum(tooth.force_ratio for tooth in teeth) / len(bases)
-    noise_u, calibration_u = _u(slopes, covariance), _u(slopes, force_covariance)
+    noise_u, calibration_u, by_pickup = (_u(slopes, each) for each in (covariance, force_covariance, pickup_covariance))
     return FilmForces(
         voltage_rigid_V=float(voltage[rigids].sum()),
         voltage_total_V=float(voltage[bases].sum()),
         force_rigid_N=float(force[rigids].sum()),
         force_total_N=float(force[bases].sum()),
         force_ratio=ratio,
-        force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio, calibration_u),
+        force_ratio_u=math.hypot(noise_u, design.ratio_scatter * ratio, calibration_u, by_pickup),
         noise_u=noise_u,
         calibration_u=calibration_u,
+        pickup_u=by_pickup,
+        degrees_of_freedom=fit.degrees_of_freedom,
         force_rigid_u=_u(of_rigid, whole_covariance),
         force_total_u=_u(1 - of_rigid, whole_covariance),
         teeth=tuple(teeth),
     )
+
+
+def pickup_u(design: Design) -> float:
+    """Standard uncertainty of each film's force by its cable's pick-up, as a share of the load on the sensor.
+
+    It is known not to exceed a bound, and its phase against the load is not known: what of it lies along the load has
+    the arc sine distribution (JCGM 101, 6.4.6). Each film has a cable of its own.
+    """
+    return (design.pickup or 0.0) / math.sqrt(2)
 
 
 def ratio_scatter(design: Design, film: Film, base: Film) -> float:

@@ -37,7 +37,7 @@ class Noise:
 
     sigma: Floats
     correlation: Floats
-    degrees_of_freedom: int
+    degrees_of_freedom: float
 
 
 def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> Noise:
@@ -60,7 +60,7 @@ def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> No
     for tone in (*(cycles * np.arange(1, harmonics + 1)), *(mains * n * step for mains in MAINS)):
         lines = lines[np.abs(lines - tone) >= 1 - 1e-6]
     if lines.size < FEWEST_LINES:
-        return Noise(*_moments(residuals, n - spent), n - spent)
+        return Noise(*moments(residuals, n - spent), n - spent)
     spectrum = np.fft.rfft(residuals, axis=1)[:, lines] / np.sqrt(n)
     if lines.size >= SHAPE_LINES:
         fitted = _shaped(spectrum, cycles / lines)
@@ -69,7 +69,7 @@ def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> No
     octaves = np.abs(np.log2(lines / cycles))
     near = np.argsort(octaves, kind="stable")[: max(LINES, np.count_nonzero(octaves <= 1))]
     around = spectrum[:, near]
-    return Noise(*_moments(np.concatenate([around.real, around.imag], axis=1), near.size), 2 * near.size)
+    return Noise(*moments(np.concatenate([around.real, around.imag], axis=1), near.size), 2 * near.size)
 
 
 def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
@@ -91,7 +91,7 @@ def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
     if not _holds(power / density, lines):
         return None
     whitened = spectrum / np.sqrt(white[:, np.newaxis] + rising[:, np.newaxis] * pink)
-    correlation = _moments(np.concatenate([whitened.real, whitened.imag], axis=1), pink.size)[1]
+    correlation = moments(np.concatenate([whitened.real, whitened.imag], axis=1), pink.size)[1]
     a, b, c = ((lines / density**2) @ slope**order for order in range(3))
     variance = (a - 2 * b + c) / (a * c - b**2) / (white + rising) ** 2
     return Noise(np.sqrt(white + rising), correlation, int(2 / variance.mean()))
@@ -133,7 +133,7 @@ def _holds(relative: Floats, lines: Floats) -> bool:
     return bool(off.max() <= chdtri(lines.size, SURE / len(relative)))
 
 
-def _moments(values: Floats, count: int) -> tuple[Floats, Floats]:
+def moments(values: Floats, count: int) -> tuple[Floats, Floats]:
     """Standard deviation of each row and correlation of the rows."""
     norm = np.linalg.norm(values, axis=1, keepdims=True)
     unit = np.divide(values, norm, out=np.zeros_like(values), where=norm > 0)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from instrument.errors import EstimateError, RangeError
 from instrument.models.curve import RatioCurve
+from instrument.uncertainty import coverage_factor
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,12 @@ class ModulusEstimate:
 
 
 def modulus_of_ratio(
-    curve: RatioCurve, ratio: ArrayLike, u: ArrayLike = 0.0, coverage: float = 0.95, error: ArrayLike = 0.0
+    curve: RatioCurve,
+    ratio: ArrayLike,
+    u: ArrayLike = 0.0,
+    coverage: float = 0.95,
+    error: ArrayLike = 0.0,
+    degrees_of_freedom: ArrayLike = math.inf,
 ) -> ModulusEstimate:
     """Modulus of the sensed object for each force ratio.
 
@@ -68,13 +73,16 @@ def modulus_of_ratio(
         u: standard uncertainty of each, or of all; the curve's own error is added to its interval.
         coverage: probability that the interval covers the modulus, if the ratio's error is normal.
         error: bound on what else may be wrong with the curve there, for each or for all; it is added as well.
+        degrees_of_freedom: of the uncertainties, of each or of all; above 0.
 
     Raises:
         RangeError: a ratio is not between 0 and 1, an uncertainty is negative or not finite, their shapes do not
             go together, or the coverage is not between 0 and 1. There must be at least one ratio.
     """
     given, uncertainty = check_ratios(ratio, u, coverage)
-    spread = NormalDist().inv_cdf((1 + coverage) / 2) * uncertainty + curve.error + np.asarray(error, dtype=np.float64)
+    factors = [coverage_factor(float(each), coverage) for each in np.atleast_1d(np.asarray(degrees_of_freedom))]
+    factor = np.reshape(factors, np.shape(degrees_of_freedom))
+    spread = factor * uncertainty + curve.error + np.asarray(error, dtype=np.float64)
     least, greatest = curve.ratios
     left, right = _moduli_between(curve, given, given)
     outside = (given < least) | (given > greatest)

@@ -15,9 +15,10 @@ from instrument.design import Design
 from instrument.dwell import Dwell, dwell_of
 from instrument.estimate import SineFit
 from instrument.film_forces import ToothPoint, film_forces
+from instrument.mean_ratio import mean_ratio
 from instrument.quantity import show
 from instrument.sample import get_sample
-from instrument.uncertainty import Budget, Component
+from instrument.uncertainty import Budget
 from procedures.film_point import DwellChoice, FilmPoint, measure
 from procedures.load_plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
 from procedures.pause import NOBODY, Pause
@@ -32,11 +33,12 @@ class LoadPoint:
     """One load set. Forces and voltages are peak to peak; `_u` are standard uncertainties.
 
     Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
-    has each tooth's own. `noise_u` and `calibration_u` are what noise and the films' calibration have in
-    `force_ratio_u`. `relative_u` is that to `force_ratio`, beside what was predicted of it where the dwell was chosen
-    at the point. `extrapolated`: the load lies outside the calibrated range. Not `valid`: after the last of its
-    `attempts` it is flagged still; `flags` say why. `incidents` counts what went wrong since the point before and was
-    made good; the events say what. The forces' own uncertainties are None in records of before they were known.
+    has each tooth's own. `noise_u`, `calibration_u` and `pickup_u` are what noise, the films' calibration and their
+    cables have in `force_ratio_u`; `degrees_of_freedom` are those of `noise_u`. `relative_u` is that to `force_ratio`,
+    beside what was predicted of it where the dwell was chosen at the point. `extrapolated`: the load lies outside the
+    calibrated range. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why. `incidents`
+    counts what went wrong since the point before and was made good; the events say what. The forces' own
+    uncertainties are None in records of before they were known.
     """
 
     sample: str
@@ -65,6 +67,8 @@ class LoadPoint:
     calibration_u: float = 0.0
     force_rigid_u: float | None = None
     force_total_u: float | None = None
+    pickup_u: float = 0.0
+    degrees_of_freedom: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,21 +91,14 @@ class SweepResult:
     points: list[LoadPoint]
     samples: list[SampleMean]
     softness_order: list[str]
-
-    def budgets(self) -> tuple[Budget, ...]:
-        """Of the mean force ratio of each sample that has one."""
-        return tuple(
-            _budget(mean.sample, mean.force_ratio, [p for p in self.points if p.sample == mean.sample and p.valid])
-            for mean in self.samples
-            if mean.force_ratio is not None
-        )
+    budgets: tuple[Budget, ...]
 
     def summary(self) -> dict[str, Any]:
         """The result without its points, for the record."""
         return {
             "samples": [asdict(s) for s in self.samples],
             "softness_order": self.softness_order,
-            "budgets": [budget.summary() for budget in self.budgets()],
+            "budgets": [budget.summary() for budget in self.budgets],
         }
 
 
@@ -185,25 +182,24 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         calibration_u=forces.calibration_u,
         force_rigid_u=forces.force_rigid_u,
         force_total_u=forces.force_total_u,
+        pickup_u=forces.pickup_u,
+        degrees_of_freedom=forces.degrees_of_freedom,
     )
 
 
 def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
-    """Mean ratio of each sample over its valid load sets, and the samples from hard to soft.
-
-    The gains scatter anew with each load set, so the uncertainties of the points are independent but for the films'
-    calibration, which all share.
-    """
-    means = []
+    """Mean ratio of each sample over its valid load sets, and the samples from hard to soft."""
+    means, budgets = [], []
     for name in dict.fromkeys(point.sample for point in points):
         valid = [point for point in points if point.sample == name and point.valid]
         n = len(valid)
-        ratio = math.fsum(p.force_ratio for p in valid) / n if n else math.nan
+        budget = mean_ratio(f"force ratio of sample {name}", valid, design) if valid else None
+        budgets += [budget] if budget else []
         means.append(
             SampleMean(
                 sample=name,
-                force_ratio=ratio if n else None,
-                force_ratio_u=_budget(name, ratio, valid).u if n else None,
+                force_ratio=budget.value if budget else None,
+                force_ratio_u=budget.u if budget else None,
                 valid_points=n,
                 thesis_force_ratio=design.thesis_force_ratio.get(name),
                 teeth=tuple(
@@ -212,16 +208,4 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
             )
         )
     known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
-    return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)])
-
-
-def _budget(sample: str, ratio: float, points: Sequence[LoadPoint]) -> Budget:
-    """Of a mean: scatter and noise are of each point alone, the films' calibration is that of all."""
-    n = len(points)
-    scatter = math.fsum(max(p.force_ratio_u**2 - p.noise_u**2 - p.calibration_u**2, 0.0) for p in points)
-    components = [
-        Component("gain scatter", math.sqrt(scatter) / n),
-        Component("noise", math.sqrt(math.fsum(p.noise_u**2 for p in points)) / n, kind="A"),
-        Component("films' calibration", math.fsum(p.calibration_u for p in points) / n),
-    ]
-    return Budget(f"force ratio of sample {sample}", ratio, "", tuple(components))
+    return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)], tuple(budgets))

@@ -20,13 +20,19 @@ Array = NDArray[np.float64]
 COVERAGE = 0.95
 
 
-def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[float] | None) -> list[dict[str, Any]]:
+def estimate(
+    question: Question,
+    ratios: Sequence[float],
+    u: float | Sequence[float] | None,
+    degrees_of_freedom: float | Sequence[float] = math.inf,
+) -> list[dict[str, Any]]:
     """A row a ratio: modulus (None where only a bound is known) and coverage interval (None: no bound) [Pa].
 
     The interval holds what the model leaves out, `model_error`, as far as it is priced.
 
     Args:
         u: standard uncertainty of the ratios, or of each; None: that by which the design's ratios repeat.
+        degrees_of_freedom: of that, or of each.
 
     Raises:
         RangeError: a ratio is not between 0 and 1, the uncertainty is negative or not finite, or the model does not
@@ -37,7 +43,8 @@ def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[fl
     uncertainty = sensor.ratio_scatter * np.array(ratios) if u is None else np.broadcast_to(u, len(ratios))
     check_ratios(ratios, uncertainty, COVERAGE)
     curve = ratio_curve(sensor, question.load(sensor.ring.material.modulus), question.model, question.tolerance)
-    errors, found = _priced(question, curve, ratios, uncertainty)
+    freedom = np.broadcast_to(degrees_of_freedom, len(ratios))
+    errors, found = _priced(question, curve, ratios, uncertainty, freedom)
     least, greatest = curve.ratios
 
     def note(index: int) -> str:
@@ -67,7 +74,7 @@ def estimate(question: Question, ratios: Sequence[float], u: float | Sequence[fl
 
 
 def _priced(
-    question: Question, curve: RatioCurve, ratios: Sequence[float], u: Array
+    question: Question, curve: RatioCurve, ratios: Sequence[float], u: Array, freedom: Array
 ) -> tuple[list[float | None], ModulusEstimate]:
     """The model's error between the moduli of each interval, None where it is not priced; intervals that hold it."""
     sensor, (lowest, *_, highest) = question.sensor(), stored().moduli_Pa
@@ -75,14 +82,14 @@ def _priced(
     def priced(low: float, high: float) -> float | None:
         return model_error(sensor, question.load(lowest), curve.model, max(low, lowest), min(high, highest))
 
-    found = modulus_of_ratio(curve, ratios, u, COVERAGE)
+    found = modulus_of_ratio(curve, ratios, u, COVERAGE, degrees_of_freedom=freedom)
     ends = [(float(low), float(high)) for low, high in zip(found.low, found.high, strict=True)]
     known = [all(lowest <= end <= highest for end in pair if 0 < end < math.inf) for pair in ends]
     errors = [priced(*pair) if inside else None for pair, inside in zip(ends, known, strict=True)]
     if question.model == AUTO:
         return errors, found  # its curve has them
     while True:
-        found = modulus_of_ratio(curve, ratios, u, COVERAGE, [error or 0.0 for error in errors])
+        found = modulus_of_ratio(curve, ratios, u, COVERAGE, [error or 0.0 for error in errors], freedom)
         # A wider interval may reach moduli of a greater error, which make it wider still.
         wider = [
             None if error is None else max(error, priced(float(low), float(high)) or 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -14,11 +14,12 @@ from instrument.calibration import LoadCellCalibration
 from instrument.design import Design
 from instrument.errors import RangeError
 from instrument.film_forces import film_forces
+from instrument.mean_ratio import apart, mean_ratio
 from instrument.models.price_list import stored
 from instrument.models.ratio import Question
 from instrument.quantity import show
 from instrument.sample import Sample
-from instrument.uncertainty import Budget, Component, Kind
+from instrument.uncertainty import Budget, Component
 from procedures.film_point import CLIPPED, measure
 from procedures.load_plan import check_force, check_frequency, check_time, preload_for
 from procedures.model_modulus import COVERAGE, estimate
@@ -29,7 +30,6 @@ from procedures.servo import LoadServo, finish, press
 
 PROCEDURE = "softness"
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
-APART = 1.96  # standard uncertainties of a difference, beyond which an order is sure by 95 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class SoftnessSettings:
 
 @dataclass(frozen=True, slots=True)
 class SoftnessPoint:
-    """One object under one load, peak to peak. Not `valid`: `flags` say why."""
+    """One object under one load, peak to peak. Not `valid`: `flags` say why. Uncertainties as of `LoadPoint`."""
 
     object: str
     load_N: float
@@ -56,6 +56,9 @@ class SoftnessPoint:
     noise_u: float
     valid: bool
     flags: tuple[str, ...]
+    calibration_u: float = 0.0
+    pickup_u: float = 0.0
+    degrees_of_freedom: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +170,8 @@ def run(
             forces = film_forces(design, measured.fit)
             point = SoftnessPoint(
                 sample.name, load, measured.load_N, measured.load_u, forces.force_ratio, forces.force_ratio_u,
-                forces.noise_u, measured.valid, measured.flags,
+                forces.noise_u, measured.valid, measured.flags, forces.calibration_u, forces.pickup_u,
+                forces.degrees_of_freedom,
             )  # fmt: skip
             points.keep(point, measured, what)
     finish(bench, calibration)
@@ -175,53 +179,39 @@ def run(
 
 
 def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design: Design) -> SoftnessResult:
-    """Moduli by the mean ratio over the valid loads, and the objects from hard to soft.
-
-    The gains scatter anew with each load, so the uncertainties of the points are independent.
-    """
-    means: dict[str, tuple[float, float]] = {}
+    """Moduli by the mean ratio over the valid loads, and the objects from hard to soft."""
+    means: dict[str, Budget] = {}
     found: dict[str, Softness] = {}
     for name in dict.fromkeys(point.object for point in points):
         own = [point for point in points if point.object == name]
         valid = [point for point in own if point.valid]
         found[name] = Softness(name, len(valid), any(CLIPPED in point.flags for point in own))
         if valid:
-            means[name] = (
-                math.fsum(p.force_ratio for p in valid) / len(valid),
-                math.sqrt(math.fsum(p.force_ratio_u**2 for p in valid)) / len(valid),
-            )
+            means[name] = mean_ratio(f"force ratio of {name}", valid, design)
     model = settings.model
     if means:
-        ratios, uncertainties = zip(*means.values(), strict=True)
-        for name, row in zip(means, estimate(_question(settings, design), ratios, uncertainties), strict=True):
+        ratios, uncertainties, freedom = zip(
+            *((mean.value, mean.u, mean.degrees_of_freedom) for mean in means.values()), strict=True
+        )
+        rows = estimate(_question(settings, design), ratios, uncertainties, freedom)
+        for name, row in zip(means, rows, strict=True):
             model = row.pop("model")
             found[name] = Softness(name, found[name].valid_points, found[name].saturated, **row)
-    order = sorted(means, key=lambda name: means[name][0], reverse=True)
-    alike = [
-        (harder, softer)
-        for harder, softer in itertools.pairwise(order)
-        if means[harder][0] - means[softer][0] < APART * math.hypot(means[harder][1], means[softer][1])
-    ]
-    budgets = [budget for each in found.values() for budget in _budgets(each, points)]
+    order = sorted(means, key=lambda name: means[name].value, reverse=True)
+    alike = [pair for pair in itertools.pairwise(order) if not apart(means[pair[0]], means[pair[1]])]
+    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean)]
     return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model), budgets)
 
 
-def _budgets(each: Softness, points: Sequence[SoftnessPoint]) -> Iterator[Budget]:
+def _budgets(each: Softness, mean: Budget) -> Iterator[Budget]:
     """Of the mean ratio; and of the modulus where it is known, with what the model may be wrong by."""
-    if each.force_ratio is None:
-        return
-    valid = [point for point in points if point.object == each.object and point.valid]
-    noise = math.sqrt(math.fsum(p.noise_u**2 for p in valid)) / len(valid)
-    scatter = math.sqrt(math.fsum(p.force_ratio_u**2 - p.noise_u**2 for p in valid)) / len(valid)
-    inputs: tuple[tuple[str, float, Kind], ...] = (("noise", noise, "A"), ("gain scatter", scatter, "B"))
-    ratio = tuple(Component(name, u, kind=kind) for name, u, kind in inputs)
-    yield Budget(f"force ratio of {each.object}", each.force_ratio, "", ratio)
+    yield mean
     if each.modulus_Pa is None or each.sensitivity is None:
         return
-    slope = each.sensitivity * each.modulus_Pa / each.force_ratio
+    slope = each.sensitivity * each.modulus_Pa / mean.value
     # The model's error is a bound: a rectangle of that half width.
     model = Component("model", (each.model_error or 0.0) / math.sqrt(3), slope)
-    parts = tuple(Component(name, u, slope, kind=kind) for name, u, kind in inputs)
+    parts = tuple(replace(part, sensitivity=slope) for part in mean.components)
     yield Budget(f"modulus of {each.object}", each.modulus_Pa, "Pa", (*parts, model))
 
 

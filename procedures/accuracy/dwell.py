@@ -174,7 +174,7 @@ def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: flo
         bias_u=u / math.sqrt(repeats),
         bound=bound,
         efficiency=(bound / u) ** 2 if u > ROUND_OFF else None,
-        hum=sine_columns(time, whole.frequency).hum(),
+        hum=sine_columns(time, whole.frequency).hum,
     )
 
 

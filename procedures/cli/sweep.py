@@ -86,7 +86,7 @@ def loads(
         from procedures.report.budget import print_budgets
 
         found, simulated = result
-        print_budgets(found.budgets(), simulated)
+        print_budgets(found.budgets, simulated)
 
 
 @sweep.command(

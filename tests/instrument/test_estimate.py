@@ -23,6 +23,11 @@ def times(cycles: float, start: float = 0.0) -> Floats:
     return start + np.arange(round(cycles * RATE / FREQUENCY)) / RATE
 
 
+def unsure(cycles: float) -> float:
+    """By how much a record that cannot tell white from 1/f noise overstates the power of white noise at most."""
+    return 1.1 if cycles >= 10 else 1.7
+
+
 def tone(time: Floats, amplitude: float = 1.0, phase: float = 0.0) -> Floats:
     return amplitude * np.cos(2 * np.pi * FREQUENCY * time + phase)
 
@@ -120,7 +125,7 @@ def test_the_ratio_reaches_the_cramer_rao_bound_and_says_so(relative: float, cyc
     values, uncertainties = ratios(time, sigma, amplitude, np.array([phase, phase]))
     bound = 0.3 * ratio_bound(time, sigma, amplitude, phase)
     assert values.var() <= 1.1 * bound**2
-    assert np.mean(uncertainties**2) == pytest.approx(values.var(), rel=0.1)
+    assert 0.9 * values.var() <= np.mean(uncertainties**2) <= unsure(cycles) * values.var()
 
 
 def test_over_ten_cycles_the_trend_costs_less_than_a_percent() -> None:
@@ -141,7 +146,7 @@ def test_the_ratio_is_biased_by_less_than_a_tenth_of_its_uncertainty(relative: f
 def test_noise_common_to_both_channels_cancels_as_far_as_they_move_together(phase: float, cycles: float) -> None:
     amplitude = np.array([1.0, 1.0])
     values, uncertainties = ratios(times(cycles), 0.03 * amplitude, amplitude, np.array([0.0, phase]), correlation=0.95)
-    assert uncertainties.mean() == pytest.approx(values.std(), rel=0.05)
+    assert 0.95 * values.std() <= uncertainties.mean() <= unsure(cycles) ** 0.5 * values.std()
 
 
 def test_the_uncertainty_in_phase_over_whole_cycles_is_the_textbook_formula() -> None:
@@ -193,7 +198,7 @@ def test_a_third_of_a_cycle_is_accepted_with_its_price_in_the_uncertainty() -> N
     assert fits[0].condition < CONDITION_LIMIT
     spread = float(np.concatenate([fit.amplitude for fit in fits]).std())
     stated = float(np.concatenate([fit.amplitude_u for fit in fits]).mean())
-    assert stated == pytest.approx(spread, rel=0.1)
+    assert 0.9 * spread <= stated <= unsure(0.3) ** 0.5 * spread
     assert stated > 30 * 1e-4 * math.sqrt(2 / whole.size)
 
 

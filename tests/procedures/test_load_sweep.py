@@ -228,7 +228,7 @@ def test_a_stored_waveform_gives_the_stored_result_again(default_sweep: dict[str
         films = np.array([run.waveform(point["id"], name) for name in ("rigid", "total")])
         assert films.dtype == np.float32
         fit = fit_sine(np.arange(250) / 250.0, films, 10.0)
-        assert 2 * fit.amplitude == pytest.approx([point["voltage_rigid_V"], point["voltage_total_V"]], rel=1e-6)
+        assert 2 * fit.unbiased == pytest.approx([point["voltage_rigid_V"], point["voltage_total_V"]], rel=1e-6)
         ratio, ratio_u = amplitude_ratio(fit, 0, 1)
         assert ratio * 68.60 / 5.995 == pytest.approx(point["force_ratio"], rel=1e-6)
         assert ratio_u * 68.60 / 5.995 == pytest.approx(point["noise_u"], rel=1e-3)
@@ -256,7 +256,7 @@ def test_only_valid_points_enter_a_mean_and_the_order() -> None:
 def test_the_budget_of_a_mean_tells_scatter_and_noise_apart() -> None:
     (budget,) = evaluate(
         [point("1", 0.3), point("1", 0.32), point("1", 9.9, valid=False)], get_design("single")
-    ).budgets()
+    ).budgets
     assert (budget.quantity, budget.value) == ("force ratio of sample 1", pytest.approx(0.31))
     parts = {component.name: component.contribution for component in budget.components}
     assert parts["noise"] == pytest.approx(1e-4 / math.sqrt(2))
