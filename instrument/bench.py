@@ -85,6 +85,8 @@ class BenchDescription(Config):
     design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
     watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)
+    # of the load: what a film's moving cable adds to its force in step with the drive, at most; 0: nothing is known
+    pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     signal_generator: TcpAddress
     shaker_amplifier: Amplifier
     line: SerialLine

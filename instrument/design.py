@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from instrument.errors import RangeError, UnknownName
 from instrument.limits import require_nested
@@ -167,6 +167,10 @@ class Design:
             },
             f"design {self.name!r}: ",
         )
+
+    def with_pickup(self, share: float) -> Design:
+        """On a bench that says so of its cables; 0: it says nothing."""
+        return replace(self, pickup=share or None)
 
     @property
     def columns(self) -> int:

@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from instrument.design import Design
 from instrument.uncertainty import Budget, Component, coverage_factor
 
 SCATTER, NOISE, CALIBRATION, PICKUP = "gain scatter", "noise", "films' calibration", "pick-up in step with the load"
@@ -33,8 +32,8 @@ class RatioPoint(Protocol):
     def degrees_of_freedom(self) -> float | None: ...
 
 
-def mean_ratio(quantity: str, points: Sequence[RatioPoint], design: Design) -> Budget:
-    """Of the points, which must be one at least."""
+def mean_ratio(quantity: str, points: Sequence[RatioPoint], film_freedom: float | None) -> Budget:
+    """Of the points, which must be one at least; `film_freedom`: of the films' calibration, None where it is known."""
     n = len(points)
     shared = [(p.noise_u, p.calibration_u, p.pickup_u) for p in points]
     scatter = math.fsum(
@@ -50,7 +49,7 @@ def mean_ratio(quantity: str, points: Sequence[RatioPoint], design: Design) -> B
         Component(
             CALIBRATION,
             math.fsum(p.calibration_u for p in points) / n,
-            degrees_of_freedom=design.film_freedom or math.inf,
+            degrees_of_freedom=film_freedom or math.inf,
         ),
         Component(PICKUP, math.fsum(p.pickup_u for p in points) / n),
     ]

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 from instrument.contracts import signal_generator
 from instrument.design import Design
-from instrument.dwell import LONGEST, Floor, check_dwell, check_target, dwell_of
+from instrument.dwell import LONGEST, Floor, check_dwell, check_target, dwell_of, floor_u
 from instrument.errors import RangeError
+from instrument.film_forces import pickup_u
 from instrument.models.springs import force_ratio
 from instrument.quantity import parse
 from instrument.sample import get_sample
@@ -121,9 +122,16 @@ def check_time(dwell: float, frequency: float) -> None:
     check_dwell(dwell, frequency, SAMPLES_PER_CYCLE * frequency)
 
 
-def floor_of(design: Design) -> tuple[Floor, ...]:
-    """What no dwell lowers."""
-    return (Floor("gain scatter", design.ratio_scatter),)
+def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
+    """What no dwell lowers, of a force ratio: one tooth's and its base's cables are counted."""
+    scatter = Floor("gain scatter", design.ratio_scatter)
+    pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
+    return (scatter, Floor("pick-up in step with the load", pickup)) if pickup else (scatter,)
+
+
+def expected_ratio(design: Design, sample: str) -> float:
+    """The force ratio that a sample will give, roughly."""
+    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
 
 
 def check(settings: SweepSettings, design: Design, force_limit: float, nodes: int) -> None:
@@ -142,20 +150,22 @@ def check(settings: SweepSettings, design: Design, force_limit: float, nodes: in
     if settings.tolerance is None:
         check_time(settings.dwell, settings.frequency)
     else:
-        check_target(settings.tolerance, floor_of(design))
+        for sample in settings.samples:
+            check_target(settings.tolerance, floor_of(design, expected_ratio(design, sample)))
 
 
 def plan(settings: SweepSettings, design: Design) -> Plan[LoadStep]:
     """Every load of every sample, with what is to be expected of it."""
     steps = []
     for name in settings.samples:
-        ratio = design.thesis_force_ratio.get(name) or force_ratio(design, get_sample(name))
+        ratio = expected_ratio(design, name)
+        floor = floor_of(design, ratio)
         for load in settings.loads:
             noise = expected_noise(design, load, ratio)
             recording = settings.dwell
-            u = math.hypot(design.ratio_scatter, noise / math.sqrt(settings.dwell))
+            u = math.hypot(floor_u(floor), noise / math.sqrt(settings.dwell))
             if settings.tolerance is not None:
-                chosen = dwell_of(settings.tolerance, noise, settings.frequency, floor_of(design))
+                chosen = dwell_of(settings.tolerance, noise, settings.frequency, floor)
                 recording, u = recording_seconds(chosen.dwell, settings.frequency), chosen.u
             seconds = point_seconds(settings.frequency, recording, first=load == settings.loads[0])
             steps.append(LoadStep(None if settings.tolerance else settings.dwell, seconds, u, name, load))

@@ -148,7 +148,7 @@ def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:
     def choose(short: SineFit) -> Dwell:
         forces = film_forces(design, short)
         noise = forces.noise_u / forces.force_ratio * math.sqrt(short.samples / short.rate)
-        return dwell_of(target, noise, short.frequency, floor_of(design))
+        return dwell_of(target, noise, short.frequency, floor_of(design, forces.force_ratio))
 
     return choose
 
@@ -193,7 +193,7 @@ def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
     for name in dict.fromkeys(point.sample for point in points):
         valid = [point for point in points if point.sample == name and point.valid]
         n = len(valid)
-        budget = mean_ratio(f"force ratio of sample {name}", valid, design) if valid else None
+        budget = mean_ratio(f"force ratio of sample {name}", valid, design.film_freedom) if valid else None
         budgets += [budget] if budget else []
         means.append(
             SampleMean(

@@ -187,7 +187,7 @@ def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design
         valid = [point for point in own if point.valid]
         found[name] = Softness(name, len(valid), any(CLIPPED in point.flags for point in own))
         if valid:
-            means[name] = mean_ratio(f"force ratio of {name}", valid, design)
+            means[name] = mean_ratio(f"force ratio of {name}", valid, design.film_freedom)
     model = settings.model
     if means:
         ratios, uncertainties, freedom = zip(

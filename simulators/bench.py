@@ -103,6 +103,7 @@ class SimulatedBench:
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,
+                pickup=self.scene.pickup,
                 signal_generator=TcpAddress(
                     host=host, port=generator, timeout=timeouts.get("signal_generator", TIMEOUT)
                 ),

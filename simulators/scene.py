@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pydantic import Field
 
@@ -23,6 +23,7 @@ from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
 if TYPE_CHECKING:
+    from simulators.effects.triboelectric import Triboelectric
     from simulators.faults.fault import Fault
 
 LARGEST_SEED = 2**63 - 1
@@ -86,6 +87,12 @@ class Scene:
     called: Mapping[str, str]
     file: SceneFile
     faults: tuple[Fault, ...] = ()
+
+    @property
+    def pickup(self) -> float:
+        """Bound on what cables add to a film's force, as a share of the load: what a bench file says of its bench."""
+        cables = cast("Triboelectric | None", self.effects.get("triboelectric"))
+        return cables.share if cables else 0.0
 
     def to_toml(self) -> str:
         """The scene file that gives this scene: its seed, the model that answers, the effects that are in."""

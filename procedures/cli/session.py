@@ -150,7 +150,7 @@ def open_session(
         if replay is not None:
             replay.wire.attach(opened)
         opening.enter_context(opened)
-        design = get_design(description.design)
+        design = get_design(description.design).with_pickup(description.pickup)
         if replay is not None:
             calibration, films = replay.calibration, replay.films
         else:
@@ -236,9 +236,11 @@ def target_of(choice: Choice, model: str | None = None) -> Target:
 
 def _target(description: BenchDescription | None, scene: Scene | None) -> Target:
     if description is not None:
-        return Target(get_design(description.design), description.force_limit, len(description.can.nodes))
+        design = get_design(description.design).with_pickup(description.pickup)
+        return Target(design, description.force_limit, len(description.can.nodes))
     assert scene is not None
-    return Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes, scene.model)
+    design = scene.design.with_pickup(scene.pickup)
+    return Target(design, BenchDescription.model_fields["force_limit"].default, scene.nodes, scene.model)
 
 
 def _chosen(choice: Choice, model: str | None) -> tuple[BenchDescription | None, Scene | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -19,6 +20,7 @@ from instrument.models.response import response
 from instrument.quantity import parse
 from instrument.sample import Sample, get_sample
 from procedures import load_sweep
+from procedures.encoding import as_json
 from procedures.film_point import CLIPPED
 from procedures.load_plan import SweepSettings, check
 from procedures.record import Recorder
@@ -30,7 +32,7 @@ from simulators.scene import Scene, SceneFile, read_scene, scene_of
 
 COLUMNS = (
     "load_N", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N", "force_ratio", "force_ratio_u",
-    "noise_u",
+    "noise_u", "pickup_u", "degrees_of_freedom",
 )  # fmt: skip
 EPOCH = "2000-01-01T00:00:00+00:00"  # of records that nobody keeps
 
@@ -67,11 +69,12 @@ class Sweep:
         check(settings, scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes)
         ratio = response(scene.design, Load(1.0, sample), scene.model, scene.tolerance).force_ratio
         points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, settings)
-        return [{**point, "model_force_ratio": ratio} for point in points]
+        return [{**point, "model_force_ratio": ratio, "scene_seed": scene.seed} for point in points]
 
     def _scene(self, cell: Mapping[str, Value]) -> Scene:
         file = self.scenes[str(cell["scene"])]
-        changed: dict[str, Any] = {name: cell[name] for name in ("seed", "design", "model") if name in cell}
+        changed: dict[str, Any] = {name: cell[name] for name in ("design", "model") if name in cell}
+        changed["seed"] = _own_seed(int(cell.get("seed", file.seed)), cell)
         if "design" in cell:
             changed["nodes"] = None
         effects = dict(file.effects)
@@ -83,10 +86,17 @@ class Sweep:
         return scene_of(file.model_copy(update={**changed, "effects": effects}), Path(str(cell["scene"])))
 
     def _closed_form(self, scene: Scene, sample: Sample) -> Iterator[dict[str, Any]]:
+        design = scene.design.with_pickup(scene.pickup)
         for point in load_sets(scene, sample, self.loads, self.frequency, self.dwell):
-            forces = film_forces(scene.design, fit_sine(point.time, point.voltage, self.frequency))
+            forces = film_forces(design, fit_sine(point.time, point.voltage, self.frequency))
             flags = (CLIPPED,) if point.saturated.any() else ()
             yield _point({"load_N": point.load, **asdict(forces)}, flags)
+
+
+def _own_seed(seed: int, cell: Mapping[str, Value]) -> int:
+    """Of the cell's scene: cells of one seed have noise and gains of their own, or they would err alike."""
+    varied = {name: value for name, value in cell.items() if name != "seed"}
+    return int.from_bytes(hashlib.sha256(as_json((seed, varied)).encode()).digest()[:6])  # exact in a float
 
 
 def _on_a_bench(scene: Scene, settings: SweepSettings) -> Iterator[dict[str, Any]]:
@@ -98,7 +108,8 @@ def _on_a_bench(scene: Scene, settings: SweepSettings) -> Iterator[dict[str, Any
         Recorder.create(Path(folder), header) as record,
         Bench(simulated.description, simulated.clock, simulated.operator) as bench,
     ):
-        swept = load_sweep.run(bench, scene.design, THESIS_LOAD_CELL, settings, record, _nobody)
+        design = scene.design.with_pickup(scene.pickup)
+        swept = load_sweep.run(bench, design, THESIS_LOAD_CELL, settings, record, _nobody)
         record.finish("complete", {})
     return (_point(asdict(point), point.flags) for point in swept.points)
 

@@ -8,16 +8,16 @@ results.dataset().force_ratio.sel(sample="2").mean("seed")
 from __future__ import annotations
 
 import hashlib
-import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from instrument.errors import PalpateError, RecordError, UnknownName
+from instrument.mean_ratio import mean_ratio
 from instrument.quantity import parse
 from procedures.encoding import as_json
 from procedures.export import FORMATS
@@ -94,15 +94,15 @@ class Results:
         for outcome in self.outcomes:
             points = outcome.points
             valid = [point for point in points if point["valid"]]
-            n = len(valid)
+            mean = mean_ratio("force ratio", [_RatioPoint(p) for p in valid], None) if valid else None
             means.append(
                 CellMean(
                     cell=outcome.cell,
                     axes=self.study.varied(outcome.cell),
-                    force_ratio=math.fsum(p["force_ratio"] for p in valid) / n if n else None,
-                    force_ratio_u=math.hypot(*(p["force_ratio_u"] for p in valid)) / n if n else None,
+                    force_ratio=mean.value if mean else None,
+                    force_ratio_u=mean.u if mean else None,
                     model_force_ratio=points[0]["model_force_ratio"] if points else None,
-                    valid_points=n,
+                    valid_points=len(valid),
                     reason=outcome.reason,
                 )
             )
@@ -208,6 +208,16 @@ def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
     except PalpateError:
         pass
     return list(values), ""
+
+
+class _RatioPoint:
+    """A stored point; what one of before has not is 0 or not known. Meets `instrument.mean_ratio.RatioPoint`."""
+
+    def __init__(self, stored: Mapping[str, Any]) -> None:
+        self.force_ratio, self.force_ratio_u = float(stored["force_ratio"]), float(stored["force_ratio_u"])
+        self.noise_u, self.pickup_u = float(stored.get("noise_u", 0.0)), float(stored.get("pickup_u", 0.0))
+        self.calibration_u = 0.0
+        self.degrees_of_freedom: float | None = stored.get("degrees_of_freedom")
 
 
 def _group(means: Sequence[CellMean]) -> Group:

@@ -31,7 +31,12 @@ class Triboelectric(SourceEffect):
 
     def _volts(self, film: Film) -> float:
         """Of a film for each newton on the sensor [V/N]."""
-        return film.sensitivity * self.charge / self.d33 / (self.load / 2)
+        return film.sensitivity * self.share
+
+    @property
+    def share(self) -> float:
+        """Of the load on the sensor, that each film's force seems to be greater."""
+        return self.charge / self.d33 / (self.load / 2)
 
     def error(self, case: Case, film: Film) -> float:
         """The charge itself, and its transient."""

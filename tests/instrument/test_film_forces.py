@@ -105,3 +105,25 @@ def test_a_dead_base_film_is_named() -> None:
     design = get_design("different_base")
     with pytest.raises(EstimateError, match=r"film 'total_2' on channel 4 gives .* too little for a ratio"):
         film_forces(design, fitted(design, [0.3, 2.0, 0.3, 0.0], noise=1e-4))
+
+
+def test_a_pickup_that_the_bench_states_is_in_forces_and_ratio() -> None:
+    """By 2 % of the load in each film, of unknown phase: JCGM 101, 6.4.6."""
+    plain, found = (
+        film_forces(get_design("single").with_pickup(share), fitted(get_design("single"), [0.6, 2.0]))
+        for share in (0.0, 0.02)
+    )
+    assert found.force_ratio == plain.force_ratio
+    assert plain.pickup_u == 0
+    assert found.pickup_u == pytest.approx(0.02 / math.sqrt(2) * math.hypot(1.0, 0.3), rel=1e-6)
+    for name in ("force_ratio_u", "force_total_u"):
+        added = found.pickup_u if name == "force_ratio_u" else 0.02 / math.sqrt(2) * 2.0
+        assert getattr(found, name) == pytest.approx(math.hypot(getattr(plain, name), added), rel=1e-6)
+
+
+def test_a_weak_film_is_not_taken_for_more_than_it_gives() -> None:
+    """An amplitude is a length: noise of 0.4 of it makes it 8 % longer in the mean."""
+    design = get_design("single")
+    ratios = [film_forces(design, fitted(design, [0.02, 2.0], noise=2.7e-4, seed=seed)) for seed in range(100)]
+    mean = np.mean([found.force_ratio for found in ratios])
+    assert mean == pytest.approx(0.01, abs=2.5 * np.std([found.force_ratio for found in ratios]) / 10)
