@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
@@ -59,6 +60,8 @@ class SimulatedBench:
     Raises BenchError: a port is in use, or the CAN interface cannot be opened.
     """
 
+    line_units = LINE_UNITS
+
     def __init__(self, scene: Scene, place: Place = HERE, samples: Sequence[Sample] = ()) -> None:
         """`samples`: of its sample changer; without any it has none, and its operator mounts them."""
         self.scene = scene
@@ -68,8 +71,7 @@ class SimulatedBench:
         self._channel = own_channel(place.interface) if place.channel is None else place.channel
         self._node_ids = list(range(1, scene.nodes + 1))
         # first on the clock: what is sampled up to an event does not know of it yet
-        self._injection = _injection(scene, self.clock)
-        self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self._channel, self._injection)
+        self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self._channel)
         self.clock.add(self.rig)
         self.nodes = self.can.nodes
         self.generator = SignalGenerator(self.clock, "SIM-SG-0001", self._generator_changed)
@@ -88,17 +90,14 @@ class SimulatedBench:
             self.servers = servers = stack.enter_context(ServerThread())
             serial = cast("SerialTiming | None", self.scene.effects.get("serial_timing"))
             bus = cast("CanTiming | None", self.scene.effects.get("can_timing"))
-            injection = self._injection
-            relays = injection.relays() if injection else {}
-            noise = injection.line(LINE_UNITS) if injection else None
-            timeouts = injection.timeouts() if injection else {}
-            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial, noise)
+            timeouts = _timeouts(self.scene)
+            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial)
             host, port = self._place.host, self._place.port
-            generator = servers.serve_tcp(1, self.generator, relays.get("signal_generator"), (host, port))
-            amplifier = servers.serve_tcp(1, self.amplifier, relays.get("shaker_amplifier"), (host, port and port + 1))
+            generator = servers.serve_tcp(1, self.generator, (host, port))
+            amplifier = servers.serve_tcp(1, self.amplifier, (host, port and port + 1))
             changer = None
             if self.changer is not None:
-                port_of_it = servers.serve_tcp(1, self.changer, None, (host, port and port + 2))
+                port_of_it = servers.serve_tcp(1, self.changer, (host, port and port + 2))
                 changer = TcpAddress(host=host, port=port_of_it, timeout=TIMEOUT)
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
@@ -126,14 +125,21 @@ class SimulatedBench:
                 ),
                 sample_changer=changer,
             )
+            for fault in self.scene.faults:
+                self.injection.give(fault)
             stack.enter_context(self.can)
-            if injection is not None:
-                injection.into(self)
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+    @cached_property
+    def injection(self) -> Injection:
+        """By which faults are given and taken away; a bench without any never has it."""
+        from simulators.faults.inject import Injection
+
+        return Injection(self)
 
     def _generator_changed(self) -> None:
         self.amplifier.input_changed()
@@ -142,9 +148,10 @@ class SimulatedBench:
         self.rig.set_voltage(self.amplifier.voltage())
 
 
-def _injection(scene: Scene, clock: VirtualClock) -> Injection | None:
+def _timeouts(scene: Scene) -> dict[str, Any]:
+    """Of links that have faults, by their names."""
     if not scene.faults:
-        return None
-    from simulators.faults.inject import Injection
+        return {}
+    from simulators.faults.inject import timeouts
 
-    return Injection(scene, clock)
+    return timeouts(scene.faults)

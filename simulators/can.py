@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import can
@@ -19,7 +20,7 @@ from simulators.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR,
 
 if TYPE_CHECKING:
     from simulators.effects.can_timing import CanTiming
-    from simulators.faults.inject import Injection
+    from simulators.faults.can import Send
 
 BURST = 64  # of SYNCs, whose frames are sent together
 NMT_FRAME = 2  # bytes
@@ -73,14 +74,11 @@ class CanSegment:
         node_ids: list[int],
         interface: str,
         channel: str,
-        injection: Injection | None = None,
     ) -> None:
         self._clock = clock
         self._rig = rig
         self._bus = open_bus(interface, channel)
         self._echoes: int | None = 0 if interface == MULTICAST else None  # of SYNC, still to come back
-        if injection is not None:
-            self._bus.send = injection.bus(self._bus.send)  # type: ignore[method-assign,assignment]
         self._network = _VirtualNetwork(self._bus, clock)
         self.nodes = [
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
@@ -105,6 +103,10 @@ class CanSegment:
 
     def __exit__(self, *_: object) -> None:
         self._network.disconnect()
+
+    def send_by(self, instead: Callable[[Send], Send]) -> None:
+        """From now on frames are sent by what `instead` makes of the bus' own send; called under the clock's lock."""
+        self._bus.send = instead(self._bus.send)  # type: ignore[method-assign,assignment]
 
     def close(self) -> None:
         """Leave a bus that was never entered."""

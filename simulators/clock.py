@@ -38,6 +38,10 @@ class VirtualClock:
     def add(self, simulated: Simulated) -> None:
         self._simulated.append(simulated)
 
+    def remove(self, simulated: Simulated) -> None:
+        """It lives no more on this clock; called under the lock."""
+        self._simulated = [other for other in self._simulated if other is not simulated]
+
     def now_ns(self) -> int:
         return self._now
 

@@ -22,11 +22,10 @@ from simulators.modbus_server import Identity, SerialServer, TcpServer
 
 if TYPE_CHECKING:
     from simulators.effects.serial_timing import SerialTiming
-    from simulators.faults.relay import Relay
     from simulators.faults.rtu import NoisyLine
+    from simulators.faults.tcp import FaultyLink
 
 LOOPBACK = "127.0.0.1"
-BEHIND = (LOOPBACK, 0)  # where a device is that its clients reach by a relay
 OUTER = 4  # bytes of a frame around its data: unit, function, check sum
 BLOCKS = 64  # of registers, whose fields are remembered
 HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them
@@ -40,6 +39,7 @@ class ServerThread:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="simulated Modbus", daemon=True)
         self._servers: list[Any] = []
+        self._of_device: dict[int, TcpServer] = {}
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -71,25 +71,22 @@ class ServerThread:
         self,
         unit: int,
         device: SimulatedDevice,
-        relay: Relay | None = None,
         address: tuple[str, int] = (LOOPBACK, 0),
     ) -> int:
-        """Serve one device, where no port is given on an ephemeral one; returns the port, of the relay if there is one.
+        """Serve one device, where no port is given on an ephemeral one; returns the port.
 
         Raises BenchError: the port is in use, or the host is not of this machine.
         """
 
         async def start() -> int:
-            server = TcpServer(_sim_device(unit, device), _identity(device), address if relay is None else BEHIND)
+            server = TcpServer(_sim_device(unit, device), _identity(device), address)
             if not await server.listen():
                 raise OSError
             self._servers.append(server)
+            self._of_device[id(device)] = server
             transport: Any = server.transport
             port: int = transport.sockets[0].getsockname()[1]
-            if relay is None:
-                return port
-            self._servers.append(relay)
-            return await relay.start((LOOPBACK, port), address)
+            return port
 
         try:
             return self._run(start())
@@ -99,9 +96,20 @@ class ServerThread:
                 f"{host}:{taken} cannot be listened on; it is in use, or not an address of this machine"
             ) from None
 
-    def serve_rtu(
-        self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None, noise: NoisyLine | None = None
-    ) -> str:
+    def put_between(self, device: SimulatedDevice, link: FaultyLink) -> None:
+        """From now on what the clients of a device on TCP ask passes over `link`."""
+        self._of_device[id(device)].link = link
+
+    def make_noisy(self, noise: NoisyLine) -> None:
+        """From now on frames of the serial line pass through `noise`."""
+
+        async def make() -> None:
+            terminal: Any = next(server.transport for server in self._servers if isinstance(server, SerialServer))
+            terminal.make_noisy(noise)
+
+        self._run(make())
+
+    def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None) -> str:
         """Serve several units on one serial line; returns the path of the line's other end."""
         line = _Line(devices, timing)
 
@@ -109,7 +117,6 @@ class ServerThread:
             server = SerialServer(
                 [_sim_device(unit, device) for unit, device in devices.items()],
                 {unit: _identity(device) for unit, device in devices.items()},
-                noise,
                 trace_pdu=line.trace_pdu,
                 trace_packet=line.trace_packet,
             )

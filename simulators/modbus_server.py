@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
+import struct
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -27,7 +29,7 @@ from pymodbus.transaction import TransactionManager
 from simulators.terminal import Terminal
 
 if TYPE_CHECKING:
-    from simulators.faults.rtu import NoisyLine
+    from simulators.faults.tcp import FaultyLink, TcpFault
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
@@ -46,6 +48,7 @@ UNREAD = 65536  # bytes of answers that a client may leave unread
 EXCEPTION = 0x80  # bit of a function code
 CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # of identity objects, by read device id code
 ONE_OBJECT = 4
+AT_ONCE = struct.pack("ii", 1, 0)  # to linger: closing resets the connection
 
 Identity = Callable[[], Mapping[int, bytes]]
 
@@ -120,6 +123,14 @@ def _done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
 def _alien(data: bytes) -> bool:
     """Whether no request on TCP begins like this."""
     return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
+
+
+def _frame(data: bytes) -> bytes:
+    """The first whole request on TCP; empty: there is none. What cannot be one is handed on with all that follows."""
+    if _alien(data):
+        return data
+    size = HEADER + int.from_bytes(data[4:HEADER], "big")
+    return data[:size] if HEADER < size <= len(data) else b""
 
 
 def _identification(request: ReadDeviceInformationRequest, objects: Mapping[int, bytes]) -> ModbusPDU:
@@ -197,6 +208,8 @@ class _TcpConnection(_Connection):
 
     asked = False  # anything, so far
     unwanted = False
+    _late = b""  # an answer that the next request brings
+    _kept: bytearray | None = None  # answers, in place of their being sent
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if self.unwanted:
@@ -213,12 +226,45 @@ class _TcpConnection(_Connection):
             self.close()
 
     def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        used = super().callback_data(data, addr)
+        link = self._completed.link
+        used = super().callback_data(data, addr) if link is None or self._waiting else self._struck(data, link)
         if len(self._waiting) > MOST_WAITING and self.transport:
             self.transport.pause_reading()  # type: ignore[attr-defined]
         return used
 
+    def _struck(self, data: bytes, link: FaultyLink) -> int:
+        """Requests on a link that has faults, one whole frame after the other."""
+        used = 0
+        while (frame := _frame(data[used:])) and self.transport:
+            used += len(frame)
+            fault = link.struck()
+            answer = self._answer_to(frame) if fault is None or fault.forwards else b""
+            if fault is not None and fault.then != "goes on":
+                self._cut(link, fault)
+                return len(data)
+            for segment in (self._late, *([answer] if fault is None else fault.segments(frame, answer))):
+                if segment and self.transport:
+                    self.transport.write(segment)  # type: ignore[attr-defined]
+            self._late = answer if fault is not None and fault.holds else b""
+        return used
+
+    def _answer_to(self, frame: bytes) -> bytes:
+        self._kept = bytearray()
+        super().callback_data(frame)
+        answer, self._kept = bytes(self._kept), None
+        return answer
+
+    def _cut(self, link: FaultyLink, fault: TcpFault) -> None:
+        if fault.then == "refused":
+            link.refuse(self._completed, fault)
+        end: Any = self.transport.get_extra_info("socket")
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, AT_ONCE)
+        self.close()
+
     def send(self, data: bytes, addr: tuple[Any, ...] | None = None) -> None:
+        if self._kept is not None:
+            self._kept += data
+            return
         begun = self.recv_buffer  # of the next request; pymodbus forgets it
         super().send(data, addr)
         self.recv_buffer = begun
@@ -261,6 +307,8 @@ class _Completed:
 class TcpServer(_Completed, ModbusTcpServer):
     """One device on a TCP port, by its unit id and by those that mean the device itself."""
 
+    link: FaultyLink | None = None  # where it has faults
+
     def __init__(self, device: SimDevice, identity: Identity, address: tuple[str, int]) -> None:
         super().__init__([device], address=address)
         self.complete(dict.fromkeys((device.id, *SELF), identity))
@@ -269,6 +317,21 @@ class TcpServer(_Completed, ModbusTcpServer):
 
     def callback_new_connection(self) -> _Connection:
         return _TcpConnection(self)
+
+    def stop_listening(self) -> None:
+        """Clients that are connected stay so."""
+        listening: Any = self.transport
+        self._address = listening.sockets[0].getsockname()[:2]
+        listening.close()
+
+    def listen_again(self) -> None:
+        """At the address of before; clients can connect as soon as this returns, and are served in the loop."""
+        host, _ = self._address
+        end = socket.create_server(self._address, family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+        asyncio.run_coroutine_threadsafe(self._attend(end), self.loop)
+
+    async def _attend(self, end: socket.socket) -> None:
+        self.transport = await self.loop.create_server(self.handle_new_connection, sock=end)  # type: ignore[assignment]
 
     def handle_new_connection(self) -> Any:
         """A place for one more client: where there is none, that of one who has not asked anything yet."""
@@ -285,14 +348,11 @@ class TcpServer(_Completed, ModbusTcpServer):
 class SerialServer(_Completed, ModbusSerialServer):
     """Several units on a serial line; what is sent to unit 0 all of them carry out, and none answers."""
 
-    def __init__(
-        self, devices: list[SimDevice], identities: dict[int, Identity], noise: NoisyLine | None, **traces: Any
-    ) -> None:
+    def __init__(self, devices: list[SimDevice], identities: dict[int, Identity], **traces: Any) -> None:
         super().__init__(devices, broadcast_enable=True, **traces)
         self.complete(identities)
         self.framer = _LineFramer
-        self._noise = noise
         self.call_create = self._opened
 
     async def _opened(self) -> Terminal:
-        return Terminal(self.handle_new_connection(), self._noise)
+        return Terminal(self.handle_new_connection())

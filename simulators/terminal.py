@@ -33,9 +33,10 @@ class Terminal(asyncio.Transport):
     before its request can have been sent, and after a silence a new request begins, whatever there is of the old one.
     """
 
-    def __init__(self, server: ModbusProtocol, noise: NoisyLine | None = None) -> None:
+    def __init__(self, server: ModbusProtocol) -> None:
         super().__init__()
-        self._server, self._noise = server, noise
+        self._server = server
+        self._noise: NoisyLine | None = None
         self._loop = asyncio.get_running_loop()
         self._own, client = os.openpty()
         self._descriptors = [self._own, client]
@@ -44,10 +45,13 @@ class Terminal(asyncio.Transport):
         self.path = os.ttyname(client)
         self._client = client
         self._heard_at = self._earliest = self._loop.time()
-        if noise is not None:
-            noise.watch(self._own)
         self._loop.add_reader(self._own, self._heard)
         server.connection_made(self)
+
+    def make_noisy(self, noise: NoisyLine) -> None:
+        """From now on frames pass through `noise`; called in the servers' loop."""
+        noise.watch(self._own)
+        self._noise = noise
 
     def _heard(self) -> None:
         data = os.read(self._own, PIECE)

@@ -14,6 +14,7 @@ from procedures.cli.options import FILE_NAME, Command, Output, output_options
     epilog="Examples:\n\n  palpate serve thesis_single --out bench.toml\n\n"
     "  palpate serve thesis_single --out bench.toml --samples 1-6    (and elsewhere)\n\n"
     "  palpate sweep loads --bench bench.toml\n\n"
+    "  fault shaker_amplifier over_temperature    (typed while it serves)\n\n"
     "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status",
 )
 @click.argument("scene")
@@ -48,9 +49,12 @@ def serve(
 ) -> None:
     """Serve a whole simulated bench on the wire until Ctrl-C, for palpate in another process or any other client.
 
-    Prints the bench file by which it is found. What a person does at the bench is typed: mount SAMPLE, lay
-    SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN. With --samples a sample changer mounts
-    what it is told to by its clients.
+    Prints the bench file by which it is found. With --samples a sample changer mounts what its clients tell it to.
+
+    What a person does at the bench is typed: mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn
+    DEGREES, warm KELVIN. So are faults, as [[fault]] tables of a scene name them: fault PLACE KIND [NAME=VALUE ...]
+    gives one, clear PLACE [KIND] or clear all takes it away, faults lists them. One without at, transaction or
+    probability begins at once and lasts until it is cleared. quit ends it.
     """
     from instrument.errors import RangeError, UsageError
     from instrument.quantity import parse

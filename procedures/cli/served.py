@@ -1,8 +1,9 @@
-"""What a person sees of a served bench, and does at it by hand."""
+"""What a person sees of a served bench, does at it by hand, and has go wrong with it."""
 
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,8 @@ from simulators.operator import SimulatedOperator
 if TYPE_CHECKING:
     from rich.table import Table
 
-HANDLING = """mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN"""
+HANDLING = """mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN, \
+fault PLACE KIND [NAME=VALUE ...], clear PLACE [KIND], clear all, faults, quit"""
 
 
 class _AtOnce:
@@ -31,11 +33,12 @@ class _AtOnce:
 
 
 class Person:
-    """Does by hand what is typed: one of HANDLING a line."""
+    """Does what is typed: one of HANDLING a line."""
 
     def __init__(self, sim: SimulatedBench) -> None:
         operator = SimulatedOperator(sim.rig, _AtOnce(sim))
-        self._verbs: dict[str, Callable[[list[str]], None]] = {
+        self._sim = sim
+        self._verbs: dict[str, Callable[[list[str]], str | None]] = {
             "mount": lambda words: operator.mount(get_sample(_one(words))),
             "lay": lambda words: operator.lay_on_support(None if words == ["none"] else get_sample(_one(words))),
             "probe": lambda words: operator.place_probe(*(parse(word, "m") for word in _several(words, 2))),
@@ -43,14 +46,57 @@ class Person:
             "weight": lambda words: operator.place_weight(parse(" ".join(words), "kg")),
             "turn": lambda words: operator.turn_load_cell(parse(_one(words), "")),
             "warm": lambda words: operator.set_temperature(parse(" ".join(words), "K")),
+            "fault": self._give,
+            "clear": self._clear,
+            "faults": lambda words: self._listed(_several(words, 0)),
         }
 
-    def do(self, line: str) -> None:
-        """Raises UsageError: it is none of these. BenchError: the probe is not home. RangeError, UnknownName."""
-        verb, *words = line.split()
+    def do(self, line: str) -> str | None:
+        """What is to be answered; None: that it is done.
+
+        Raises UsageError: it is none of these, or a fault that cannot be. BenchError: the probe is not home.
+        RangeError, UnknownName.
+        """
+        try:
+            verb, *words = shlex.split(line)
+        except ValueError as error:  # a quotation that does not end
+            raise UsageError(f"{line!r} cannot be read ({error}); close the quotation") from None
         if verb not in self._verbs:
-            raise UsageError(f"{line!r} is no work of a person at the bench; type one of: {HANDLING}")
-        self._verbs[verb](words)
+            raise UsageError(f"{line!r} is nothing that is done at the bench; type one of: {HANDLING}")
+        return self._verbs[verb](words)
+
+    def _give(self, words: list[str]) -> None:
+        if len(words) < PLACE_AND_KIND:
+            raise UsageError(f"fault: a place and a kind belong behind it; type one of: {HANDLING}")
+        on, kind, *given = words
+        table: dict[str, Any] = {"on": on, "kind": kind}
+        for word in given:
+            name, equals, value = word.partition("=")
+            if not equals or name in table:
+                raise UsageError(f"fault: {word!r} is no NAME=VALUE, or is given twice; such as lasts='2 s'")
+            table[name] = _number_or_text(value)
+        self._sim.injection.give_by_hand(table)
+
+    def _clear(self, words: list[str]) -> str:
+        if not 0 < len(words) <= PLACE_AND_KIND:
+            raise UsageError(f"clear: a place, and a kind, or all belong behind it; type one of: {HANDLING}")
+        return "\n".join(f"cleared: {given.told()}" for given in self._sim.injection.clear(*words))
+
+    def _listed(self, _words: list[str]) -> str:
+        return "\n".join(given.told() for given in self._sim.injection.given) or "no fault is given"
+
+
+PLACE_AND_KIND = 2  # words
+
+
+def _number_or_text(text: str) -> float | int | str:
+    """As TOML has it: `[[fault]]` tables hold both."""
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            pass
+    return text
 
 
 def _one(words: list[str]) -> str:

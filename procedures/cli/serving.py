@@ -153,8 +153,7 @@ def _attend(served: Served, step: float | None, look: Callable[[], None], typed:
 
 def _carry_out(person: Person, text: str) -> None:
     try:
-        person.do(text)
-        click.echo(f"done: {text}", err=True)
+        click.echo(person.do(text) or f"done: {text}", err=True)
     except PalpateError as error:  # of a mistyped line, which is no reason to stop
         click.echo(f"palpate: {error}", err=True)
 

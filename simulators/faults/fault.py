@@ -58,16 +58,17 @@ class Trigger:
         self._stream = Stream(seed, "fault", number)
         self._threshold = float(ndtri(fault.probability)) if fault.probability is not None else None
         self._count = 0
+        self.struck = 0  # so many transactions
         self._until_ns: int | None = None
 
     def strikes(self, now_ns: int) -> bool:
         """Whether the transaction that begins now is struck; asked once for each."""
         self._count += 1
-        if self._until_ns is not None and now_ns < self._until_ns:
-            return True
-        struck = self._begins(now_ns)
-        if struck:
+        struck = self._until_ns is not None and now_ns < self._until_ns
+        if not struck and self._begins(now_ns):
             self._until_ns = now_ns + self._fault.lasts_ns
+            struck = True
+        self.struck += struck
         return struck
 
     def _begins(self, now_ns: int) -> bool:
@@ -86,10 +87,11 @@ def parse_faults(given: Sequence[Mapping[str, Any]], nodes: int, where: str) -> 
     """
     if len(given) > MOST:
         raise ConfigError(f"{where}: fault: {len(given)} faults are more than {MOST}; leave some out")
-    return tuple(_parse(dict(table), nodes, f"{where}: fault {number}") for number, table in enumerate(given, 1))
+    return tuple(parse_fault(dict(table), nodes, f"{where}: fault {number}") for number, table in enumerate(given, 1))
 
 
-def _parse(table: dict[str, Any], nodes: int, where: str) -> Fault:
+def parse_fault(table: dict[str, Any], nodes: int, where: str) -> Fault:
+    """One fault, checked; `where` is what messages call it. Raises ConfigError as `parse_faults`."""
     kind = table.get("kind")
     if not isinstance(kind, str):
         raise ConfigError(f"{where}: kind: is missing or no text; valid: {', '.join(FAULTS)}")

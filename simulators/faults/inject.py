@@ -1,18 +1,20 @@
-"""Puts the faults of a scene where they belong, and nothing anywhere else."""
+"""Puts the faults of a bench where they belong, and takes them away again; nothing is anywhere else."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from simulators.clock import NEVER, VirtualClock
-from simulators.faults.can import CanFault, FaultyBus, Send
+from instrument.errors import ConfigError, UsageError
+from simulators.clock import NEVER
+from simulators.faults.can import CanFault, FaultyBus
 from simulators.faults.device import DeviceFault, device, node
-from simulators.faults.fault import NODE, Fault, Trigger
-from simulators.faults.relay import Relay
+from simulators.faults.fault import CAN, LINE, MOST, NODE, WHEN, Fault, Trigger, parse_fault
+from simulators.faults.indicator import IndicatorFault
+from simulators.faults.node import FilmFault
 from simulators.faults.rtu import NoisyLine, RtuFault
-from simulators.faults.tcp import TcpFault
-from simulators.scene import Scene
+from simulators.faults.tcp import FaultyLink, TcpFault
 
 if TYPE_CHECKING:
     from simulators.bench import SimulatedBench
@@ -20,47 +22,130 @@ if TYPE_CHECKING:
 # Of the wall, of a link that has faults. A time-out is waited for, and the bench's clock stands; an answer that a busy
 # machine is so late with would count as a fault that the scene does not have.
 TIMEOUT: Any = "2 s"
-F = TypeVar("F", bound=Fault)
+FOREVER = "1e9 s"  # of a fault that is given by hand: until it is cleared
+ALL = "all"
+
+
+def timeouts(faults: Iterable[Fault]) -> dict[str, Any]:
+    """Of the links whose bytes or frames have faults, by their names."""
+    links = {TcpFault: "", RtuFault: LINE, CanFault: CAN}
+    return {
+        name or fault.on: TIMEOUT for fault in faults for family, name in links.items() if isinstance(fault, family)
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """A fault that a bench has, with its count of what it has struck; of a device's fault, what happens to it."""
+
+    fault: Fault
+    trigger: Trigger
+    happening: _Happening | None = None
+
+    def told(self) -> str:
+        """For people: where, what, its parameters, and whether it has struck."""
+        own = self.fault.model_dump(mode="json", exclude={"kind", "on"}, exclude_defaults=True)
+        words = [f"{name}={value}" for name, value in own.items() if value is not None]
+        struck = self.happening.begun if self.happening else self.trigger.struck
+        return f"{' '.join([self.fault.on, self.fault.kind, *words])}: has struck {struck} times"
 
 
 class Injection:
-    """The faults of one bench, each with its count of transactions."""
+    """The faults of one bench."""
 
-    def __init__(self, scene: Scene, clock: VirtualClock) -> None:
-        self._clock = clock
-        self._all = [(fault, Trigger(fault, number, scene.seed)) for number, fault in enumerate(scene.faults)]
+    def __init__(self, sim: SimulatedBench) -> None:
+        self._sim = sim
+        self.given: list[Given] = []
+        self._numbers = 0
+        self._links: dict[str, tuple[FaultyLink, list[tuple[TcpFault, Trigger]]]] = {}
+        self._line: list[tuple[RtuFault, Trigger]] | None = None
+        self._bus: list[tuple[CanFault, Trigger]] | None = None
 
-    def _of(self, family: type[F], places: tuple[str, ...] = ()) -> list[tuple[F, Trigger]]:
-        return [(f, trigger) for f, trigger in self._all if isinstance(f, family) and (not places or f.on in places)]
+    def give(self, fault: Fault) -> None:
+        """Let the bench have a fault from now on."""
+        trigger = Trigger(fault, self._numbers, self._sim.scene.seed)
+        self._numbers += 1
+        happening = None
+        if isinstance(fault, TcpFault):
+            self._of_link(fault.on).append((fault, trigger))
+        elif isinstance(fault, RtuFault):
+            self._of_line().append((fault, trigger))
+        elif isinstance(fault, CanFault):
+            self._of_bus().append((fault, trigger))
+        elif isinstance(fault, DeviceFault):
+            with self._sim.clock.lock:
+                happening = _Happening(self._sim, fault, trigger)
+        self.given.append(Given(fault, trigger, happening))
 
-    def relays(self) -> dict[str, Relay]:
-        """For the connections that have faults, by their devices."""
-        names = dict.fromkeys(fault.on for fault, _ in self._of(TcpFault))
-        return {name: Relay(self._clock, self._of(TcpFault, (name,))) for name in names}
+    def give_by_hand(self, table: Mapping[str, Any]) -> None:
+        """As `give`, of a table as scenes have it; without a time it begins now, and lasts until it is cleared.
 
-    def line(self, units: dict[int, str]) -> NoisyLine | None:
-        """For the serial line, where it has faults; `units` are its devices' names."""
-        faults = self._of(RtuFault)
-        return NoisyLine(self._clock, faults, units) if faults else None
+        Raises ConfigError: it is wrong, the bench has it already, or one that it cannot be told from.
+        """
+        now = {"at": f"{self._sim.clock.now_ns()} ns", "lasts": FOREVER}
+        timed = dict(table) if any(key in table for key in WHEN) else {**now, **table}
+        fault = parse_fault(timed, self._sim.scene.nodes, "fault")
+        if len(self.given) >= MOST:
+            raise ConfigError(f"fault: there are {MOST} already; clear some")
+        for other in self.given:
+            if other.fault.on == fault.on and (other.fault.kind == fault.kind or _in_one_place(other.fault, fault)):
+                raise ConfigError(f"fault: {fault.on} has {other.fault.kind} already; clear that first")
+        self.give(fault)
 
-    def bus(self, send: Send) -> Send:
-        """What sends in place of `send`."""
-        faults = self._of(CanFault)
-        return FaultyBus(self._clock, faults, send).send if faults else send
+    def clear(self, on: str, kind: str = "") -> list[Given]:
+        """Take away a fault, those of a device or link (no kind), or `all`; returns them.
 
-    def timeouts(self) -> dict[str, Any]:
-        """Of the links whose bytes or frames have faults, by their names."""
-        names = [fault.on for fault, _ in self._of(TcpFault)]
-        names += [name for name, family in (("line", RtuFault), ("can", CanFault)) if self._of(family)]
-        return dict.fromkeys(names, TIMEOUT)
+        Raises UsageError: there is none.
+        """
+        found = [g for g in self.given if on in (ALL, g.fault.on) and kind in ("", g.fault.kind)]
+        if not found:
+            there = ", ".join(f"{g.fault.on} {g.fault.kind}" for g in self.given) or "none"
+            raise UsageError(f"clear {' '.join([on, kind]).strip()}: there is no such fault; there are: {there}")
+        for each in found:
+            self._take(each)
+        return found
 
-    def into(self, sim: SimulatedBench) -> None:
-        """Let the devices of a bench have theirs."""
-        for fault, trigger in self._of(DeviceFault):
-            happening = _Happening(sim, fault, trigger)
-            sim.clock.add(happening)
-            if fault.at is None:
-                happening.count_requests()
+    def _take(self, given: Given) -> None:
+        self.given.remove(given)
+        fault = given.fault
+        entry: Any = (fault, given.trigger)
+        with self._sim.clock.lock:
+            if given.happening is not None:
+                given.happening.end()
+            elif isinstance(fault, TcpFault):
+                link, faults = self._links[fault.on]
+                faults.remove(entry)
+                if fault.then == "refused":
+                    link.listen_again()
+            else:
+                for others in (self._line, self._bus):
+                    if others is not None and entry in others:
+                        others.remove(entry)
+
+    def _of_link(self, name: str) -> list[tuple[TcpFault, Trigger]]:
+        if name not in self._links:
+            faults: list[tuple[TcpFault, Trigger]] = []
+            self._links[name] = FaultyLink(self._sim.clock, faults), faults
+            self._sim.servers.put_between(device(self._sim, name), self._links[name][0])
+        return self._links[name][1]
+
+    def _of_line(self) -> list[tuple[RtuFault, Trigger]]:
+        if self._line is None:
+            self._line = []
+            self._sim.servers.make_noisy(NoisyLine(self._sim.clock, self._line, self._sim.line_units))
+        return self._line
+
+    def _of_bus(self) -> list[tuple[CanFault, Trigger]]:
+        if self._bus is None:
+            faults = self._bus = []
+            with self._sim.clock.lock:
+                self._sim.can.send_by(lambda send: FaultyBus(self._sim.clock, faults, send).send)
+        return self._bus
+
+
+def _in_one_place(one: Fault, other: Fault) -> bool:
+    """Whether the end of one would end the other, too."""
+    return any(isinstance(one, family) and isinstance(other, family) for family in (IndicatorFault, FilmFault))
 
 
 class _Happening:
@@ -70,8 +155,15 @@ class _Happening:
         self._sim = sim
         self._fault = fault
         self._trigger = trigger
+        self.begun = 0  # so many times
+        self._over = False
         self._begin_ns = NEVER if fault.at is None else round(fault.at * 1e9)
         self._end_ns = NEVER
+        sim.clock.add(self)
+        if fault.at is None:
+            self._count_requests()
+        elif 0 < sim.clock.now_ns() >= self._begin_ns:  # given by hand; those of a scene begin as time does
+            self._begin()
 
     def next_event_ns(self) -> int:
         return max(min(self._begin_ns, self._end_ns), self._sim.clock.now_ns() + 1)
@@ -83,7 +175,14 @@ class _Happening:
             self._end_ns = NEVER
             self._fault.end(self._sim)
 
-    def count_requests(self) -> None:
+    def end(self) -> None:
+        """It strikes no more, and what it does is over; called under the clock's lock."""
+        self._over = True
+        self._sim.clock.remove(self)
+        if self.begun:
+            self._fault.end(self._sim)
+
+    def _count_requests(self) -> None:
         if self._fault.on.startswith(NODE):
             found = node(self._sim, self._fault.on)
             found.read = self._counted(found.read)  # type: ignore[method-assign]
@@ -93,7 +192,7 @@ class _Happening:
 
     def _counted(self, request: Callable[..., Any]) -> Callable[..., Any]:
         def counted(*args: object) -> Any:
-            if self._trigger.strikes(self._sim.clock.now_ns()) and self._end_ns == NEVER:
+            if not self._over and self._trigger.strikes(self._sim.clock.now_ns()) and self._end_ns == NEVER:
                 self._begin()
             return request(*args)
 
@@ -101,6 +200,7 @@ class _Happening:
 
     def _begin(self) -> None:
         self._begin_ns = NEVER
+        self.begun += 1
         if self._fault.lasts_ns:
             self._end_ns = self._sim.clock.now_ns() + self._fault.lasts_ns
         self._fault.begin(self._sim)

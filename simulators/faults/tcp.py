@@ -6,10 +6,12 @@ A frame is 2 bytes of transaction id, 2 of protocol, 2 of length, then unit, fun
 from __future__ import annotations
 
 import struct
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from typing import ClassVar, Literal, Protocol
 
+from simulators.clock import NEVER, VirtualClock
 from simulators.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
-from simulators.faults.fault import Fault
+from simulators.faults.fault import Fault, Trigger
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # where they stand in a frame
 HEADER = 6  # bytes up to the length, which does not count them
@@ -127,3 +129,50 @@ class ConnectionRefused(TcpFault):
 def _with_transaction(frame: bytes, step: int) -> bytes:
     (number,) = struct.unpack_from(">H", frame, TRANSACTION)
     return struct.pack(">H", (number + step) & 0xFFFF) + frame[2:]
+
+
+class Listener(Protocol):
+    """The server of a device, as a link that has faults sees it."""
+
+    def stop_listening(self) -> None: ...
+
+    def listen_again(self) -> None:
+        """At once, and waits for nobody: the servers' thread may be waiting for the clock."""
+
+
+class FaultyLink:
+    """Says what befalls the requests of a device's clients. Lives on the virtual clock."""
+
+    def __init__(self, clock: VirtualClock, faults: Sequence[tuple[TcpFault, Trigger]]) -> None:
+        self._clock = clock
+        self._faults = faults
+        self._silent: Listener | None = None
+        self._listens_again_ns = NEVER
+        clock.add(self)
+
+    def struck(self) -> TcpFault | None:
+        """The first of the faults that strike the request that has come; each of them counts it."""
+        with self._clock.lock:
+            now = self._clock.now_ns()
+            struck = [fault for fault, trigger in self._faults if trigger.strikes(now)]
+        return struck[0] if struck else None
+
+    def refuse(self, server: Listener, fault: TcpFault) -> None:
+        """Nobody listens while the fault lasts, or until the clock goes on."""
+        with self._clock.lock:
+            server.stop_listening()
+            self._silent, self._listens_again_ns = server, self._clock.now_ns() + max(fault.lasts_ns, 1)
+
+    def listen_again(self) -> None:
+        """Called under the clock's lock."""
+        self._listens_again_ns = NEVER
+        if self._silent is not None:
+            self._silent.listen_again()
+            self._silent = None
+
+    def next_event_ns(self) -> int:
+        return self._listens_again_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._listens_again_ns:
+            self.listen_again()

@@ -291,4 +291,4 @@ def test_on_a_bench_without_faults_nothing_stands_in_between(sim: SimulatedBench
     for device in (sim.generator, sim.amplifier, sim.indicator, sim.positioner, *sim.nodes):
         assert not {"read", "write", "requested", "sample"} & vars(device).keys()
     assert "send" not in vars(sim.can._bus)
-    assert sim._injection is None
+    assert "injection" not in vars(sim)
