@@ -36,8 +36,9 @@ from simulators.physics.mounted import Mounted
 from simulators.scene import read_scene
 
 SAMPLES = "123456"
-POINTS = 3  # of a run, each of another sample
-MOST_TICKS = 235  # waits of a whole run, about
+POINTS = 2  # of a run, each of another sample
+TICKS = 160  # waits of a whole run, about
+MOST_BLOWS = 8  # of a round
 LONGEST = 0.02  # s of the wall, from a wait to the signal
 BEFORE = 1_500_000_000  # ns before the end of a point, in which the films were recorded
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -230,7 +231,7 @@ class Rounds:
         run = self._folder / "run"
         sweep = ("sweep", "loads", "--quiet", "--samples", ",".join(names), "--loads", "2 N", "--dwell", "0.2 s")
         words = (*sweep, "--bench", str(self._bench), "--out", str(run))
-        blows = chance.choice((1, 1, 2, 3))
+        blows = chance.randrange(2, MOST_BLOWS)
         while True:
             blow = _drawn(chance) if blows else Blow(0)
             blows -= bool(blows)
@@ -246,7 +247,7 @@ class Rounds:
             else:
                 words = ("runs", "resume", str(run), "--quiet")
                 found["resumed"] += 1
-            if found["begun anew"] + found["resumed"] > 9:
+            if found["begun anew"] + found["resumed"] > MOST_BLOWS:
                 found["never ended"] += 1
                 break
         done = [point["sample"] for point in Run.open(run).points()] if is_run(run) else []
@@ -287,7 +288,7 @@ class Rounds:
 
 
 def _drawn(chance: random.Random) -> Blow:
-    tick, delay = chance.randrange(1, MOST_TICKS), LONGEST * chance.random()
+    tick, delay = chance.randrange(1, TICKS), LONGEST * chance.random()
     kind = chance.random()
     if kind < 0.1:
         return Blow(tick, by_hand=chance.choice(SAMPLES))
