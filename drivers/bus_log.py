@@ -40,9 +40,10 @@ def check_log(path: Path) -> None:
         UsageError: CAN traffic has no such format, or a file of that name is there.
         RecordError: no file can be made there.
     """
-    if path.suffix.lower() not in CAN_FORMATS:
-        raise UsageError(f"--log {path}: the name must end in {' or '.join(CAN_FORMATS)}, a format of CAN traffic")
-    for file in (path, path.with_suffix(WHOLE_FORMAT)):
+    if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
+        formats = f"{WHOLE_FORMAT} (everything), {' or '.join(CAN_FORMATS)} (CAN)"
+        raise UsageError(f"--log {path}: the name must end in {formats}")
+    for file in log_files(path):
         try:
             file.touch(exist_ok=False)
             file.unlink()
@@ -50,6 +51,12 @@ def check_log(path: Path) -> None:
             raise UsageError(f"--log {path}: {file} exists already; give another name") from None
         except OSError as error:
             raise _unwritable(path, error) from None
+
+
+def log_files(path: Path) -> list[Path]:
+    """The files of a log: everything, and CAN beside it where `path` names a format of CAN."""
+    whole = path.with_suffix(WHOLE_FORMAT)
+    return [path] if path.suffix.lower() == WHOLE_FORMAT else [whole, path]
 
 
 def _unwritable(path: Path, error: OSError) -> RecordError:
@@ -101,7 +108,7 @@ class BusLog:
     """
 
     def __init__(self, bench: Bench, clock: Clock, path: Path, started: datetime) -> None:
-        self.files = (path, path.with_suffix(WHOLE_FORMAT))
+        self._path = path
         self._bench = bench
         self._clock = clock
         self._begun_ns = round(started.timestamp()) * 1_000_000_000
@@ -110,15 +117,16 @@ class BusLog:
         self._failure: Exception | None = None
 
     def __enter__(self) -> Self:
-        frames, whole = self.files
+        whole, *frames = log_files(self._path)
         try:
             with ExitStack() as stack:
                 self._whole = PcapngWriter(stack.enter_context(whole.open("wb")))
-                self._frames: Any = can.Logger(frames)
-                stack.callback(self._frames.stop)
+                self._frames: list[Any] = [can.Logger(file) for file in frames]
+                for log in self._frames:
+                    stack.callback(log.stop)
                 self._stack = stack.pop_all()
         except OSError as error:
-            raise _unwritable(frames, error) from error
+            raise _unwritable(self._path, error) from error
         for modbus, kind, whom in modbus_links(self._bench):
             self._listen(modbus, kind, whom)
         for link in can_links(self._bench):
@@ -134,7 +142,7 @@ class BusLog:
             except (OSError, ValueError) as error:
                 self._failure = self._failure or error
         if self._failure is not None and kind is None:
-            raise RecordError(f"{self.files[0]}: the bus log is not whole: {self._failure}; free the disk")
+            raise RecordError(f"{self._path}: the bus log is not whole: {self._failure}; free the disk")
 
     def describe(self, header: str) -> None:
         """Write down which run this is: the header of its record, as JSON."""
@@ -158,7 +166,8 @@ class BusLog:
             now = self._now_ns()
             self._write(self._whole.write, Packet(now, NODES, Link.CAN, sending, packed(frame)))
             stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, 0
-            self._write(self._frames, stamped)
+            for log in self._frames:
+                self._write(log, stamped)
 
     def _told_time(self, now_ns: int) -> None:
         self._note(CLOCK, str(now_ns))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import logging
 import os
+import socket
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from typing import Any, Self
 
 import can
@@ -24,6 +26,7 @@ for _name in ("can", "canopen"):
     logging.getLogger(_name).addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
 _numbers = itertools.count(1)
+GROUPS = 1 << 16  # of multicast, 239.74.0.0/16
 
 Payload = tuple[int, bytes]  # identifier and data of a frame
 
@@ -64,22 +67,59 @@ class _Virtual(VirtualBus):
 
 def own_channel(interface: str) -> str:
     """A channel of python-can that no other bench of this machine uses."""
-    number = next(_numbers)
-    if interface == MULTICAST:
-        return f"239.74.{os.getpid() % 256}.{number % 256}"
-    return f"palpate-{os.getpid()}-{number}"
+    if interface != MULTICAST:
+        return f"palpate-{os.getpid()}-{next(_numbers)}"
+    while True:
+        number = (os.getpid() + next(_numbers)) % GROUPS
+        group = f"239.74.{number >> 8}.{number & 255}"
+        with suppress(BenchError), _claimed(group):
+            return group
+
+
+def _claimed(group: str) -> socket.socket:
+    """A claim on a multicast group among the served benches of this machine, until it is closed or its process ends.
+
+    Nodes of two benches would answer for each other. Who listens to a bench claims nothing.
+
+    Raises BenchError: a bench is served there.
+    """
+    claim = socket.socket(socket.AF_UNIX)
+    try:
+        claim.bind(f"\0palpate {group}")  # a name that is no file (Linux)
+    except OSError:
+        claim.close()
+        raise BenchError(
+            f"CAN bus {MULTICAST}:{group} is that of another served bench; leave the channel out, or give another"
+        ) from None
+    return claim
 
 
 def open_bus(interface: str, channel: str) -> can.BusABC:
     """A bus of python-can. Raises BenchError."""
-    options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # does not leave this machine
-    try:
-        bus = _Virtual(channel) if interface == "virtual" else can.Bus(channel, interface, **options)
-    except Exception as error:  # each interface of python-can has its own, down to NameError
-        raise BenchError(f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface") from error
-    if interface == MULTICAST:
-        keep_to_group(bus.fileno())
+    with ExitStack() as stack:
+        claim = stack.enter_context(_claimed(channel)) if interface == MULTICAST else None
+        options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # does not leave this machine
+        try:
+            bus = _Virtual(channel) if interface == "virtual" else can.Bus(channel, interface, **options)
+        except Exception as error:  # each interface of python-can has its own, down to NameError
+            raise BenchError(
+                f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface"
+            ) from error
+        if claim is not None:
+            keep_to_group(bus.fileno())
+            _release_with(bus, claim)
+        stack.pop_all()
     return bus
+
+
+def _release_with(bus: can.BusABC, claim: socket.socket) -> None:
+    shut_down = bus.shutdown
+
+    def shutdown() -> None:
+        shut_down()
+        claim.close()
+
+    bus.shutdown = shutdown  # type: ignore[method-assign]
 
 
 def burst(bus: can.BusABC, payloads: Sequence[Payload]) -> None:

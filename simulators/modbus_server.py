@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import socket
 import struct
 from collections import deque
@@ -43,6 +44,7 @@ LENGTHS = range(2, 255)  # that an MBAP header may give
 PIPELINE = 65536  # bytes of requests that may wait
 MOST_CONNECTIONS = 32  # to one port
 MOST_WAITING = 64  # requests of one client, above which nothing more is read from it
+IDLE = 60.0  # s, after which a client that asks nothing makes room for another
 PIECE = 4096  # bytes that are read from a client before it is the next one's turn
 UNREAD = 65536  # bytes of answers that a client may leave unread
 EXCEPTION = 0x80  # bit of a function code
@@ -206,7 +208,7 @@ class _Connection(ServerRequestHandler):
 class _TcpConnection(_Connection):
     """One client among others: none can take the time or the memory of the rest."""
 
-    asked = False  # anything, so far
+    asked = -math.inf  # when it did last [s of the loop]
     unwanted = False
     _late = b""  # an answer that the next request brings
     _kept: bytearray | None = None  # answers, in place of their being sent
@@ -271,7 +273,7 @@ class _TcpConnection(_Connection):
 
     def _answered(self) -> None:
         """Reads on, unless the answers are left unread."""
-        self.asked = True
+        self.asked = self.loop.time()
         transport: Any = self.transport
         if transport is None:
             self._waiting.clear()
@@ -334,11 +336,11 @@ class TcpServer(_Completed, ModbusTcpServer):
         self.transport = await self.loop.create_server(self.handle_new_connection, sock=end)  # type: ignore[assignment]
 
     def handle_new_connection(self) -> Any:
-        """A place for one more client: where there is none, that of one who has not asked anything yet."""
+        """A place for one more client: where there is none, that of the longest silent, unless it has just asked."""
         if len(self.active_connections) >= MOST_CONNECTIONS:
             clients: Iterable[Any] = self.active_connections.values()
-            silent = next((client for client in clients if not client.asked), None)
-            if silent is None:
+            silent = min(clients, key=lambda client: client.asked)
+            if self.loop.time() - silent.asked < IDLE:
                 return _Refused()
             del self.active_connections[silent.unique_id]
             silent.leave()

@@ -184,7 +184,10 @@ def bench_options(command: F) -> F:
     for option in (
         assume_option,
         click.option(
-            "--log", type=FILE_NAME, metavar="FILE", help="Record CAN there (.blf, .asc), all as .pcapng beside."
+            "--log",
+            type=FILE_NAME,
+            metavar="FILE",
+            help="Record all traffic there (.pcapng), or CAN (.blf, .asc) and all beside it.",
         ),
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),

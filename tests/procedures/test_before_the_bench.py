@@ -61,7 +61,7 @@ def test_what_the_model_or_the_load_cell_does_not_tell_opens_no_bench(
         (("--out", "/proc/palpate"), 1, "cannot write /proc/palpate: "),
         (("--out", "new/file/x"), 1, "cannot write new/file/x: Not a directory; choose a writable folder with --out"),
         (("--out", "new"), 2, "new holds other files; choose a new or empty folder with --out"),
-        (("--log", "trace.txt"), 2, "--log trace.txt: the name must end in .blf or .asc"),
+        (("--log", "trace.txt"), 2, "--log trace.txt: the name must end in .pcapng (everything), .blf or .asc (CAN)"),
         (("--log", "dir.blf"), 2, "--log dir.blf: dir.blf exists already; give another name"),
         (("--log", "no/trace.blf"), 1, "no/trace.blf: the bus log cannot be written: No such file or directory"),
         (("--out", "made/day", "--log", "/proc/trace.blf"), 1, "/proc/trace.blf: the bus log cannot be written: "),

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-import can
+import itertools
 
+import can
+import pytest
+
+from instrument.errors import BenchError
+from instrument.multicast import MULTICAST
+from simulators import can_bus
 from simulators.can_bus import burst, open_bus, own_channel
 
 FRAMES = [(0x80, b""), (0x181, bytes(range(8))), (0x281, b"\x01\x00\x00\x00\x00"), (0x80, b"")]
@@ -24,3 +30,17 @@ def heard(*, singly: bool) -> list[tuple[int, bytes]]:
 
 def test_a_burst_is_heard_as_frames_sent_one_by_one() -> None:
     assert heard(singly=False) == heard(singly=True) == FRAMES
+
+
+def test_two_benches_of_this_machine_never_share_a_multicast_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even where their processes' numbers lead to the same one."""
+    monkeypatch.setattr(can_bus, "_numbers", itertools.count(1))
+    group = own_channel(MULTICAST)
+    monkeypatch.setattr(can_bus, "_numbers", itertools.count(1))
+    with open_bus(MULTICAST, group):
+        other = own_channel(MULTICAST)
+        assert other != group
+        with pytest.raises(BenchError, match=f"{group} is that of another served bench; leave the channel out"):
+            open_bus(MULTICAST, group)
+    with open_bus(MULTICAST, group):
+        pass

@@ -89,6 +89,21 @@ def test_one_client_too_many_is_refused_and_the_others_stay(address: TcpAddress,
         assert many[0].recv(100)
 
 
+def test_clients_that_have_asked_once_and_idle_make_room_the_longest_silent_first(
+    address: TcpAddress, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(modbus_server, "IDLE", 0.0)
+    assert served(own)
+    with clients(address, MOST_CONNECTIONS - 1, framed(READ)) as many, contextlib.ExitStack() as stack:
+        assert all(client.recv(100) for client in many)
+        assert served(own)  # since when the first of them is the longest silent
+        for oldest in many[:2]:
+            (late,) = stack.enter_context(clients(address, 1, framed(READ)))
+            assert late.recv(100)
+            assert ended(oldest)
+        assert served(own)
+
+
 def test_clients_that_flood_take_their_turns(address: TcpAddress, own: SignalGenerator) -> None:
     flood = framed(READ) * 400
     with clients(address, 3, flood) as many:
