@@ -10,7 +10,7 @@ from pydantic import Field
 from instrument.quantity import Volts
 from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
 from simulators.physics.chain import Armature, Limits
-from simulators.planning.changes import bound_of_limit
+from simulators.planning.changes import NEARER, bound_of_limit
 
 
 class AmplifierClip(ShakerEffect):
@@ -27,4 +27,4 @@ class AmplifierClip(ShakerEffect):
 
     def bound(self, case: Case) -> Bound:
         """Nothing where the rail is certainly not reached."""
-        return bound_of_limit(case, self, "rail")
+        return bound_of_limit(case, self.model_copy(update={"rail": NEARER * self.rail}), "rail")

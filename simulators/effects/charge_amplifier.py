@@ -10,7 +10,7 @@ from instrument.design import Design, Film
 from instrument.quantity import Ohms, Seconds, Volts
 from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
 from simulators.linear.lti import StateSpace, first_order_high_pass
-from simulators.planning.changes import bound_of_chain
+from simulators.planning.changes import bound_of
 
 
 class ChargeAmplifier(AmplifierEffect):
@@ -38,4 +38,4 @@ class ChargeAmplifier(AmplifierEffect):
 
     def bound(self, case: Case) -> Bound:
         """Its gain at the drive's frequency, and what is left of the preload."""
-        return bound_of_chain(case, self)
+        return bound_of(case, self)

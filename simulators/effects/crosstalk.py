@@ -10,7 +10,7 @@ from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import bound_of_gains
+from simulators.planning.changes import bound_of
 from simulators.randomness import Stream
 
 
@@ -42,7 +42,7 @@ class Crosstalk(FilmsEffect):
 
     def bound(self, case: Case) -> Bound:
         """Its sums over the rows: the teeth are loaded alike."""
-        return bound_of_gains(case, self)
+        return bound_of(case, self)
 
 
 def _beside(design: Design, one: int, other: int) -> bool:

@@ -24,10 +24,12 @@ from instrument.design import Design, Film
 if TYPE_CHECKING:
     from simulators.linear.lti import StateSpace, Times
     from simulators.physics.chain import Armature, Limits, Plays, Stack
+    from simulators.planning.dwells import Dwell
     from simulators.randomness import Stream
     from simulators.rig import Rig
 
 Floats = npt.NDArray[np.float64]
+Rates = Callable[[], Floats]  # of a film in some phases of the drive (p, n) [V/s]
 Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
 
 
@@ -41,30 +43,26 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A steady measurement that a bound is asked for.
+    """A measurement at a set load that a bound is asked for.
 
     Attributes:
         frequency: of the drive [Hz].
-        amplitude: of the force, half its peak-to-peak value [N].
-        preload: mean of the force [N].
-        ratio: force ratio.
         dwell: of the least-squares fit [s].
         rate: samples a second.
         settled: how long the drive was on before the dwell [s].
         effects: that the scene simulates, by name.
-        driven: a bench with effects, by name, whose drive has just been set for the load.
+        driven: a bench with these effects whose drive has just been set for the load.
+        follow: what the films of such a bench give over the dwell.
     """
 
     design: Design
     frequency: float
-    amplitude: float
-    preload: float
-    ratio: float
     dwell: float
     rate: float
     settled: float
-    effects: Mapping[str, Effect]
-    driven: Callable[[Mapping[str, Effect]], Rig]
+    effects: Effects
+    driven: Callable[[Effects], Rig]
+    follow: Callable[[Effects], Dwell]
 
 
 class Effect(Config, ABC):
@@ -83,6 +81,9 @@ class Effect(Config, ABC):
     @abstractmethod
     def bound(self, case: Case) -> Bound:
         """Greatest change of the results that leaving the effect out can make."""
+
+
+Effects = Mapping[str, Effect]
 
 
 class DriveEffect(Effect, ABC):
@@ -151,9 +152,7 @@ class AmplifierEffect(Effect, ABC):
 
 
 class LeakEffect(Effect, ABC):
-    """A conductance across the films that changes with time, by equal parts in equal times, `over` so long [s]."""
-
-    over: float
+    """A conductance across the films that changes with time."""
 
     @property
     @abstractmethod
@@ -164,15 +163,25 @@ class LeakEffect(Effect, ABC):
     def conductance(self, time: float) -> float:
         """[S] at a time since the bench was opened [s]."""
 
+    @abstractmethod
+    def held(self, conductance: float) -> LeakEffect:
+        """The same where it always is `conductance` [S]."""
+
+    def middle(self, time: float) -> float:
+        """Of the epoch in which a time is [s]."""
+        return (round(1e9 * time) // self.epoch_ns + 0.5) * self.epoch_ns * 1e-9
+
 
 class InputEffect(Effect, ABC):
     """Adds to the voltage at the converter.
 
     Attributes:
         common: whether it is the same on all channels of a node.
+        follows: whether it comes with the rates of the channel's own signal.
     """
 
     common: ClassVar[bool] = False
+    follows: ClassVar[bool] = False
 
     @abstractmethod
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
@@ -180,3 +189,15 @@ class InputEffect(Effect, ABC):
 
         rates: gives the rate of the channel's own signal there [V/s].
         """
+
+    @abstractmethod
+    def error(self, case: Case, rates: Rates) -> float:
+        """Greatest change of a film's amplitude that it makes [V]."""
+
+    @abstractmethod
+    def largest(self, case: Case, rates: Rates) -> float:
+        """Greatest voltage that it adds to a sample [V]."""
+
+    def dither(self, case: Case) -> float:
+        """Standard deviation of what it adds to each sample independently of all others [V]."""
+        return 0.0

@@ -10,7 +10,7 @@ from pydantic import Field
 from instrument.quantity import Metres, NewtonsPerMetre
 from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
 from simulators.physics.chain import Armature, Limits
-from simulators.planning.changes import bound_of_limit
+from simulators.planning.changes import NEARER, bound_of_limit
 
 
 class EndStops(ShakerEffect):
@@ -28,4 +28,4 @@ class EndStops(ShakerEffect):
 
     def bound(self, case: Case) -> Bound:
         """Nothing where no stop is met."""
-        return bound_of_limit(case, self, "stop")
+        return bound_of_limit(case, self.model_copy(update={"travel": NEARER * self.travel}), "stop")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from instrument.quantity import Hertz
-from simulators.effects.effect import Bound, Case, DriveEffect, HysteresisEffect, Kind
+from simulators.effects.effect import Bound, Case, DriveEffect, Kind
 from simulators.linear.periodic import HERTZ
-from simulators.planning.changes import BEYOND, Change, bound_of, diluted, gains, nonlinear
-from simulators.planning.fits import fitted, left_over
-from simulators.planning.pickup import Additive
+from simulators.planning.changes import bound_of
 
 
 class FrequencyError(DriveEffect):
@@ -35,26 +31,5 @@ class FrequencyError(DriveEffect):
         return (2 * word * clock + steps) // (2 * steps)
 
     def bound(self, case: Case) -> Bound:
-        """A fit of the nominal frequency to the true one, at any phase, and what the chain makes of the difference."""
-        true = self.frequency(round(case.frequency * HERTZ)) / HERTZ
-        least, most = fitted(case, true)
-        if not 0 < least <= most < math.inf:
-            return BEYOND
-        rig, tuned = case.driven({**case.effects, "frequency_error": self}), case.driven(case.effects)
-        if nonlinear(case, rig) or nonlinear(case, tuned):
-            return BEYOND
-        was = gains(tuned, case.frequency)
-        became = gains(rig, true)
-        factors, left = became / was, (left_over(case, rig) + left_over(case, tuned)) / abs(was)
-        # What is added keeps its phase while the drive's own runs away.
-        turned = min(2.0, 2 * np.pi * abs(true - case.frequency) * (case.settled + case.dwell))
-        whole = [
-            Change((most + least) / 2 * f, (most - least) / 2 * abs(f) + rest + 2 * turned * added)
-            for f, rest, added in zip(factors, left, diluted(case), strict=True)
-        ]
-        if any(isinstance(e, Additive | HysteresisEffect) or name == "adc" for name, e in case.effects.items()):
-            return bound_of(case, whole)
-        # The films share the frequency, so their fits differ by the phase between them alone.
-        reach = ((most / least) ** 2 - 1) * float(np.ptp(np.angle(became / became[0])))
-        apart = [Change(f, reach * abs(f) + rest / least) for f, rest in zip(factors, left, strict=True)]
-        return Bound(bound_of(case, whole).force, bound_of(case, apart).ratio)
+        """A fit of the nominal frequency to the true one, and what the chain makes of the difference."""
+        return bound_of(case, self)

@@ -10,8 +10,7 @@ from pydantic import Field
 
 from instrument.design import Design
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import Change, bound_of
-from simulators.planning.pickup import SIGMAS
+from simulators.planning.changes import bound_of
 from simulators.randomness import Stream
 
 
@@ -39,5 +38,4 @@ class GainScatter(FilmsEffect):
 
     def bound(self, case: Case) -> Bound:
         """Six standard deviations of each film, however the films move together."""
-        reach = [SIGMAS * self.strength * film.scatter for film in case.design.films]
-        return bound_of(case, [Change(1.0, each) for each in reach])
+        return bound_of(case, self)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import bound_of_gains
+from simulators.planning.changes import bound_of
 from simulators.randomness import Stream
 
 
@@ -28,4 +28,4 @@ class GlueClamping(FilmsEffect):
 
     def bound(self, case: Case) -> Bound:
         """The factor itself."""
-        return bound_of_gains(case, self)
+        return bound_of(case, self)

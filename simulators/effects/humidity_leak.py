@@ -9,7 +9,7 @@ from pydantic import Field
 
 from instrument.quantity import Ohms, Seconds
 from simulators.effects.effect import Bound, Case, Kind, LeakEffect
-from simulators.planning.changes import bound_of_leak
+from simulators.planning.changes import bound_of
 
 EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by default
 
@@ -36,6 +36,9 @@ class HumidityLeak(LeakEffect):
     def conductance(self, time: float) -> float:
         return math.exp(math.log(self.wet / self.dry) * -min(time / self.over, 1.0)) / self.dry
 
+    def held(self, conductance: float) -> HumidityLeak:
+        return self.model_copy(update={"dry": 1 / conductance, "wet": 1 / conductance})
+
     def bound(self, case: Case) -> Bound:
-        """The wettest the films get, whenever it is measured."""
-        return bound_of_leak(case, self)
+        """The leak as it is up to the end of the dwell, and its growth within it."""
+        return bound_of(case, self)

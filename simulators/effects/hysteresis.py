@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from instrument.quantity import Newtons
 from simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
 from simulators.physics.chain import Plays
-from simulators.planning.changes import bound_of_plays
+from simulators.planning.changes import bound_of
 
 
 class Hysteresis(HysteresisEffect):
@@ -42,5 +42,5 @@ class Hysteresis(HysteresisEffect):
         return Plays(self.path == "total", self.radii, self.weights)
 
     def bound(self, case: Case) -> Bound:
-        """Each play moves by no more than the force less its radius."""
-        return bound_of_plays(case, self)
+        """What the plays make of the force, gone through."""
+        return bound_of(case, self)

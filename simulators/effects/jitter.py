@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
-from instrument.design import Film
 from instrument.quantity import Seconds
-from simulators.effects.effect import Bound, Case, Floats, HysteresisEffect, InputEffect, Kind
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from simulators.linear.lti import Times
-from simulators.planning.changes import of_source
-from simulators.planning.pickup import SIGMAS, signal, spread
+from simulators.planning.changes import bound_of
+from simulators.planning.fits import SIGMAS, largest
 from simulators.randomness import Stream
-
-if TYPE_CHECKING:
-    from simulators.effects.pyroelectric import Pyroelectric
-    from simulators.effects.triboelectric import Triboelectric
 
 
 class Jitter(InputEffect):
@@ -29,6 +24,7 @@ class Jitter(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
+    follows: ClassVar[bool] = True
 
     # standard deviation of the delay [A]
     delay: Seconds = Field(default=10e-6, ge=0, le=1e-3)
@@ -42,21 +38,12 @@ class Jitter(InputEffect):
         late *= stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
         return late
 
-    def error(self, case: Case, film: Film) -> float:
-        """Six standard deviations of a fit to noise of the film's greatest rate [V]."""
-        # An amplifier that drains the preload adds at most 1 / (e t) of it to the rate, t after the change.
-        draining = (case.preload + case.amplitude) / case.amplitude / (math.e * case.settled)
-        swing, drift = signal(case, film), 0.0
-        for effect in case.effects.values():
-            if isinstance(effect, HysteresisEffect) and effect.path == film.kind:
-                swing *= 1 + sum(abs(weight) for weight in effect.plays().weights)
-        moving = cast("Triboelectric | None", case.effects.get("triboelectric"))
-        warming = cast("Pyroelectric | None", case.effects.get("pyroelectric"))
-        if moving is not None:
-            swing += moving.error(case, film)
-        if warming is not None:
-            drift = warming.rate(film)
-        return SIGMAS * spread(case) * self.delay * ((2 * math.pi * case.frequency + draining) * swing + drift)
+    def error(self, case: Case, rates: Rates) -> float:
+        """Six standard deviations of a fit to noise of the film's rates [V]."""
+        return self.delay and self.delay * largest(case, rates() ** 2)
+
+    def largest(self, case: Case, rates: Rates) -> float:
+        return self.delay and SIGMAS * self.delay * float(np.abs(rates()).max())
 
     def bound(self, case: Case) -> Bound:
-        return of_source(case, self)
+        return bound_of(case, self)

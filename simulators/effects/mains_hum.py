@@ -8,13 +8,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import Film
 from instrument.quantity import Hertz, Volts
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from simulators.linear.lti import Times
 from simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from simulators.planning.changes import of_source
-from simulators.planning.pickup import largest_tone
+from simulators.planning.changes import bound_of
+from simulators.planning.fits import largest_tone
 from simulators.randomness import BLOCK, Stream
 
 
@@ -48,9 +47,12 @@ class MainsHum(InputEffect):
             values.flags.writeable = False
         return values[start:end]
 
-    def error(self, case: Case, film: Film) -> float:
+    def error(self, case: Case, rates: Rates) -> float:
         """What the fit makes of the hum at its worst phase [V]: the trend's share alone over whole cycles of both."""
         return self.amplitude * largest_tone(case, self.frequency)
 
+    def largest(self, case: Case, rates: Rates) -> float:
+        return self.amplitude
+
     def bound(self, case: Case) -> Bound:
-        return of_source(case, self)
+        return bound_of(case, self)

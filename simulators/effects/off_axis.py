@@ -11,7 +11,7 @@ from pydantic import Field
 from instrument.design import Design
 from instrument.quantity import Degrees
 from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import bound_of_gains
+from simulators.planning.changes import bound_of
 from simulators.randomness import Stream
 
 
@@ -33,4 +33,4 @@ class OffAxis(FilmsEffect):
 
     def bound(self, case: Case) -> Bound:
         """One factor for all films."""
-        return bound_of_gains(case, self)
+        return bound_of(case, self)

@@ -12,12 +12,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import Film
 from instrument.quantity import Hertz, VoltsPerRootHertz
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from simulators.linear.lti import Times
-from simulators.planning.changes import of_source
-from simulators.planning.pickup import SIGMAS, correlated_spread
+from simulators.planning.changes import bound_of
+from simulators.planning.fits import SIGMAS, correlated_spread
 from simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
@@ -69,7 +68,7 @@ class PinkNoise(InputEffect):
         values: Floats = stream.kept[key].values(first, len(time_ns))
         return values
 
-    def error(self, case: Case, film: Film) -> float:
+    def error(self, case: Case, rates: Rates) -> float:
         """Six standard deviations of the fit [V]."""
 
         def correlation(lag: Floats) -> Floats:
@@ -78,8 +77,11 @@ class PinkNoise(InputEffect):
 
         return SIGMAS * self._deviation() * correlated_spread(case, correlation)
 
+    def largest(self, case: Case, rates: Rates) -> float:
+        return SIGMAS * self._deviation() * math.hypot(*(process.passed for process in _processes(case.rate)))
+
     def bound(self, case: Case) -> Bound:
-        return of_source(case, self)
+        return bound_of(case, self)
 
     def _deviation(self) -> float:
         """Of each process [V]. Processes of variance s^2, one a decade, add up to a density of s^2 / (ln 10 f)."""

@@ -7,12 +7,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import FILM_KINDS, Design, Film
+from instrument.design import FILM_KINDS, Design
 from instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from simulators.linear.lti import StateSpace, gain
-from simulators.planning.changes import of_source, warming
-from simulators.planning.pickup import SIGMAS, spread
+from simulators.planning.changes import bound_of
 
 
 class Pyroelectric(SourceEffect):
@@ -43,17 +42,6 @@ class Pyroelectric(SourceEffect):
             np.zeros((len(volts), 4)),
         )
 
-    def rate(self, film: Film) -> float:
-        """Greatest rate of what it adds to a film [V/s]."""
-        return film.sensitivity * (self.disc if film.kind == FILM_KINDS[0] else self.square) * abs(self.drift)
-
-    def error(self, case: Case, film: Film) -> float:
-        """What a fit takes from the warming, begun when the drive was switched on; later it is less."""
-        source = self.source(case.design)
-        delay = getattr(case.effects.get("jitter"), "delay", 0.0)
-        late = SIGMAS * spread(case) * delay * self.rate(film)  # jitter of the drift
-        return warming(case, source, film) + 2 * late
-
     def bound(self, case: Case) -> Bound:
-        """As of anything that adds to the films' voltages."""
-        return of_source(case, self)
+        """What a fit takes from the warming, begun when the drive was switched on; later it is less."""
+        return bound_of(case, self)

@@ -10,7 +10,7 @@ from pydantic import Field
 from instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
 from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
 from simulators.physics.chain import Armature, Limits
-from simulators.planning.changes import bound_of_chain
+from simulators.planning.changes import bound_of
 
 
 class ShakerDynamics(ShakerEffect):
@@ -29,4 +29,4 @@ class ShakerDynamics(ShakerEffect):
 
     def bound(self, case: Case) -> Bound:
         """The load is set anew with the shaker, so what is left is its transient."""
-        return bound_of_chain(case, self)
+        return bound_of(case, self)

@@ -11,7 +11,7 @@ from instrument.design import Design, Film
 from instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
 from simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from simulators.linear.lti import StateSpace, gain
-from simulators.planning.changes import following, of_source
+from simulators.planning.changes import bound_of
 
 
 class Triboelectric(SourceEffect):
@@ -38,10 +38,6 @@ class Triboelectric(SourceEffect):
         """Of the load on the sensor, that each film's force seems to be greater."""
         return self.charge / self.d33 / (self.load / 2)
 
-    def error(self, case: Case, film: Film) -> float:
-        """The charge itself, and its transient."""
-        return following(case, film, self._volts(film))
-
     def bound(self, case: Case) -> Bound:
-        """As of anything that adds to the films' voltages."""
-        return of_source(case, self)
+        """The charge itself, and its transient."""
+        return bound_of(case, self)

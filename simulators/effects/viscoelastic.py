@@ -11,7 +11,7 @@ from instrument.quantity import Seconds
 from simulators.effects.effect import Bound, Case, Kind, StackEffect
 from simulators.linear.lti import StateSpace
 from simulators.physics.chain import Stack
-from simulators.planning.changes import bound_of_chain
+from simulators.planning.changes import bound_of
 
 # Shares of the fast modulus that relax, and how fast [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
@@ -82,4 +82,4 @@ class Viscoelastic(StackEffect):
 
     def bound(self, case: Case) -> Bound:
         """Its modulus at the drive's frequency, and what is left of creep under the preload."""
-        return bound_of_chain(case, self)
+        return bound_of(case, self)

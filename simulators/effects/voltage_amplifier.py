@@ -11,7 +11,7 @@ from instrument.design import FILM_KINDS, Design, Film
 from instrument.quantity import Farads, Ohms
 from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
 from simulators.linear.lti import StateSpace, first_order_high_pass, gain
-from simulators.planning.changes import bound_of_chain
+from simulators.planning.changes import bound_of
 
 
 class VoltageAmplifier(AmplifierEffect):
@@ -39,4 +39,4 @@ class VoltageAmplifier(AmplifierEffect):
 
     def bound(self, case: Case) -> Bound:
         """Its gains at the drive's frequency, and what is left of the preload."""
-        return bound_of_chain(case, self)
+        return bound_of(case, self)

@@ -8,12 +8,11 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.design import Film
 from instrument.quantity import VoltsPerRootHertz
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind
+from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from simulators.linear.lti import Times
-from simulators.planning.changes import of_source
-from simulators.planning.pickup import SIGMAS, spread
+from simulators.planning.changes import bound_of
+from simulators.planning.fits import SIGMAS, spread
 from simulators.randomness import Stream
 
 
@@ -30,9 +29,15 @@ class WhiteNoise(InputEffect):
         """Noise voltages at integer multiples of the sample period, shape (n,)."""
         return self.density * math.sqrt(0.5e9 / period_ns) * stream.normal(int(time_ns[0]) // period_ns, len(time_ns))
 
-    def error(self, case: Case, film: Film) -> float:
+    def error(self, case: Case, rates: Rates) -> float:
         """Six standard deviations of the fit [V]."""
-        return SIGMAS * spread(case) * self.density * math.sqrt(case.rate / 2)
+        return SIGMAS * spread(case) * self.dither(case)
+
+    def largest(self, case: Case, rates: Rates) -> float:
+        return SIGMAS * self.dither(case)
+
+    def dither(self, case: Case) -> float:
+        return self.density * math.sqrt(case.rate / 2)
 
     def bound(self, case: Case) -> Bound:
-        return of_source(case, self)
+        return bound_of(case, self)

@@ -1,284 +1,168 @@
 """What an effect changes in the results, at most: force and force ratio of a least-squares sine at the set load.
 
-Steady states are compared as phasors, so what is linear is exact. Added to that is what can be left of transients,
-for a drive that begins at any phase, `settled` before the dwell; and what noise, steps and plays that the scene
-simulates beside the effect make of its change. Where contact, a limit or the converter's rail acts, nothing holds.
+The scene is followed with the effect and without it, as a rig follows it, for a drive that begins in any phase: what
+is certain changes by just that. What is random, in both or in one, is added with six standard deviations, and the steps
+of a converter as they are tried. Where contact is lost, a limit acts or the converter's rail is reached, nothing holds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from instrument.contracts.sensor_node import RANGE_VOLTS
-from instrument.design import FILM_KINDS, Film
-from simulators.effects import EFFECTS
-from simulators.effects.effect import (
-    AmplifierEffect,
-    Bound,
-    Case,
-    DriveEffect,
-    Effect,
-    FilmsEffect,
-    HysteresisEffect,
-    LeakEffect,
-    ShakerEffect,
-    StackEffect,
-)
-from simulators.linear.lti import StateSpace
-from simulators.linear.periodic import HERTZ
-from simulators.physics.chain import Touch
-from simulators.planning.fits import fitted, leaks, left_over, transient
-from simulators.planning.pickup import Additive, bound, largest_within, rounding, signal
-from simulators.randomness import Stream
+from instrument.design import FILM_KINDS, Design
+from instrument.errors import EstimateError
+from simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect, Rates
+from simulators.linear.lti import Complexes
+from simulators.planning.dwells import begun, met, touched
+from simulators.planning.fits import SIGMAS
+from simulators.planning.rounding import reaches_rail, step_changes, steps
+from simulators.planning.sides import CONVERTER, SCATTER, Side, deterministic, moments, name_of, reach, sides
 
 if TYPE_CHECKING:
-    from simulators.rig import Rig
+    from simulators.effects.gain_scatter import GainScatter
 
-Complexes = npt.NDArray[np.complex128]
 BEYOND = Bound(math.inf, math.inf)
-LIMITS = ("rail", "current", "stop")
-PEAKS = 100.0  # of noise, over what a fit makes of it
+GAINS = np.linspace(-1.0, 1.0, 5)  # of the greatest scatter
+BETWEEN = {True: 0.01, False: 0.5}  # of what results span over phases, that they may lie beyond them elsewhere
+LOOKED_AT = 8  # phases of the drive, in which a limit is looked for
+NEARER = math.cos(math.pi / LOOKED_AT)  # than the limit itself, for what lies between two phases
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """What a film's phasor is multiplied with, and how far from that the factor may lie."""
+def bound_of(case: Case, effect: Effect) -> Bound:
+    """What the scene with the effect gives, against the scene without it."""
+    with_it = {**case.effects, name_of(effect): effect}
+    found = [Bound(0.0, 0.0)]
+    try:
+        for moment in moments(case, with_it):
+            before, after = sides(case, case.effects, with_it, moment)
+            if any(each.dwell.limited or _saturated(case, each) for each in (before, after)):
+                return BEYOND
+            found.append(_results(case, effect, before, after))
+    except EstimateError:  # the dwell does not determine a sine
+        return BEYOND
+    return Bound(max(bound.force for bound in found), max(bound.ratio for bound in found))
 
-    factor: complex
-    reach: float = 0.0
+
+def bound_of_limit(case: Case, nearer: Effect, name: str) -> Bound:
+    """Of a limit: nothing where one that is nearer (`NEARER`) is never met from the drive's beginning to the dwell's end."""
+    rig = case.driven(deterministic({**case.effects, name_of(nearer): nearer}))
+    end_ns = round(1e9 * (case.settled + case.dwell))
+    acts = any(met(touched(rig, end_ns), (name,)) for _ in begun(rig, LOOKED_AT))
+    return BEYOND if acts else Bound(0.0, 0.0)
 
 
-# --- from changes of the films to the results ----------------------------------------------------------
+def _saturated(case: Case, each: Side) -> bool:
+    """Whether a film may reach the rail of the scene's converter."""
+    if each.converter is None:
+        return False
+    volts = np.abs(each.volts).max(axis=(0, 2)) * (1 + each.scatter)
+    noise = [sum(effect.largest(case, each.rates(film)) for effect in each.inputs()) for film in range(len(volts))]
+    return reaches_rail(float((volts + np.array(noise)).max()))
 
 
-def bound_of(case: Case, changes: Sequence[Change]) -> Bound:
-    """Bound of the results for a change of each film."""
-    if all(change == Change(1.0) for change in changes):
-        return Bound(0.0, 0.0)
-    spans = [_span(case, number, change) for number, change in enumerate(changes)]
-    rigid, total = (
-        [number for number, film in enumerate(case.design.films) if film.kind == kind] for kind in FILM_KINDS
-    )
-    force = max(max(abs(spans[base][0] - 1), abs(spans[base][1] - 1)) for base in total)
-    ratio = 0.0
-    for base in total:
-        least, most = spans[base]
-        for tooth in rigid:
-            if not set(case.design.films[tooth].teeth) <= set(case.design.films[base].teeth):
-                continue
-            low, high = spans[tooth]
-            if not (least > 0 and math.isfinite(most + high)):
-                return Bound(force, math.inf)
-            ratio = max(ratio, high / least - 1, 1 - low / most)
+# --- from films to results -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """What is not certain of a film's phasor, (films,) or (phases, films) [V].
+
+    Attributes:
+        common: what both sides have alike, beside the signal.
+        apart: what one side has and the other has not.
+        least: what may be missing of the first side's signal.
+    """
+
+    common: Floats
+    apart: Floats
+    least: Floats
+
+
+def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
+    """Both sides, compared at the same phase and the same gains."""
+    beyond = BETWEEN[before.linear]
+    gains = 1 + GAINS[:, np.newaxis, np.newaxis] * before.scatter if before.scatter.any() else np.ones((1, 1, 1))
+    was = gains * before.passed + before.added  # (gains, phases, films)
+    became = gains * after.passed + after.added
+    if name_of(effect) == SCATTER:  # the same but for its gains, which differ from one load set to the next
+        became = was
+    with np.errstate(all="ignore"):
+        factor = np.where(became == was, 1.0, became / was)
+        beside = _beside(case, effect, before, after, factor[len(gains) // 2])
+        # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what both have beside the signal dilutes it.
+        missed = np.where(factor == 1.0, 0.0, np.abs(1 - factor) * beside.common) + beside.apart
+        slack = np.where(missed == 0, 0.0, missed / np.maximum(np.abs(was) - beside.least, 0.0))
+        low, high = np.maximum(np.abs(factor) - slack, 0.0), np.abs(factor) + slack
+        total = [i for i, film in enumerate(case.design.films) if film.kind == FILM_KINDS[1]]
+        force = max(_most(low[..., j], high[..., j], beyond) for j in total)
+        # The films' gains scatter each by itself.
+        others = (np.newaxis, slice(None)) if before.scatter.any() else (slice(None), np.newaxis)
+        ratio = max(
+            _most(
+                low[:, np.newaxis, :, i] / high[others][..., j], high[:, np.newaxis, :, i] / low[others][..., j], beyond
+            )
+            for i, j in _pairs(case.design)
+        )
     return Bound(force, ratio)
 
 
-def _span(case: Case, number: int, change: Change) -> tuple[float, float]:
-    """Least and greatest factor of a film's fitted amplitude."""
-    film = case.design.films[number]
-    added = sum(_errors(case, film))
-    least = signal(case, film)
-    if not added < least:
-        return 0.0, math.inf
-    step, common = 2 * rounding(case, film) / least, added / least
-    # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what is added to both dilutes the change.
-    # Jitter follows the signal: of another phase it is another.
-    late = case.effects.get("jitter")
-    moved = change.reach > 0 or complex(change.factor).imag != 0
-    other = 2 * abs(change.factor) * late.error(case, film) / least if moved and isinstance(late, Additive) else 0.0
-    reach = change.reach + abs(change.factor - 1) * common + step + other + _played(case, number, change)
-    slack = reach / (1 - common)
-    return max(abs(change.factor) - slack, 0.0), abs(change.factor) + slack
+def _pairs(design: Design) -> list[tuple[int, int]]:
+    """Films under teeth, each with that under its base."""
+    tooth, base = ([i for i, film in enumerate(design.films) if film.kind == kind] for kind in FILM_KINDS)
+    films = design.films
+    return [(i, j) for i in tooth for j in base if set(films[i].teeth) <= set(films[j].teeth)]
 
 
-def _played(case: Case, number: int, change: Change) -> float:
-    """Plays follow a change of their force by no more than the change itself, in size and once more in phase."""
-    plays = next((e for e in case.effects.values() if isinstance(e, HysteresisEffect)), None)
-    if plays is None or plays.path != case.design.films[number].kind:
-        return 0.0
-    weights = sum(abs(weight) for weight in plays.plays().weights)
-    return 2 * largest_within(case) * weights * (abs(change.factor - 1) + change.reach)
+def _most(low: Floats, high: Floats, beyond: float) -> float:
+    """Greatest distance from 1 of factors (..., phases), and of those between the phases."""
+    if not np.isfinite(high).all():
+        return math.inf
+    ends = [each.max(axis=-1) + beyond * np.ptp(each, axis=-1) for each in (high - 1, 1 - low)]
+    return float(max(0.0, *(end.max() for end in ends)))
 
 
-# --- changes of the films ------------------------------------------------------------------------------
+def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Complexes) -> _Beside:
+    count = len(case.design.films)
+    common, apart, least = np.zeros(count), np.zeros(factor.shape), np.zeros(count)
+    if name_of(effect) == SCATTER:
+        apart = reach(case, cast("GainScatter", effect)) * np.abs(before.passed)
+    for i in range(count):
+        rates = before.rates(i)
+        for each in before.inputs():
+            error = each.error(case, rates)
+            least[i] += error
+            if not each.follows:
+                common[i] += error
+            elif before.dwell is not after.dwell:  # the same numbers come with other rates
+                apart[:, i] += each.error(case, _otherwise(rates, factor[:, [i]], after.rates(i)))
+        if isinstance(effect, InputEffect):
+            apart[:, i] += effect.error(case, rates)
+        rounds = before.dwell is not after.dwell or apart[:, i].any() or name_of(effect) == CONVERTER
+        if after.converter is not None and rounds:
+            rounded, missing = _rounded(case, effect, before, after, i, factor[:, i])
+            apart[:, i] += rounded
+            least[i] += missing
+    return _Beside(common, apart, least)
 
 
-def bound_of_gains(case: Case, effect: FilmsEffect) -> Bound:
-    """Of gains that hold at any frequency: the films change by them, transients and all."""
-    films = case.design.films
-    volts = np.array([signal(replace(case, effects={}), film) for film in films])
-    if not volts.all():
-        return BEYOND
-    factors = effect.matrix(case.design, Stream(0), 0) @ volts / volts
-    return bound_of(case, [Change(float(factor)) for factor in factors])
+def _otherwise(rates: Rates, factor: Complexes, others: Rates) -> Rates:
+    """What rates are beside those that the change of the film's phasor alone would make of the first."""
+    return lambda: np.asarray(np.abs(others() - factor * rates()))
 
 
-def bound_of_chain(case: Case, effect: Effect) -> Bound:
-    """Of anything linear: the load is set anew with it."""
-    before, after = case.driven(case.effects), case.driven(_with(case, effect))
-    if nonlinear(case, before) or nonlinear(case, after):
-        return BEYOND
-    true = before.coil_voltage().frequency / HERTZ
-    was, became = gains(before, true), gains(after, true)
-    least, most = fitted(case, true) if true != case.frequency else (1.0, 1.0)
-    if not was.all() or not least > 0:
-        return BEYOND
-    # A fit of another frequency than the drive's depends on the phase.
-    left = (left_over(case, before) + left_over(case, after)) / abs(was) / least
-    factors = became / was
-    left = left + abs(factors) * (most / least - 1) * (factors.imag != 0)
-    return bound_of(case, [Change(complex(f), float(r)) for f, r in zip(factors, left, strict=True)])
-
-
-def bound_of_limit(case: Case, effect: Effect, name: str) -> Bound:
-    """Of a limit: nothing where it is never met from the beginning of the drive to the end of the dwell."""
-    return BEYOND if _touched(case, case.driven(_with(case, effect)), (name,)) else Bound(0.0, 0.0)
-
-
-def warming(case: Case, source: StateSpace, film: Film) -> float:
-    """What a fit can find of a source that the constant 1 feeds from the drive's beginning on [V]."""
-    amplifier, number = _amplifier(case), case.design.films.index(film)
-    row = slice(number, number + 1)
-    chains = [StateSpace(source.a, source.b, source.c[row], source.d[row])]
-    if amplifier is not None:
-        chains = [chains[0].then(amplifier.system(film, case.design, leakage)) for leakage in _leakages(case)]
-    errors = []
-    for chain in chains:
-        weights, rates = transient(chain, chain.b[:, 3], np.zeros(chain.order))
-        errors.append(float(weights[0] @ leaks(case, rates)))
-    return max(errors)
-
-
-def of_source(case: Case, effect: Additive) -> Bound:
-    """As of anything that adds to the films' voltages, where the load is what is asked for."""
-    with_it = case.driven(_with(case, cast("Effect", effect)))
-    return BEYOND if nonlinear(case, with_it) else bound(effect, case)
-
-
-def following(case: Case, film: Film, force: float) -> float:
-    """Amplitude of a voltage of a film that follows the load, `force` V for each newton [V]."""
-    amplifier = _amplifier(case)
-    if amplifier is None:
-        return force * case.amplitude
-    largest = 0.0
-    for leakage in _leakages(case):
-        system = amplifier.system(film, case.design, leakage)
-        left = abs(float(system.d[0, 0])) * float(leaks(case, np.linalg.eigvals(system.a).astype(complex)).sum())
-        passed = float(abs(system.transfer(case.frequency)[0, 0]))
-        largest = max(largest, passed * case.amplitude + left * (case.preload + case.amplitude))
-    return force * largest
-
-
-def bound_of_leak(case: Case, effect: LeakEffect) -> Bound:
-    """Of a leak that grows: the largest there is, its offset in the dwell, and the amplifiers' transients twice."""
-    amplifier, design = _amplifier(case), case.design
-    if amplifier is None:
-        return Bound(0.0, 0.0)
-    rig = case.driven(case.effects)
-    was, left = abs(gains(rig, rig.coil_voltage().frequency / HERTZ)), left_over(case, rig)
-    if nonlinear(case, rig) or not was.all():
-        return BEYOND
-    most = max(_conductances(effect))
-    # A leak that changes by equal parts in equal times: within a dwell by so much of its largest value.
-    parts = abs(math.log(effect.conductance(0.0) / effect.conductance(math.inf))) if most else 0.0
-    moved = 1 - math.exp(-min(parts, parts * (case.dwell + 2e-9 * effect.epoch_ns) / effect.over))
-    changes = []
-    for number, film in enumerate(design.films):
-        wet, dry = (amplifier.system(film, design, g).transfer(case.frequency)[0, 0] for g in (most, 0.0))
-        offset = abs(amplifier.offset(film, design, most)) * moved * largest_within(case) / was[number]
-        changes.append(Change(1.0, float(abs(wet / dry - 1) + offset + 2 * left[number] / was[number])))
-    return bound_of(case, changes)
-
-
-def bound_of_plays(case: Case, effect: HysteresisEffect) -> Bound:
-    """Of play operators: each moves by no more than the force's amplitude less its radius."""
-    rig, plays = case.driven(case.effects), effect.plays()
-    swing = _swing(case, effect.path)
-    if nonlinear(case, rig) or not swing > 0:
-        return BEYOND
-    moved = sum(abs(w) * max(0.0, swing - r) for w, r in zip(plays.weights, plays.radii, strict=True)) / swing
-    shifted = sum(abs(w) for w in plays.weights) * (1 + case.preload / case.amplitude)
-    amplifier = _amplifier(case)
-    changes = []
-    for film in case.design.films:
-        if film.kind != effect.path:
-            changes.append(Change(1.0))
-            continue
-        reach = moved * largest_within(case)
-        if amplifier is not None:
-            # A high-pass gives no more than twice the largest value of what it gets, and forgets the mean.
-            system = amplifier.system(film, case.design, max(_leakages(case)))
-            passed = abs(system.transfer(case.frequency)[0, 0])
-            high = abs(float(system.d[0, 0]))
-            rates = np.linalg.eigvals(system.a).astype(complex)
-            reach = high / passed * (2 * reach + shifted * float(leaks(case, rates).sum()))
-        changes.append(Change(1.0, reach))
-    return bound_of(case, changes)
-
-
-# --- parts ---------------------------------------------------------------------------------------------
-
-
-def gains(rig: Rig, frequency: float) -> Complexes:
-    """Phasors of the films under the drive's voltage at a frequency, (films,) [V]."""
-    phasors: Complexes = rig.transfer(frequency)[:-1] * abs(rig.coil_voltage().amplitude[0])
-    return phasors
-
-
-def _with(case: Case, effect: Effect) -> Mapping[str, Effect]:
-    name = next(name for name, path in EFFECTS.items() if path.endswith(f":{type(effect).__name__}"))
-    return {**case.effects, name: effect}
-
-
-def _amplifier(case: Case) -> AmplifierEffect | None:
-    return next((e for e in case.effects.values() if isinstance(e, AmplifierEffect)), None)
-
-
-def _leakages(case: Case) -> list[float]:
-    leak = next((e for e in case.effects.values() if isinstance(e, LeakEffect)), None)
-    return [0.0] if leak is None else [0.0, *_conductances(leak)]
-
-
-def _conductances(leak: LeakEffect) -> tuple[float, float]:
-    return leak.conductance(0.0), leak.conductance(math.inf)
-
-
-def nonlinear(case: Case, rig: Rig) -> bool:
-    """Whether contact, a limit or the converter's rail changes anything up to the end of the dwell."""
-    if "adc" in rig.scene.effects:
-        first = round(1e9 * case.settled)
-        times = first + np.arange(round(case.dwell * case.rate)) * round(1e9 / case.rate)
-        noise = max(sum(_errors(case, film)) for film in case.design.films)
-        if not abs(rig.film_voltages(times)).max() + PEAKS * noise < max(RANGE_VOLTS):
-            return True
-    return _touched(case, rig, LIMITS) or _touched(case, rig, ("contact",))
-
-
-def _touched(case: Case, rig: Rig, names: Sequence[str]) -> bool:
-    """Whether any of these is met, or lost, from the beginning of the drive to the end of the dwell."""
-    met = [rig.touch(), *(after for _, after in rig.transitions(round(1e9 * (case.settled + case.dwell))))]
-    return any(getattr(touch, name) != getattr(Touch(), name) for touch in met for name in names)
-
-
-def _errors(case: Case, film: Film) -> list[float]:
-    return [effect.error(case, film) for effect in case.effects.values() if isinstance(effect, Additive)]
-
-
-def _swing(case: Case, path: str) -> float:
-    """Amplitude of the force on the films of a kind, summed over the teeth [N]."""
-    moving = {n: e for n, e in case.effects.items() if isinstance(e, DriveEffect | ShakerEffect | StackEffect)}
-    rig = case.driven(moving)
-    phasors = gains(rig, rig.coil_voltage().frequency / HERTZ)
-    return float(sum(abs(v) / f.sensitivity for v, f in zip(phasors, case.design.films, strict=True) if f.kind == path))
-
-
-def diluted(case: Case) -> list[float]:
-    """What other effects add to each film's amplitude, relatively."""
-    films = [(sum(_errors(case, film)), signal(case, film)) for film in case.design.films]
-    return [error / (least - error) if error < least else math.inf for error, least in films]
+def _rounded(
+    case: Case, effect: Effect, before: Side, after: Side, film: int, factor: Complexes
+) -> tuple[float, float]:
+    """What the converter's steps make of the change of a film, and of its amplitude before [V]."""
+    converter = after.converter
+    assert converter is not None
+    was, became = before.volts[:, film], after.volts[:, film]
+    noise = math.hypot(*(each.dither(case) for each in before.inputs()))
+    if name_of(effect) == CONVERTER:
+        return steps(case, converter, was, noise), 0.0
+    more = effect.largest(case, before.rates(film)) / SIGMAS if isinstance(effect, InputEffect) else 0.0
+    return step_changes(case, converter, was, became, factor, noise, more), steps(case, converter, was, noise)

@@ -1,85 +1,75 @@
-"""What a least-squares sine finds in other frequencies than its own, and in what is left of transients.
-
-The worst phase of the drive counts.
-"""
+"""What a least-squares sine makes of samples: it is linear, from the samples of a dwell to its cosine and sine."""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-from instrument.errors import EstimateError
-from instrument.estimate import fit_sine
+from instrument.sine_columns import sine_columns
 from simulators.effects.effect import Case, Floats
-from simulators.linear.lti import StateSpace
-from simulators.linear.periodic import HERTZ
+from simulators.linear.lti import Complexes
 
-if TYPE_CHECKING:
-    from simulators.rig import Rig
-
-Complexes = npt.NDArray[np.complex128]
-# Above this condition number the weights of modes say nothing about their sum.
-PARALLEL = 1e8
+DIRECTIONS = 64  # of half a circle
+SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits
 
 
-def fitted(case: Case, frequency: float) -> tuple[float, float]:
-    """Least and greatest amplitude that a fit of the case's frequency finds in a unit sine of another [Hz]."""
-    angle = 2 * np.pi * frequency * _times(case)
-    amplitude, phase = _fit(case, [np.cos(angle), np.sin(angle)])
-    if not np.isfinite(amplitude).all():
-        return 0.0, math.inf
-    most, least = np.linalg.svd(amplitude * np.array([np.cos(phase), np.sin(phase)]), compute_uv=False)
-    return float(least), float(most)
+def fitted(case: Case, samples: Floats) -> Complexes:
+    """Phasors (...) of samples (..., n). Raises EstimateError: the dwell does not determine a sine."""
+    cosine, sine = weights(case)
+    centred = samples - samples.mean(axis=-1, keepdims=True)
+    return np.asarray(centred @ cosine - 1j * (centred @ sine))
 
 
-def _times(case: Case) -> Floats:
-    return np.arange(max(1, round(case.dwell * case.rate))) / case.rate
+def largest(case: Case, variance: Floats) -> float:
+    """Six standard deviations of a fit to independent noise of this variance in each sample, (phases, n) or (n,)."""
+    covariance = np.einsum("in,...n,jn->...ij", weights(case), variance, weights(case))
+    return SIGMAS * math.sqrt(float(np.linalg.norm(covariance, 2, axis=(-2, -1)).max()))
 
 
-def left_over(case: Case, rig: Rig) -> Floats:
-    """What a fit can find of the transients in each film [V]."""
-    system, state, forcing = rig.beginning()
-    omega = 2 * np.pi * rig.coil_voltage().frequency / HERTZ
-    weights, rates = transient(system, system.b[:, 1], state, forcing, omega)
-    return np.asarray(weights[: len(case.design.films)] @ leaks(case, rates))
+def spread(case: Case) -> float:
+    """Standard deviation of an amplitude over that of independent noise in each sample."""
+    return float(np.linalg.norm(weights(case), 2))
 
 
-def transient(
-    system: StateSpace, constant: Floats, state: Floats, forcing: Complexes | None = None, omega: float = 0.0
-) -> tuple[Floats, Complexes]:
-    """Greatest weights (p, s) of the modes in the outputs, for a drive of any phase, and the modes' rates (s,)."""
-    rates, shapes = np.linalg.eig(system.a)
-    rates = rates.astype(complex)
-    if len(rates) and np.linalg.cond(shapes) > PARALLEL:
-        return np.full((len(system.c), len(rates)), np.inf), rates
-    inverse = np.linalg.inv(shapes)
-    moving = rates != 0
-    mean = np.where(moving, -(inverse @ constant) / np.where(moving, rates, 1.0), 0.0)
-    gap = abs(inverse @ state - mean)
-    if forcing is not None:
-        gap = gap + abs(inverse @ forcing / (1j * omega - rates))
-    return abs(system.c @ shapes) * gap, rates
+def correlated_spread(case: Case, correlation: Callable[[Floats], Floats]) -> float:
+    """The same for noise with a correlation over the lag [s]."""
+    from scipy.linalg import matmul_toeplitz
+
+    column = correlation(np.arange(weights(case).shape[1]) / case.rate)
+    covariance = weights(case) @ matmul_toeplitz(column, weights(case).T)
+    return math.sqrt(np.linalg.norm(covariance, 2))
 
 
-def leaks(case: Case, rates: Complexes) -> Floats:
-    """Greatest amplitude that a fit finds in exp(rate t), of unit size when the drive begins, (s,)."""
-    time = _times(case)
-    leaks = np.zeros(len(rates))
-    for k, rate in enumerate(rates):
-        if rate != 0:
-            wave = np.exp(rate * time)  # of unit size in the dwell: the fit makes no squares of next to nothing
-            leaks[k] = np.linalg.norm(_fit(case, [wave.real, wave.imag])[0]) * np.exp(rate.real * case.settled)
-    return leaks
+def largest_within(case: Case) -> float:
+    """Greatest error of an amplitude over that of any sample."""
+    return _largest(case.frequency, case.dwell, case.rate)
 
 
-def _fit(case: Case, waves: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Amplitudes and phases; infinite amplitudes where the dwell does not determine a sine."""
-    try:
-        fit = fit_sine(_times(case), waves, case.frequency)
-    except EstimateError:
-        return np.full(len(waves), np.inf), np.zeros(len(waves))
-    return fit.amplitude, fit.phase
+@functools.lru_cache(maxsize=8)
+def _largest(frequency: float, dwell: float, rate: float) -> float:
+    # Sum of |weights| seen from a direction is convex: around the circle it is below that at a polygon's corners.
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    seen = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ _weights(frequency, dwell, rate)
+    return float(np.abs(seen).sum(axis=1).max()) / math.cos(np.pi / 2 / DIRECTIONS)
+
+
+def largest_tone(case: Case, frequency: float) -> float:
+    """Greatest error of an amplitude over the amplitude of a sine of another frequency [Hz]."""
+    turns = np.exp(2j * np.pi * frequency * np.arange(weights(case).shape[1]) / case.rate)
+    phasors = weights(case) @ turns
+    return float(np.linalg.norm(np.stack([phasors.real, phasors.imag]), 2))  # at its worst phase
+
+
+def weights(case: Case) -> Floats:
+    """(2, n): from the samples of a dwell to cosine and sine, as they are fitted. Raises EstimateError."""
+    return _weights(case.frequency, case.dwell, case.rate)
+
+
+@functools.lru_cache(maxsize=8)
+def _weights(frequency: float, dwell: float, rate: float) -> Floats:
+    columns = sine_columns(np.arange(max(1, round(dwell * rate))) / rate, frequency)
+    found: Floats = np.linalg.pinv(columns.columns)[:2] * columns.scale[:2, np.newaxis]
+    return found

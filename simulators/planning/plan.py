@@ -27,6 +27,7 @@ from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Bound, Case, Effect
 from simulators.linear.periodic import HERTZ, Periodic
 from simulators.physics.chain import Touch
+from simulators.planning.dwells import Dwell, dwell_of
 from simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from simulators.rig import Rig
 from simulators.scene import RigParameters, Scene, SceneFile
@@ -142,7 +143,7 @@ def plan(scene: Scene, question: Question) -> Plan:
         ),
         omitted=tuple(_omitted(scene, case)),
         seconds=sum(costs.values()),
-        warnings=tuple(_warnings(scene, case)),
+        warnings=tuple(_warnings(scene, question)),
         steady=steady,
     )
 
@@ -167,23 +168,23 @@ def case_of(
     """The question as the bounds of the effects want it."""
     file = SceneFile(name="case", purpose="bounds", design=design.name, model=model, rig=rig)
     bare = Scene("case", "bounds", design, model, None, "", 1, 1, rig, {}, {}, file)
-    load = Load(question.load, get_sample(question.sample))
+
+    def with_these(chosen: Mapping[str, Effect]) -> Rig:
+        return driven(replace(bare, effects=chosen), question)
 
     @functools.cache  # bounds of many effects look at the same scene without them
-    def looked_at(chosen: tuple[tuple[str, Effect], ...]) -> Rig:
-        return driven(replace(bare, effects=dict(chosen)), question)
+    def followed(chosen: frozenset[tuple[str, Effect]]) -> Dwell:
+        return dwell_of(with_these(dict(chosen)), SETTLING, question.dwell, RATE)
 
     return Case(
         design=design,
         frequency=question.frequency,
-        amplitude=question.load / 2,
-        preload=PRELOAD * question.load,
-        ratio=response(design, load, model).force_ratio,
         dwell=question.dwell,
         rate=RATE,
         settled=SETTLING,
         effects=effects,
-        driven=lambda chosen: looked_at(tuple(chosen.items())),
+        driven=with_these,
+        follow=lambda chosen: followed(frozenset(chosen.items())),
     )
 
 
@@ -264,13 +265,14 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _warnings(scene: Scene, case: Case) -> list[str]:
+def _warnings(scene: Scene, question: Question) -> list[str]:
     """A rigid film that gives hardly a step of its converter, without noise to dither it, cannot be averaged."""
     rigid = next(film for film in scene.design.films if film.kind == "rigid")
-    amplitude = rigid.sensitivity * case.ratio * case.amplitude
+    load = Load(question.load, get_sample(question.sample))
+    amplitude = rigid.sensitivity * response(scene.design, load, scene.model).force_ratio * question.load / 2
     step = 2 * max(RANGE_VOLTS) / 2**16
     density = getattr(scene.effects.get("white_noise"), "density", 0.0)
-    noise = density * math.sqrt(case.rate / 2)
+    noise = density * math.sqrt(RATE / 2)
     if amplitude < SIGNAL_STEPS * step and noise < NOISE_STEPS * step:
         return [
             f"film {rigid.name!r}: amplitude {amplitude:.3g} V is {amplitude / step:.2g} steps of the converter, below"

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from tests.benchmarks import (
     array,
+    bounds,
     damages,
     driver_call,
     estimators,
@@ -57,8 +58,9 @@ PARTS = {
     "study": study.measure,
     "start_up": start_up.measure,
 }
-# A quarter of an hour and more: only by name.
+# A quarter of an hour and more (bounds: hours, resumable): only by name.
 LONG = {
+    "bounds": bounds.measure,
     "faults": faults.measure,
     "kills": kills.measure,
     "load": load.measure,

@@ -5,33 +5,40 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, Phase, assume, given, settings
-from hypothesis import strategies as st
 
-from instrument.sample import SAMPLES
 from simulators.effects import EFFECTS
 from simulators.effects.effect import Bound, Effect
+from simulators.effects.frequency_error import FrequencyError
+from simulators.effects.humidity_leak import HumidityLeak
+from simulators.effects.hysteresis import Hysteresis
+from simulators.effects.jitter import Jitter
+from simulators.effects.off_axis import OffAxis
+from simulators.effects.triboelectric import Triboelectric
 from simulators.effects.white_noise import WhiteNoise
 from simulators.planning.plan import Question, case_of
 from simulators.scene import Scene, read_scene
-from tests.simulators.measured import force_and_ratio
+from tests.benchmarks.bounds import rows, tried
+from tests.simulators.measured import changes, force_and_ratio
 from tests.simulators.strong import STRONG
 
 THESIS = read_scene("thesis_single")
-# Of two results that agree to this, the bound may well be 0: rounding of the fit.
-ROUNDING = 1e-10
-LIMITS = {"amplifier_clip", "current_limit", "end_stops"}  # strong ones act, and beside one that acts no bound is given
 
-# PALPATE_EXAMPLES=1000: so many scenes, with fresh seeds, in place of the same few.
-EXAMPLES = int(os.environ.get("PALPATE_EXAMPLES", "0"))
+# PALPATE_EXAMPLES=1000: so many random scenes in place of the same few; `python -m tests.benchmarks bounds` keeps what
+# it has done.
+EXAMPLES = int(os.environ.get("PALPATE_EXAMPLES", "60"))
 
 
 def scenes(name: str, others: frozenset[str], seed: int, strong: bool) -> tuple[Scene, Scene]:
     """The thesis' bench with some effects, without one and with it."""
     effect = STRONG[name] if strong else type(STRONG[name])()
-    without = replace(THESIS, effects={each: STRONG[each] for each in EFFECTS if each in others}, seed=seed)
+    return beside({each: STRONG[each] for each in others}, name, effect, seed)
+
+
+def beside(others: dict[str, Effect], name: str, effect: Effect, seed: int = 1) -> tuple[Scene, Scene]:
+    without = replace(THESIS, effects={each: others[each] for each in EFFECTS if each in others}, seed=seed)
     both = {**without.effects, name: effect}
     return without, replace(without, effects={each: both[each] for each in EFFECTS if each in both})
 
@@ -48,36 +55,84 @@ def changed(without: Scene, with_it: Scene, question: Question) -> Bound | None:
     return Bound(abs(more_force / force - 1), abs(more_ratio / ratio - 1))
 
 
-@given(
-    name=st.sampled_from(sorted(EFFECTS)),
-    others=st.frozensets(st.sampled_from(sorted(set(EFFECTS) - LIMITS)), max_size=4),
-    sample=st.sampled_from(sorted(SAMPLES)),
-    load=st.floats(1.5, 4.0),
-    frequency=st.sampled_from([2.0, 5.0, 10.0, 20.0]),
-    seed=st.integers(0, 2**31),
-    strong=st.booleans(),
-)
-@settings(
-    max_examples=EXAMPLES or 25,
-    deadline=None,
-    derandomize=not EXAMPLES,
-    suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow],
-    phases=[Phase.explicit, Phase.reuse, Phase.generate] if EXAMPLES else list(Phase),
-)
-def test_the_bound_of_an_effect_holds_in_random_scenes(
-    name: str, others: frozenset[str], sample: str, load: float, frequency: float, seed: int, strong: bool
-) -> None:
-    excluded = {*STRONG[name].excludes, name}
-    beside = frozenset(other for other in others if other not in excluded and name not in STRONG[other].excludes)
-    assume(not any(set(STRONG[a].excludes) & beside for a in beside))
-    question = Question(sample, load, frequency, dwell=0.5)
-    without, with_it = scenes(name, beside, seed, strong)
-    bound = bounded(name, without, with_it, question)
-    assume(min(bound.force, bound.ratio) < math.inf)
-    change = changed(without, with_it, question)
-    assume(change is not None)
-    assert change.force <= bound.force + ROUNDING
-    assert change.ratio <= bound.ratio + ROUNDING
+# --- random scenes with random parameters ---------------------------------------------------------------
+
+QUICK = (1, 4, 14, 20, 23, 27)  # scenes without plays and leaks
+# Scenes whose bounds were once too small.
+ONCE_BROKEN = (49, 77, 101, 117, 195, 433, 1061, 1102, 1455)
+
+
+def test_the_bound_of_an_effect_holds_in_random_scenes() -> None:
+    found = [tried(number) for number in QUICK]
+    assert sum(None not in each.bounds for each in found) == len(QUICK)
+    assert not [each for each in found if each.broken()]
+
+
+@pytest.mark.slow
+def test_bounds_that_were_once_too_small_hold() -> None:
+    assert not [each for each in map(tried, ONCE_BROKEN) if each.broken()]
+
+
+@pytest.mark.slow
+def test_bounds_hold_in_many_random_scenes_and_nine_in_ten_are_at_most_ten_times_too_wide() -> None:
+    figures = {row.figure.strip(): row.met for row in rows([tried(number) for number in range(EXAMPLES)], EXAMPLES)}
+    assert figures["broken bounds"] and figures["at most 10 times"]
+
+
+# --- what was left out of bounds once --------------------------------------------------------------------
+
+
+def test_an_effect_is_weighed_against_what_plays_of_negative_weight_leave_of_the_films(tmp_path: Path) -> None:
+    """They leave a twentieth of the force: what cables add counts twenty times."""
+    path = tmp_path / "cables.toml"
+    path.write_text(
+        'name = "cables"\npurpose = "Cables beside plays."\ndesign = "single"\ntolerance = 0.03\n'
+        '[effects.hysteresis]\nweights = [-0.95]\nradii = ["1 mN"]\npath = "total"\n'
+        '[effects.triboelectric]\nwhen = "auto"\n',
+        encoding="utf-8",
+    )
+    assert "triboelectric" in read_scene(str(path)).effects
+    question = Question("2", 3.0, dwell=0.5)
+    plays: dict[str, Effect] = {"hysteresis": Hysteresis(weights=(-0.95,), radii=("1 mN",), path="total")}
+    without, with_it = beside(plays, "triboelectric", Triboelectric())
+    (change,) = changes(without, with_it, question)
+    assert 0.05 < change[0] <= bounded("triboelectric", without, with_it, question).force < 0.08
+
+
+def test_an_effect_is_weighed_against_what_a_fit_of_another_frequency_leaves() -> None:
+    """A generator that gives 7.45 Hz for 8 Hz: a fit of two seconds finds little of it."""
+    question = Question("2", 3.0, 8.0, dwell=2.0)
+    without, with_it = beside({"frequency_error": FrequencyError(bits=28, clock="1 GHz")}, "off_axis", OffAxis())
+    force, _ = force_and_ratio(without, question)
+    assert force < 0.5 * 1.5
+    noise = WhiteNoise(density="10 µV/√Hz")
+    without, with_it = beside(dict(without.effects), "white_noise", noise)
+    alone = bounded("white_noise", *beside({}, "white_noise", noise), question)
+    bound = bounded("white_noise", without, with_it, question)
+    assert bound.force > 2 * alone.force
+    for change in changes(without, with_it, question, phases=3, seeds=4):
+        assert change[0] <= bound.force and change[1] <= bound.ratio
+
+
+def test_a_leak_counts_as_it_is_when_it_is_asked_for() -> None:
+    question = Question("2", 3.0, dwell=0.5)
+    for amplifier in ("charge_amplifier", "voltage_amplifier"):
+        without, with_it = beside({amplifier: STRONG[amplifier]}, "humidity_leak", HumidityLeak(over="100 s"))
+        bound = bounded("humidity_leak", without, with_it, question)
+        ((force, ratio),) = changes(without, with_it, question)
+        assert 0 < force <= bound.force < 10 * force
+        assert 0 < ratio <= bound.ratio < 10 * ratio
+
+
+def test_what_jitter_takes_from_both_sides_alike_is_not_counted_twice() -> None:
+    """It comes with the signal: an effect that changes all films alike changes it alike."""
+    question = Question("2", 3.0, dwell=0.5)
+    bound = bounded("off_axis", *beside({"jitter": Jitter(delay="1 ms")}, "off_axis", OffAxis()), question)
+    assert bound.force == pytest.approx(1 - math.cos(math.radians(10)), rel=1e-9)
+    assert bound.ratio < 1e-9
+
+
+# --- limits, converters, transients ----------------------------------------------------------------------
 
 
 def test_no_bound_of_a_converter_is_given_where_warming_drives_a_film_to_its_rail() -> None:

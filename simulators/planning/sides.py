@@ -1,0 +1,151 @@
+"""One side of a comparison: the films of a scene over a dwell as a rig follows it, without what is drawn at random."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from instrument.design import Film
+from simulators.effects import EFFECTS
+from simulators.effects.effect import (
+    AmplifierEffect,
+    Case,
+    Effect,
+    Effects,
+    Floats,
+    InputEffect,
+    LeakEffect,
+    Rates,
+    SourceEffect,
+)
+from simulators.linear.lti import Complexes
+from simulators.planning.dwells import Dwell
+from simulators.planning.fits import SIGMAS, fitted
+
+if TYPE_CHECKING:
+    from simulators.effects.adc import Adc
+    from simulators.effects.gain_scatter import GainScatter
+
+SCATTER, CONVERTER = "gain_scatter", "adc"
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A scene at the moment of the dwell.
+
+    Attributes:
+        linear: the phases between those that were followed are superposed.
+        volts: (phases, films, n) V, at unit gains.
+        passed, added: phasors (phases, films) of what passes the gains that scatter, and of what is added behind them.
+        scatter: greatest relative change of each film's gain (films,).
+    """
+
+    effects: Effects
+    dwell: Dwell
+    linear: bool
+    volts: Floats
+    passed: Complexes
+    added: Complexes
+    scatter: Floats
+
+    @property
+    def converter(self) -> Adc | None:
+        return cast("Adc | None", self.effects.get(CONVERTER))
+
+    def inputs(self) -> list[InputEffect]:
+        return [each for each in self.effects.values() if isinstance(each, InputEffect)]
+
+    @functools.cached_property
+    def _rates(self) -> Floats:
+        return self.dwell.rates(self.linear)
+
+    def rates(self, film: int) -> Rates:
+        """Of a film in each phase, its gain at its greatest (phases, n) [V/s]."""
+        return lambda: np.asarray((1 + self.scatter[film]) * self._rates[:, film])
+
+
+def sides(case: Case, without: Effects, with_it: Effects, moment: float) -> tuple[Side, Side]:
+    """The scene with the one effects and with the other; a leak is what it is at a moment [s]."""
+    certain = [_certain(effects, moment) for effects in (without, with_it)]
+    linear = all(case.follow(each).linear for each in certain)
+    before, after = (_side(case, *each, moment, linear) for each in zip((without, with_it), certain, strict=True))
+    return before, after
+
+
+def _side(case: Case, effects: Effects, certain: Effects, moment: float, linear: bool) -> Side:
+    dwell, leak = case.follow(certain), _leak(effects)
+    volts = dwell.volts(linear)
+    if leak is not None:
+        volts = volts + _creeping(case, effects, leak, moment)
+    seen = fitted(case, volts)
+    scatter = cast("GainScatter | None", effects.get(SCATTER))
+    if scatter is None:
+        return Side(effects, dwell, linear, volts, seen, np.zeros_like(seen), np.zeros(len(case.design.films)))
+    bare = {name: each for name, each in certain.items() if not isinstance(each, SourceEffect)}
+    passed = fitted(case, case.follow(bare).volts(linear))
+    return Side(effects, dwell, linear, volts, passed, seen - passed, reach(case, scatter))
+
+
+def _certain(effects: Effects, moment: float) -> dict[str, Effect]:
+    """What a rig follows at a moment [s]."""
+    certain, leak = deterministic(effects), _leak(effects)
+    if leak is not None:
+        certain[name_of(leak)] = leak.held(leak.conductance(leak.middle(moment)))
+    return certain
+
+
+def reach(case: Case, scatter: GainScatter) -> Floats:
+    """Greatest relative change of each film's gain (films,)."""
+    return np.array([SIGMAS * scatter.strength * film.scatter for film in case.design.films])
+
+
+def moments(case: Case, effects: Effects) -> Iterator[float]:
+    """When a scene is looked at [s]: by a leak the drive may begin under other time constants than the dwell ends."""
+    last = case.settled + case.dwell
+    yield last
+    leak, amplifier = _leak(effects), _amplifier(effects)
+    if leak is not None and amplifier is not None:
+        conductances = [leak.conductance(leak.middle(time)) for time in (0.0, last)]
+        film = case.design.films[0]
+        then, now = (amplifier.system(film, case.design, conductance).a for conductance in conductances)
+        if not np.array_equal(then, now):
+            yield 0.0
+
+
+def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float) -> Floats:
+    """What a leak that changes within the dwell adds to each film, over the one that is held (films, n) [V]."""
+    amplifier = _amplifier(effects)
+    times = case.settled + np.arange(max(1, round(case.dwell * case.rate))) / case.rate
+    if amplifier is None:
+        return np.zeros((len(case.design.films), len(times)))
+    epochs, which = np.unique([leak.middle(time) for time in [moment, *times]], return_inverse=True)
+    conductances = [leak.conductance(epoch) for epoch in epochs]
+
+    def offsets(film: Film) -> Floats:
+        return np.array([amplifier.offset(film, case.design, conductance) for conductance in conductances])[which]
+
+    found = np.stack([offsets(film) for film in case.design.films])
+    return np.asarray(found[:, 1:] - found[:, :1])
+
+
+def deterministic(effects: Effects) -> dict[str, Effect]:
+    """Those that a rig follows and draws no numbers for."""
+    drawn = (SCATTER, CONVERTER)
+    return {name: e for name, e in effects.items() if not isinstance(e, InputEffect) and name not in drawn}
+
+
+def name_of(effect: Effect) -> str:
+    """As scenes call it."""
+    return next(name for name, path in EFFECTS.items() if path.endswith(f":{type(effect).__name__}"))
+
+
+def _leak(effects: Effects) -> LeakEffect | None:
+    return next((each for each in effects.values() if isinstance(each, LeakEffect)), None)
+
+
+def _amplifier(effects: Effects) -> AmplifierEffect | None:
+    return next((each for each in effects.values() if isinstance(each, AmplifierEffect)), None)

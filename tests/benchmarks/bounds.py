@@ -1,0 +1,174 @@
+"""Random scenes with random parameters: does an effect change a result by more than its bound, and how wide are bounds?
+
+Resumable: results go to `bounds-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), VERSION being that of the code,
+and a command that is given again goes on from there. `$PALPATE_SCENES` says how many scenes, `$PALPATE_WORKERS` how
+many processes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from instrument.errors import PalpateError
+from simulators.planning.plan import case_of
+from tests.benchmarks.row import Row
+from tests.simulators.measured import changes
+from tests.simulators.random_scenes import drawn
+
+SCENES = 100_000
+# Draws of the drive's phase, fewer where each takes long, and of the seed in each: a bound's width is against the
+# greatest change of them all.
+PHASES, FEWER, SEEDS = 5, 2, 3
+ROUNDING = 1e-10  # of two results that agree to this, the bound may well be 0
+SMALLEST = 1e-9  # of a bound whose width counts, and of a change that it is compared with
+WIDE, VERY_WIDE = 10.0, 100.0
+BATCH = 20
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One scene.
+
+    bounds: of force and ratio; None: none is given. greatest, first: changes, of all draws and of the scene as drawn;
+    None: nothing to compare. refused: why the scene could not be followed.
+    """
+
+    number: int
+    name: str
+    beside: list[str]
+    bounds: list[float | None]
+    greatest: list[float | None]
+    first: list[float | None]
+    refused: str = ""
+
+    def broken(self) -> bool:
+        pairs = zip(self.bounds, self.greatest, strict=True)
+        return any(b is not None and c is not None and c > b + ROUNDING for b, c in pairs)
+
+
+def tried(number: int) -> Tried:
+    """What the bound of a random scene says, and what comes of it."""
+    chosen = drawn(number)
+    scene, effect = chosen.without, chosen.with_it.effects[chosen.name]
+    none: list[float | None] = [None, None]
+    try:
+        case = case_of(scene.design, scene.model, scene.effects, chosen.question, scene.rig)
+        bound = effect.bound(case)
+        long = {"hysteresis", "humidity_leak"} & set(chosen.with_it.effects)
+        found = changes(scene, chosen.with_it, chosen.question, FEWER if long else PHASES, SEEDS)
+    except PalpateError as error:
+        return Tried(number, chosen.name, list(scene.effects), none, none, none, str(error)[:200])
+    bounds = [value if math.isfinite(value) else None for value in (bound.force, bound.ratio)]
+    if not found:
+        return Tried(number, chosen.name, list(scene.effects), bounds, none, none)
+    greatest = np.array(found).max(axis=0).tolist()
+    return Tried(number, chosen.name, list(scene.effects), bounds, greatest, list(found[0]))
+
+
+def _batch(numbers: Sequence[int]) -> list[Tried]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of scenes of which nothing finite comes
+        return [tried(number) for number in numbers]
+
+
+# --- the state on disk ---------------------------------------------------------------------------------
+
+
+def measure() -> Iterator[Row]:
+    goal = int(os.environ.get("PALPATE_SCENES", SCENES))
+    file = Path(os.environ.get("PALPATE_CAMPAIGN", "campaigns")) / f"bounds-{_version()}.jsonl"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    known = {each.number: each for each in _read(file)}
+    missing = [number for number in range(goal) if number not in known]
+    try:
+        with file.open("a", encoding="utf-8") as out:
+            for batch in _batches(missing):
+                for each in batch:
+                    known[each.number] = each
+                    out.write(json.dumps(asdict(each)) + "\n")
+                out.flush()
+    except KeyboardInterrupt:
+        print(f"{len(known)} of {goal} scenes; give the command again to go on", file=sys.stderr)  # noqa: T201
+    yield from rows([known[number] for number in sorted(known)], goal)
+
+
+def _batches(numbers: Sequence[int]) -> Iterator[list[Tried]]:
+    batches = [numbers[first : first + BATCH] for first in range(0, len(numbers), BATCH)]
+    workers = int(os.environ.get("PALPATE_WORKERS", "1"))
+    if workers == 1:
+        yield from map(_batch, batches)
+    else:
+        with ProcessPoolExecutor(workers) as pool:
+            yield from pool.map(_batch, batches)
+
+
+def _read(file: Path) -> Iterator[Tried]:
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
+        try:
+            yield Tried(**json.loads(line))
+        except (ValueError, TypeError):
+            continue  # cut off when the command was ended
+
+
+def _version() -> str:
+    """Of what decides bounds and scenes."""
+    digest = hashlib.sha256()
+    for folder in ("instrument", "simulators", "tests/simulators"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+# --- figures -------------------------------------------------------------------------------------------
+
+
+def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
+    """The figures of some scenes."""
+    broken = [each for each in results if each.broken()]
+    yield Row("random scenes", f"{len(results)}", f"{goal}", len(results) >= goal)
+    yield Row("  broken bounds", _listed(broken), "0", not broken)
+    yield Row("  that nothing can follow", _listed([each for each in results if each.refused]))
+    for which, told in (("greatest", "the greatest change of some draws"), ("first", "the first draw")):
+        widths = _widths(results, which)
+        finite = [width for width in widths if math.isfinite(width)]
+        if not finite:
+            continue
+        at = np.quantile(finite, [0.1, 0.5, 0.9, 0.99])
+        share = sum(width <= WIDE for width in finite) / len(finite)
+        goal_met = (share >= 0.9) if which == "greatest" else None
+        yield Row(f"  bounds, against {told}", f"{len(finite)}")
+        yield Row("    bound / change: 10, 50, 90, 99 % of them", " ".join(f"{value:.3g}" for value in at))
+        yield Row(
+            f"    at most {WIDE:g} times", f"{100 * share:.1f} %", ">= 90 %" if goal_met is not None else "", goal_met
+        )
+        yield Row(f"    above {VERY_WIDE:g} times", f"{sum(width > VERY_WIDE for width in finite)}")
+        yield Row("    none given", f"{len(widths) - len(finite)}")
+
+
+def _widths(results: Iterable[Tried], which: str) -> list[float]:
+    """Bounds over changes; infinite where none is given."""
+    widths = []
+    for each in results:
+        for bound, change in zip(each.bounds, getattr(each, which), strict=True):
+            if change is not None and (bound is None or bound > SMALLEST):
+                widths.append(math.inf if bound is None else bound / max(change, SMALLEST))
+    return widths
+
+
+def _listed(some: Sequence[Tried]) -> str:
+    names = Counter(each.name for each in some)
+    listed = ", ".join(f"{name} {count}" for name, count in names.most_common(4))
+    return f"{len(some)}" + (f" ({listed}; first {some[0].number})" if some else "")
