@@ -70,6 +70,4 @@ def weights(case: Case) -> Floats:
 
 @functools.lru_cache(maxsize=8)
 def _weights(frequency: float, dwell: float, rate: float) -> Floats:
-    columns = sine_columns(np.arange(max(1, round(dwell * rate))) / rate, frequency)
-    found: Floats = np.linalg.pinv(columns.columns)[:2] * columns.scale[:2, np.newaxis]
-    return found
+    return sine_columns(np.arange(max(1, round(dwell * rate))) / rate, frequency).weights()
