@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Of the wall, of a link that has faults. A time-out is waited for, and the bench's clock stands; an answer that a busy
 # machine is so late with would count as a fault that the scene does not have.
 TIMEOUT: Any = "2 s"
-FOREVER = "1e9 s"  # of a fault that is given by hand: until it is cleared
+FOREVER = "1000000000.0 s"  # of a fault that is given by hand: until it is cleared
 ALL = "all"
 
 
@@ -45,6 +45,8 @@ class Given:
     def told(self) -> str:
         """For people: where, what, its parameters, and whether it has struck."""
         own = self.fault.model_dump(mode="json", exclude={"kind", "on"}, exclude_defaults=True)
+        if own.get("lasts") == FOREVER:
+            own["lasts"] = "until it is cleared"
         words = [f"{name}={value}" for name, value in own.items() if value is not None]
         struck = self.happening.begun if self.happening else self.trigger.struck
         return f"{' '.join([self.fault.on, self.fault.kind, *words])}: has struck {struck} times"

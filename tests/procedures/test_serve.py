@@ -117,6 +117,22 @@ def test_a_bench_whose_amplifier_anybody_feeds_says_so_before_it_drives_and_in_i
         assert palpate(*sweep).err == ""
 
 
+@pytest.mark.slow
+def test_a_log_of_a_bench_with_a_sample_changer_is_shown_and_replayed(
+    palpate: Palpate, wish: Wish, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweep = ("sweep", "loads", "--samples", "2", "--loads", "2 N", "--dwell", "0.2 s", "--bench", "b.toml")
+    monkeypatch.setattr(sys, "stdin", None)
+    with serving(replace(wish, samples=(get_sample("1"), get_sample("2")), out=Path("b.toml"))) as served:
+        same_wall(monkeypatch, served.sim)
+        found = palpate(*sweep, "--log", "trace.blf", "--json").object
+    shown = palpate("bus", "show", "trace.pcapng").out
+    assert "sample_changer <- write order = '2'" in " ".join(shown.split())
+    assert "mounted = '2'" in shown
+    again = palpate("bus", "replay", "trace.pcapng", "--json").object
+    assert (again["points"], again["mounting"]) == (found["points"], "sample changer")
+
+
 @pytest.mark.parametrize(
     ("line", "seen"),
     [

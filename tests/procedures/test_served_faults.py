@@ -110,7 +110,7 @@ def test_several_are_told_apart_and_cleared_by_place_or_all_at_once(sim: Simulat
     assert answer(person, "faults").splitlines() == [
         "line bit_error probability=0.5: has struck 0 times",
         "positioner silence transaction=9: has struck 0 times",
-        "can error_frame at=0.0 s lasts=1000000000.0 s: has struck 0 times",
+        "can error_frame at=0.0 s lasts=until it is cleared: has struck 0 times",
     ]
     person.do("clear positioner")
     assert len(answer(person, "faults").splitlines()) == 2
