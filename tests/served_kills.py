@@ -288,7 +288,7 @@ class Rounds:
 
 
 def _drawn(chance: random.Random) -> Blow:
-    tick, delay = chance.randrange(1, TICKS), LONGEST * chance.random()
+    tick, delay = 1 + int(TICKS * chance.random() ** 2), LONGEST * chance.random()  # one that goes on has fewer
     kind = chance.random()
     if kind < 0.1:
         return Blow(tick, by_hand=chance.choice(SAMPLES))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from io import StringIO
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from procedures.cli import operator
 from procedures.cli.operator import at_terminal
+from procedures.report.text import where
 from procedures.run import Run
 from simulators.bench import SimulatedBench
 from tests.procedures.conftest import Benches, Palpate, refused
@@ -39,26 +41,24 @@ def headless(lab: str, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_without_a_terminal_nothing_is_asked_of_a_bench_on_which_nobody_could_confirm(
     palpate: Palpate, headless: str, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for command, work in BY_HAND.items():
-        for console in (StringIO("1\n" * 99), None):
-            monkeypatch.setattr(sys, "stdin", console)
-            design = "common_base" if "position" in command else "single"
-            Path(headless).write_text(sim.description.model_copy(update={"design": design}).to_toml(), encoding="utf-8")
-            said = palpate(*command, "--bench", headless)
-            assert (said.status, sim.servers.transactions) == (2, 0)
-            assert said.complaint.startswith(f"a person {work} on this bench, and standard input is no terminal")
-            assert "--assume-mounted" in said.complaint
-            assert not Path("runs").exists()
+    for (command, work), console in zip(BY_HAND.items(), itertools.cycle([StringIO("1\n" * 99), None])):
+        monkeypatch.setattr(sys, "stdin", console)
+        design = "common_base" if "position" in command else "single"
+        Path(headless).write_text(sim.description.model_copy(update={"design": design}).to_toml(), encoding="utf-8")
+        said = palpate(*command, "--bench", headless)
+        assert (said.status, sim.servers.transactions) == (2, 0)
+        assert said.complaint.startswith(f"a person {work} on this bench, and standard input is no terminal")
+        assert "--assume-mounted" in said.complaint
+        assert not Path("runs").exists()
 
 
 def test_what_is_assumed_is_told_by_the_record_the_report_and_json(palpate: Palpate, headless: str) -> None:
-    said = palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--out", "first")
-    assert said.status == 0
+    said = palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--out", "first", "--json")
     assert said.err == "assumed, as --assume-mounted asks: Mount sample 1 (white silicone rubber, 3 mm)\n"
-    assert "mounting       ASSUMED, nobody has confirmed it\n" in said.out
+    assert said.object["mounting"] == "assumed"
+    assert where(said.object, Path("plot.png"))[1] == "mounting       ASSUMED, nobody has confirmed it"
     assert Run.open(Path("first")).header["mounting"] == "assumed"
-    assert palpate("runs", "show", "first").out.count("ASSUMED") == 1
-    assert palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--json").object["mounting"] == "assumed"
+    assert "mounting     ASSUMED, nobody has confirmed it\n" in palpate("runs", "show", "first").out
 
 
 def test_a_simulated_bench_assumes_nothing(palpate: Palpate, benches: Benches) -> None:
