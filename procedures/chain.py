@@ -192,7 +192,7 @@ class ChainWriter:
     """The one writer of a chain: what `append` is given is durable, in one piece, when it returns.
 
     Everything raises OSError. After a sync that failed nothing is written any more: the system then forgets what it
-    had not written, and a later sync that succeeds says nothing of it.
+    had not written, and a later sync that succeeds says nothing of it. After a head that could not be written neither.
     """
 
     def __init__(self, path: Path, head_path: Path, head: Head, flags: int) -> None:
@@ -211,6 +211,8 @@ class ChainWriter:
 
     def append(self, frames: Sequence[tuple[bytes, int, Sequence[Bytes]]], *, points: int = 0, events: int = 0) -> None:
         """Adds frames (kind, id, parts of the content), with which so many points and events are complete."""
+        if self._broken:
+            raise OSError(0, "an earlier write or sync failed, nothing is written behind it")
         parts, head = packed(self.head, frames, self._flags, points, events)
         try:
             self._write(self._file, parts, self.head.length)
@@ -225,9 +227,9 @@ class ChainWriter:
 
     def confirm(self, tail: bytes, head: Head) -> None:
         """Puts frames that are there, and of which the head does not tell, on disk, and tells of them."""
-        os.ftruncate(self._file, self.head.length)
-        self._size = self.head.length
-        self._write(self._file, [tail], self.head.length)
+        self._write(self._file, [tail], self.head.length)  # the same bytes over themselves: nothing is torn
+        os.ftruncate(self._file, head.length)
+        self._size = 0
         self._grow(head.length)
         self._sync(self._file)
         if tail:
@@ -248,13 +250,15 @@ class ChainWriter:
             self._size = os.fstat(self._file).st_size
 
     def _tell(self, head: Head) -> None:
-        self._write(self._head_file, [head.packed()], SECTOR * (head.frames % 2))
+        try:
+            self._write(self._head_file, [head.packed()], SECTOR * (head.frames % 2))
+        except OSError:
+            self._broken = True  # it may tell of these frames by now, which must not be written over
+            raise
         self._sync(self._head_file)
         self.head = head
 
     def _write(self, handle: int, parts: Sequence[Bytes], at: int) -> None:
-        if self._broken:
-            raise OSError(0, "an earlier sync failed, nothing is written behind it")
         content = memoryview(b"".join(parts))
         while content:
             done = os.pwrite(handle, content, at)

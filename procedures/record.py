@@ -265,7 +265,7 @@ def begin(folder: Path, header: Mapping[str, object], frames: Sequence[Content])
         aside.replace(folder / RECORD)
         _sync(folder)
     except BaseException:
-        for path in (aside, head_file):
+        for path in (aside, folder / RECORD, head_file):
             path.unlink(missing_ok=True)
         raise
 

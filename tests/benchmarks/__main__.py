@@ -15,6 +15,7 @@ from tests.benchmarks import (
     array,
     bounds,
     damages,
+    disk,
     driver_call,
     estimators,
     faults,
@@ -67,6 +68,7 @@ LONG = {
     "served_kills": served_kills.measure,
     "soak": soak.measure,
     "damages": damages.measure,
+    "disk": disk.measure,
 }
 
 

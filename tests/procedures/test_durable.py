@@ -160,7 +160,10 @@ def test_a_disk_that_is_full_in_the_middle_stops_the_sweep_with_outputs_off(
 
 
 def test_after_a_sync_that_failed_nothing_more_is_acknowledged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RecordError, match="an earlier sync failed"), Recorder.create(tmp_path, HEADER) as record:
+    with (
+        pytest.raises(RecordError, match="an earlier write or sync failed"),
+        Recorder.create(tmp_path, HEADER) as record,
+    ):
         record.point({"load_N": 2.0}, {}, 1)
         with monkeypatch.context() as disk, pytest.raises(RecordError, match="check the disk"):
             failing("fdatasync", errno.EIO)(record, disk)
