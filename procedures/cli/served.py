@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 from instrument.contracts.sensor_node import bus_load
-from instrument.errors import UsageError
+from instrument.errors import RangeError, UsageError
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
 from simulators.bench import SimulatedBench
@@ -42,10 +42,10 @@ class Person:
             "mount": lambda words: operator.mount(get_sample(_one(words))),
             "lay": lambda words: operator.lay_on_support(None if words == ["none"] else get_sample(_one(words))),
             "probe": lambda words: operator.place_probe(*(parse(word, "m") for word in _several(words, 2))),
-            "tooth": lambda words: operator.press_tooth(round(parse(_one(words), "")) - 1),
-            "weight": lambda words: operator.place_weight(parse(" ".join(words), "kg")),
-            "turn": lambda words: operator.turn_load_cell(parse(_one(words), "")),
-            "warm": lambda words: operator.set_temperature(parse(" ".join(words), "K")),
+            "tooth": lambda words: operator.press_tooth(_number(_one(words), len(sim.scene.design.teeth)) - 1),
+            "weight": lambda words: operator.place_weight(_within("weight", " ".join(words), "kg", 0, HEAVIEST)),
+            "turn": lambda words: operator.turn_load_cell(_within("turn", _one(words), "", 0, 360)),
+            "warm": lambda words: operator.set_temperature(_within("warm", " ".join(words), "K", -WARMEST, WARMEST)),
             "fault": self._give,
             "clear": self._clear,
             "faults": lambda words: self._listed(_several(words, 0)),
@@ -87,6 +87,24 @@ class Person:
 
 
 PLACE_AND_KIND = 2  # words
+HEAVIEST = 100.0  # kg
+WARMEST = 200.0  # K, against the start
+
+
+def _within(what: str, text: str, unit: str, low: float, high: float) -> float:
+    """Raises QuantityError; RangeError: below `low`, or above `high`."""
+    value = parse(text, unit)
+    if not low <= value <= high:
+        raise RangeError(f"{what} {text}: is outside {low:g} to {high:g} {unit}".rstrip())
+    return value
+
+
+def _number(text: str, most: int) -> int:
+    """Of a tooth, from 1. Raises QuantityError; RangeError: there is none of that number."""
+    value = parse(text, "")
+    if value not in range(1, most + 1):
+        raise RangeError(f"tooth {text}: the sensor has teeth 1 to {most}" if most > 1 else f"tooth {text}: it has one")
+    return int(value)
 
 
 def _number_or_text(text: str) -> float | int | str:

@@ -102,7 +102,7 @@ class Injection:
         found = [g for g in self.given if on in (ALL, g.fault.on) and kind in ("", g.fault.kind)]
         if not found:
             there = ", ".join(f"{g.fault.on} {g.fault.kind}" for g in self.given) or "none"
-            raise UsageError(f"clear {' '.join([on, kind]).strip()}: there is no such fault; there are: {there}")
+            raise UsageError(f"clear {f'{on} {kind}'.strip()!r}: there is no such fault; there are: {there}")
         for each in found:
             self._take(each)
         return found

@@ -163,7 +163,13 @@ def _look_first(was: list[bool], seen: Callable[[SimulatedBench], bool]) -> Any:
     return exit_
 
 
-@pytest.mark.parametrize("line", ["mount", "mount 9", "weight heavy", "probe 1 mm", "dance"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("mount", "mount 9", "weight heavy", "weight -5 g", "probe 1 mm", "tooth 2", "tooth 1.5", "turn 1e9"),
+        *("warm 1e9 K", "dance", "mount '1", "fault line", "clear all"),
+    ],
+)
 def test_a_mistyped_line_is_said_and_stops_nothing(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch, line: str
 ) -> None:
