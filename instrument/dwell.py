@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from instrument.errors import EstimateError, RangeError
 from instrument.estimate import SineFit
-from instrument.quantity import show
+from instrument.quantity import check_tolerance, show
 
 STEP = 0.1
 """s. Over whole steps 50 and 60 Hz are orthogonal to the drive's 10 Hz."""
@@ -108,8 +108,7 @@ def dwell_of(
 
 def check_target(target: float, floor: Sequence[Floor]) -> None:
     """Refuse a target that no dwell reaches, before anything is measured. Raises RangeError."""
-    if not (math.isfinite(target) and target > 0):
-        raise RangeError(f"target uncertainty {target} must be above 0, such as '5 %'")
+    check_tolerance(target, f"target uncertainty {target}")
     lowest = floor_u(floor)
     if not target > lowest:
         parts = ", ".join(f"{part.name} {part.u:.3g}" for part in floor)

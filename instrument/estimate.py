@@ -56,6 +56,7 @@ class SineFit:
         amplitude_correlation: (channels, channels), of the errors of `amplitude`.
         condition: condition number of the scaled columns; 1 is the best there is.
         hum: what a volt of mains hum may add to an amplitude, at its worst phase [V]; 0 where it is told apart.
+        most_hum: as `hum`, the wander of hum that has columns but no slopes counted.
         mains: their frequencies, as they were fitted [Hz].
         samples: in each channel.
         rate: samples a second.
@@ -76,6 +77,7 @@ class SineFit:
     amplitude_correlation: Floats
     condition: float
     hum: float
+    most_hum: float
     mains: tuple[float, ...]
     samples: int
     rate: float
@@ -141,6 +143,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         amplitude_correlation=amplitude_correlation,
         condition=basis.condition,
         hum=basis.hum,
+        most_hum=max((basis.hum, *basis.strays)),
         mains=basis.mains,
         samples=t.size,
         rate=1 / step,

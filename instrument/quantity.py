@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from instrument.errors import QuantityError
+from instrument.errors import QuantityError, RangeError
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
@@ -24,6 +24,7 @@ _QUANTITY = re.compile(
     r"(?P<unit>(?:[A-Za-zµμΩ°%]+(?: [A-Za-zµμΩ]+)?(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
     re.ASCII,
 )
+LARGEST_TOLERANCE = 0.5  # a share; what may be wrong by more than half is not worth a measurement
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
 
@@ -56,6 +57,27 @@ def parse(text: str, unit: str) -> float:
     if not math.isfinite(converted):
         raise QuantityError(f"{text!r} is not finite; {example}")
     return converted
+
+
+def parse_tolerance(text: str) -> float:
+    """The share that "5 %" or "0.05" is, of an option `--tolerance`.
+
+    Raises:
+        QuantityError: neither. RangeError: as `check_tolerance`; "5" is five hundred percent.
+    """
+    return check_tolerance(parse(text, ""), f"--tolerance {text!r}")
+
+
+def check_tolerance(tolerance: float, what: str) -> float:
+    """It, if it is a share above 0 and at most a half; `what` names it. Raises RangeError: it is not."""
+    if not tolerance > 0:
+        raise RangeError(f"{what} is not above 0; give a share such as '5 %' or 0.05")
+    if not tolerance <= LARGEST_TOLERANCE:
+        raise RangeError(
+            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that a tolerance may be; give"
+            " a share such as '5 %' or 0.05"
+        )
+    return tolerance
 
 
 def _factor(written: str, unit: str) -> float | None:

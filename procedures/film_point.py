@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from instrument.design import Design
 from instrument.dwell import Dwell
-from instrument.estimate import SineFit
+from instrument.estimate import FEW_DEGREES, SineFit
+from instrument.film_forces import film_forces
+from procedures.agreement import FORCE, FREQUENCY, forces_differ, frequencies_differ
 from procedures.films import FilmRecord, Films, short_length
 from procedures.policy import ATTEMPTS, carry_out
 from procedures.record import Recorder
@@ -26,7 +28,12 @@ from procedures.servo import READINGS, LoadServo
 PILOT_CYCLES = 40  # 1000 samples: 5 % of the power of white noise
 LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
 LARGEST_HUM = 0.01  # of the hum in an amplitude, above which a point is marked
+MOST_OF = 0.7  # of an amplitude's uncertainty, half of its variance, that is hum's
 CLIPPED, NOT_FINITE, UNSETTLED, FAULT, DRIFTED = "clipped", "not finite", "unsettled", "fault", "drifted"
+HUM, SHORT = "hum", "short"
+MARKS = frozenset((HUM, SHORT))
+"""Flags of a point that is used all the same: its record is too short to tell hum, or 1/f noise, from what it looks
+like. Where they can be counted its uncertainty has them."""
 
 Floats = npt.NDArray[np.float64]
 DwellChoice = Callable[[SineFit], Dwell]
@@ -42,7 +49,7 @@ class FilmPoint:
         dwell, settling: that the attempt took [s].
         predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
         attempts: how many there were.
-        flags: why the last one is not to be used; empty: it is.
+        flags: why the last one is not to be used, and what its record cannot tell (`MARKS`).
         incidents: how often something went wrong on the bench since the point before and was made good.
     """
 
@@ -60,7 +67,7 @@ class FilmPoint:
 
     @property
     def valid(self) -> bool:
-        return not self.flags
+        return MARKS.issuperset(self.flags)
 
     def waveforms(self, design: Design) -> dict[str, tuple[float, Floats]]:
         """For the record: rate and samples of each film by its name."""
@@ -76,6 +83,7 @@ def measure(
     dwell: float | DwellChoice,
     record: Recorder,
     what: str = "",
+    compare: bool = True,
 ) -> FilmPoint:
     """The point at the present load, `load` N peak to peak, which `servo` has set.
 
@@ -86,6 +94,7 @@ def measure(
     Args:
         dwell: s, or how to choose it from the fit of the last short record.
         what: names the point in events.
+        compare: flag films that tell of another force than the load cell; not where their sensitivity is measured.
 
     Raises:
         SafetyError, DeviceError, LinkError, UnreachableError: the bench could not.
@@ -96,7 +105,7 @@ def measure(
         point = carry_out(
             films.bench,
             named,
-            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt),  # type: ignore[misc]
+            lambda attempt=attempt: _attempt(films, servo, load, dwell, attempt, compare),  # type: ignore[misc]
             again=lambda: servo.set(load),
         )
         if point.valid or attempt == ATTEMPTS:
@@ -109,42 +118,79 @@ def measure(
         films.widen(point.record)
         if DRIFTED in point.flags:
             carry_out(films.bench, named, lambda: servo.set(load))
-    if point.fit.hum > LARGEST_HUM:
+    if HUM in point.flags:
         record.event(
             "hum",
-            f"{named}: hum cannot be told from the drive; of 1 mV of hum up to {point.fit.hum:.2g} mV may be in an"
+            f"{named}: hum cannot be told from the drive; of 1 mV of hum up to {point.fit.most_hum:.2g} mV may be in an"
             " amplitude; dwell longer, or drive further from 50 and 60 Hz and from their aliases",
             films.bench.clock.now_ns(),
         )
     return replace(point, incidents=films.bench.incidents.new())
 
 
-def _attempt(films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int) -> FilmPoint:
+def _attempt(
+    films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int, compare: bool
+) -> FilmPoint:
     short, settling, settled = films.settle(servo.watch)
     heard = films.emergencies()
     record, duration, predicted_u = _recorded(films, dwell, short)
     reading = servo.read()
     films.bench.amplifier.check()
     measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
-    faults = {
+    fit = films.fit(record)
+    defects = {
         CLIPPED: record.clipped.any(),
         NOT_FINITE: not np.isfinite(record.voltage).all(),
         UNSETTLED: not settled,
         FAULT: films.emergencies() > heard and not record.clipped.any(),
         DRIFTED: not abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * servo.calibration.resolution()),
     }
+    flags = [flag for flag, raised in defects.items() if raised]
+    if not flags:  # of a bad record nothing more is to be said
+        flags = _disagreements(films, record, fit, compare, measured, measured_u)
+    if not flags:
+        flags = _marks(films.design, fit)
     return FilmPoint(
         load_N=measured,
         load_u=measured_u,
         indicator_mV=reading.reading_mV,
-        fit=films.fit(record),
+        fit=fit,
         record=record,
         dwell=duration,
         predicted_u=predicted_u,
         settling=settling,
         attempts=attempt,
-        flags=tuple(flag for flag, raised in faults.items() if raised),
+        flags=tuple(flags),
     )
+
+
+def _disagreements(
+    films: Films, record: FilmRecord, fit: SineFit, compare: bool, load: float, load_u: float
+) -> list[str]:
+    """Flags where two devices know one quantity and do not agree."""
+    found = []
+    if compare and forces_differ(film_forces(films.design, fit), films.frequency, load, load_u):
+        found.append(FORCE)
+    if frequencies_differ(films, record):
+        found.append(FREQUENCY)
+    return found
+
+
+def _marks(design: Design, fit: SineFit) -> list[str]:
+    """What the record cannot tell."""
+    hum = fit.hum > LARGEST_HUM or bool((fit.hum_u > MOST_OF * fit.amplitude_u).any())
+    return [mark for mark, set_ in ((HUM, hum), (SHORT, is_short(design, fit))) if set_]
+
+
+def is_short(design: Design, fit: SineFit) -> bool:
+    """Whether the ratio's uncertainty is mostly noise that so short a record knows badly."""
+    if fit.degrees_of_freedom >= FEW_DEGREES:
+        return False
+    forces = film_forces(design, fit)
+    if forces.noise_u == 0:
+        return False
+    freedom = forces.degrees_of_freedom * (forces.force_ratio_u / forces.noise_u) ** 4
+    return freedom < FEW_DEGREES
 
 
 def _recorded(films: Films, dwell: float | DwellChoice, short: SineFit) -> tuple[FilmRecord, float, float | None]:

@@ -50,6 +50,11 @@ class FilmRecord:
         n = round(duration * self.rate)
         return FilmRecord(self.rate, self.time[:n], self.voltage[:, :n], self.clipped[:, :n])
 
+    def last(self, duration: float) -> FilmRecord:
+        """Its last `duration` s."""
+        n = round(duration * self.rate)
+        return FilmRecord(self.rate, self.time[-n:], self.voltage[:, -n:], self.clipped[:, -n:])
+
 
 def short_length(frequency: float) -> float:
     """Of the records that tell whether the films have settled at a frequency [Hz]: s, whole cycles."""

@@ -17,7 +17,7 @@ from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from instrument.load import Load
 from instrument.models.response import AUTO, MODELS
-from instrument.quantity import Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
+from instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from instrument.sample import SAMPLES
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
@@ -53,7 +53,7 @@ class SceneFile(Config):
     purpose: str
     design: str
     model: str = "experiment"
-    tolerance: float | None = Field(default=None, gt=0, strict=True)
+    tolerance: float | None = Field(default=None, gt=0, le=LARGEST_TOLERANCE, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
     nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
     rig: RigParameters = RigParameters()

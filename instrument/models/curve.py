@@ -22,6 +22,7 @@ from instrument.errors import EstimateError, RangeError
 from instrument.load import Load, through
 from instrument.models import surface
 from instrument.models.response import AUTO, MODELS, response
+from instrument.quantity import check_tolerance
 from instrument.sample import SAMPLES
 
 if TYPE_CHECKING:
@@ -104,6 +105,8 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
     ring = design.ring.material.modulus
     softest = surface.LOWEST if model == "surface" else SOFTEST
     lowest, highest, own_error = softest * ring, HARDEST * ring, 0.0
+    if tolerance is not None:
+        check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
         from instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 

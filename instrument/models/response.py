@@ -17,6 +17,7 @@ from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
 from instrument.models import beam, experiment, hetenyi, springs
 from instrument.models.parameters import round_parameters, solid_parameters
+from instrument.quantity import check_tolerance
 from instrument.sample import Sample
 
 
@@ -82,9 +83,12 @@ def response(design: Design, load: Load, model: str = "experiment", tolerance: f
 
     Raises:
         UnknownName: no such model.
-        RangeError: the model does not answer for this design or load, or not to this tolerance.
+        RangeError: the model does not answer for this design or load, or not to this tolerance, which must be above
+            0 and at most 0.5.
         EstimateError: a linear system cannot be solved accurately.
     """
+    if tolerance is not None:
+        check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
         from instrument.models.price_list import answer_cheapest
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from instrument.errors import ConfigError, RangeError
+from instrument.errors import ConfigError
 from procedures.cli.options import Command, F, Output, output_options
 
 if TYPE_CHECKING:
@@ -62,14 +62,12 @@ def explain(
     quiet: bool,
 ) -> None:
     """What a scene simulates and how, and what leaving the rest out can change."""
-    from instrument.quantity import parse
+    from instrument.quantity import parse_tolerance
     from simulators.planning.plan import plan
     from simulators.scene import read_scene
 
     chosen = read_scene(scene)
-    limit = parse(tolerance, "")
-    if limit <= 0:
-        raise RangeError(f"--tolerance {tolerance!r} is not above 0; give for example 1e-4")
+    limit = parse_tolerance(tolerance)
     answer = plan(chosen, asked(sample, load, frequency, dwell, steady=steady))
     if strict and answer.warnings:
         raise ConfigError(f"scene {scene!r}: {answer.warnings[0]}")

@@ -45,7 +45,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
         design: str, name: str, parameters: str, interface: str | None, tolerance: str | None, **given: Any
     ) -> None:
         from instrument.models.ratio import Question
-        from instrument.quantity import parse
+        from instrument.quantity import parse, parse_tolerance
 
         texts = {setting: given.pop(setting) for setting in _SETTINGS}
         settings: dict[str, float | str] = {
@@ -53,7 +53,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
         }
         if interface is not None:
             settings["interface"] = interface
-        limit = None if tolerance is None else parse(tolerance, "")
+        limit = None if tolerance is None else parse_tolerance(tolerance)
         command(question=Question(design, name, parameters, settings, limit), **given)
 
     described = [click.option(f"--{name.replace('_', '-')}", help=text) for name, (_, text) in _SETTINGS.items()]

@@ -21,7 +21,7 @@ from instrument.quantity import parse
 from instrument.sample import Sample, get_sample
 from procedures import load_sweep
 from procedures.encoding import as_json
-from procedures.film_point import CLIPPED
+from procedures.film_point import CLIPPED, MARKS, SHORT, is_short
 from procedures.load_plan import SweepSettings, check
 from procedures.record import Recorder
 from procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
@@ -88,8 +88,9 @@ class Sweep:
     def _closed_form(self, scene: Scene, sample: Sample) -> Iterator[dict[str, Any]]:
         design = scene.design.with_pickup(scene.pickup)
         for point in load_sets(scene, sample, self.loads, self.frequency, self.dwell):
-            forces = film_forces(design, fit_sine(point.time, point.voltage, self.frequency))
-            flags = (CLIPPED,) if point.saturated.any() else ()
+            fit = fit_sine(point.time, point.voltage, self.frequency)
+            forces = film_forces(design, fit)
+            flags = tuple(f for f, on in ((CLIPPED, point.saturated.any()), (SHORT, is_short(design, fit))) if on)
             yield _point({"load_N": point.load, **asdict(forces)}, flags)
 
 
@@ -115,7 +116,7 @@ def _on_a_bench(scene: Scene, settings: SweepSettings) -> Iterator[dict[str, Any
 
 
 def _point(values: Mapping[str, Any], flags: Sequence[str]) -> dict[str, Any]:
-    return {**{name: values[name] for name in COLUMNS}, "valid": not flags, "flags": list(flags)}
+    return {**{name: values[name] for name in COLUMNS}, "valid": MARKS.issuperset(flags), "flags": list(flags)}
 
 
 def _nobody(_done: int, _total: int, _what: str) -> None:

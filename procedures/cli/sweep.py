@@ -66,7 +66,7 @@ def loads(
     those of each tooth where there are several; then the mean ratio and the softness order beside the thesis' own.
     """
     from instrument.errors import UsageError
-    from instrument.quantity import parse
+    from instrument.quantity import parse, parse_tolerance
     from instrument.sample import parse_samples
     from procedures import load_plan
     from procedures.cli.sweeps import of_loads
@@ -78,7 +78,7 @@ def loads(
         load_plan.parse_loads(loads),
         parse(dwell or "1 s", "s"),
         parse(frequency, "Hz"),
-        None if tolerance is None else parse(tolerance, ""),
+        None if tolerance is None else parse_tolerance(tolerance),
         extrapolate,
     )
     result = _sweep(of_loads(), load_plan, settings, choice, output, dry_run, model)

@@ -25,7 +25,7 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: dict[str, Any]
         cells = ((f"{1e3 * f.gain_V_per_N:.3g}", f"{f.phase_deg:+.2f}") for f in p.films)
         points.add_row(
             f"{p.frequency_Hz:g}", "yes" if p.tactile else "", f"{p.load_measured_N:.2f}", f"{p.response_N_per_V:.3f}",
-            *itertools.chain(*cells), "yes" if p.valid else " ".join(("NO", *p.flags)),
+            *itertools.chain(*cells), " ".join(("yes" if p.valid else "NO", *p.flags)),
         )  # fmt: skip
     corners = new_table(
         stamped(outcome["simulated"], "Charge amplifiers: corner of each film"),

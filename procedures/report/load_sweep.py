@@ -31,7 +31,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
             f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}",
             *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
-            "yes" if p.valid else " ".join(("NO", *p.flags)),
+            " ".join(("yes" if p.valid else "NO", *p.flags)),
         )  # fmt: skip
     means = new_table(
         stamped(outcome["simulated"], "Mean force ratio"),

@@ -26,7 +26,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: dict[str, Any],
             f"{p.model_share_left:.3f}", number(p.thesis_share_left), f"{p.share_right:.3f}", f"{p.share_right_u:.3f}",
             f"{p.model_share_right:.3f}", number(p.thesis_share_right), f"{p.found_mm:.2f}", f"{p.found_u:.2f}",
             f"{p.found_low_mm:.1f} to {p.found_high_mm:.1f}", f"{p.found_force_N:.2f}", f"{p.found_force_u:.2f}",
-            "yes" if p.valid else " ".join(("NO", *p.flags)),
+            " ".join(("yes" if p.valid else "NO", *p.flags)),
         )  # fmt: skip
     said = [
         f"model          solid, stored; error of a share {ERROR:g} at most, of its mesh alone",

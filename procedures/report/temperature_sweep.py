@@ -24,7 +24,7 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, An
         points.add_row(
             f"{p.temperature_K:g}", f"{p.step_K:+g}", *(f"{film.offset_N:+.3f}" for film in p.films),
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", f"{100 * p.error_lock_in:+.3f}",
-            f"{100 * p.error_rms:+.2f}", "yes" if p.valid else " ".join(("NO", *p.flags)),
+            f"{100 * p.error_rms:+.2f}", " ".join(("yes" if p.valid else "NO", *p.flags)),
         )  # fmt: skip
     said = [
         f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+.4f} N/K, u = {found[1]:.4f} N/K")

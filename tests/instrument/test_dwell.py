@@ -69,9 +69,10 @@ def test_dwells_are_rounded_up_to_whole_tenths(dwell: float, steps: float) -> No
     [
         (0.04, r"0\.04 is not above the floor of 0\.041 .*gain scatter 0\.041"),
         (0.041, "not above the floor"),
-        (0.0, "must be above 0"),
-        (math.nan, "must be above 0"),
-        (math.inf, "must be above 0"),
+        (0.0, "is not above 0"),
+        (math.nan, "is not above 0"),
+        (math.inf, "above the 50 %"),
+        (5.0, "500 %, above the 50 %"),
     ],
 )
 def test_a_target_that_no_dwell_reaches_is_refused_with_the_floor_named(target: float, part: str) -> None:

@@ -57,7 +57,7 @@ def test_faults_are_told(palpate: Palpate, tmp_path: Path) -> None:
 
 def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpate) -> None:
     Path("quiet.toml").write_text(NOISY)
-    for tolerance, marked in (("1e-4", True), ("0.9", False)):
+    for tolerance, marked in (("1e-4", True), ("0.5", False)):
         spoken = palpate("scene", "explain", "quiet.toml", "--tolerance", tolerance).out
         assert f"(* above {float(tolerance):g})" in " ".join(spoken.split())
         (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["off_axis"]]
@@ -163,6 +163,7 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
     ("options", "message"),
     [
         (("--tolerance", "0"), "--tolerance '0' is not above 0"),
+        (("--tolerance", "5"), "--tolerance '5' is 500 %, above the 50 %"),
         (("--tolerance", "-1e-3"), "--tolerance '-1e-3' is not above 0"),
         (("--tolerance", "nan"), "'nan' is not a quantity"),
         (("--tolerance", "1 N"), "'1 N' is in N"),

@@ -60,8 +60,8 @@ def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
     measure = film_calibration.measure
     taken = []
 
-    def flagged(*arguments: object) -> object:
-        point = measure(*arguments)  # type: ignore[arg-type]
+    def flagged(*arguments: object, **named: object) -> object:
+        point = measure(*arguments, **named)  # type: ignore[arg-type]
         taken.append(point)
         if len(taken) == 2:
             object.__setattr__(point, "flags", (UNSETTLED,))

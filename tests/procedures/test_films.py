@@ -21,7 +21,8 @@ from procedures.servo import IndicatorMean, LoadServo
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION
 
 RATE = 250.0  # Hz, at 10 Hz
-TRUE = np.array([7e-3, 0.25])  # V, amplitudes
+LOAD = 3.0  # N, peak to peak
+TRUE = np.array([7e-3, 68.6e-3 * LOAD / 2])  # V, amplitudes
 
 
 class Signals(Films):
@@ -30,7 +31,8 @@ class Signals(Films):
     def __init__(self, bench: Bench) -> None:
         super().__init__(bench, get_design("single"), 10.0, 4.0)
         self.random = np.random.default_rng(7)
-        self.decay, self.drift, self.noise = 0.0, 0.0, 0.0
+        self.decay, self.drift, self.noise, self.off = 0.0, 0.0, 0.0, 0.0
+        self.gain = 1.0
         self.bad: dict[int, tuple[int, slice, float]] = {}
         self.lengths: list[float] = []
 
@@ -40,7 +42,7 @@ class Signals(Films):
         self.lengths.append(duration)
         time = np.arange(round(duration * RATE)) / RATE
         t = time + now
-        sine = TRUE[:, None] * (1 + self.drift * t) * np.sin(20 * np.pi * t)
+        sine = self.gain * TRUE[:, None] * (1 + self.drift * t) * np.sin(2 * np.pi * (self.frequency + self.off) * t)
         volts = sine + self.decay * np.exp(-t) + self.noise * self.random.standard_normal((2, len(t)))
         record = FilmRecord(RATE, time, volts, np.zeros(volts.shape, bool))
         if bad := self.bad.get(len(self.lengths)):
@@ -150,7 +152,12 @@ def test_what_stays_bad_is_flagged_and_still_fitted_by_its_good_samples(
 def test_a_load_that_drifts_off_is_set_anew(signals: Signals, tmp_path: Path) -> None:
     servo = Held(0.5)
     point, events = measured(signals, servo, tmp_path / "run")
-    assert (servo.asked, point.valid, point.attempts, events) == ([3.0], True, 2, ["a point, attempt 1: drifted"])
+    assert (servo.asked, point.valid, point.attempts, events) == (
+        [3.0],
+        True,
+        2,
+        ["a point, attempt 1: drifted"],
+    )
 
 
 def test_a_film_without_a_finite_sample_is_named(signals: Signals, tmp_path: Path) -> None:
@@ -188,6 +195,37 @@ def test_a_point_that_hum_may_spoil_is_marked(signals: Signals, tmp_path: Path, 
     signals.frequency = frequency
     _, events = measured(signals, Held(), tmp_path / "run", 0.1)
     assert [event.split(";")[1] for event in events] == [" of 1 mV of hum up to 0.9 mV may be in an amplitude"] * marked
+
+
+# --- two that know one quantity -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("share", "flags"), [(1.08, ()), (0.735, ("force",)), (1.29, ("force",))])
+def test_films_that_tell_of_another_force_than_the_load_cell_are_flagged(
+    signals: Signals, tmp_path: Path, share: float, flags: tuple[str, ...]
+) -> None:
+    """A calibration of 13.3 mV/N in place of 10.3 sets 3.87 N for 3 N, and reads 3 N."""
+    signals.gain = share
+    point, events = measured(signals, Held(), tmp_path / "run")
+    assert (point.flags, point.valid) == (flags, not flags)
+    assert (point.attempts, len(events)) == ((3, 2) if flags else (1, 0))
+
+
+@pytest.mark.parametrize(("off", "flags"), [(0.0, ()), (1e-3, ()), (5e-3, ("frequency",)), (-0.1, ("frequency",))])
+def test_a_drive_of_another_frequency_than_was_set_is_flagged(
+    signals: Signals, tmp_path: Path, off: float, flags: tuple[str, ...]
+) -> None:
+    signals.off = off
+    point, _ = measured(signals, Held(), tmp_path / "run")
+    assert point.flags == flags
+
+
+def test_a_short_record_of_much_noise_is_marked_and_used(signals: Signals, tmp_path: Path) -> None:
+    signals.noise = 3e-3
+    short, _ = measured(signals, Held(), tmp_path / "short", 0.2)
+    long, _ = measured(signals, Held(), tmp_path / "long", 2.0)
+    assert (short.flags, short.valid, short.attempts) == (("short",), True, 1)
+    assert long.flags == ()
 
 
 # --- many films ----------------------------------------------------------------------------------------
