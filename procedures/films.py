@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from drivers.bench import Bench
 from drivers.sensor_node import SensorNode, acquire
-from instrument.contracts.sensor_node import RANGE_VOLTS, RANGES, place
+from instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS, RANGES, place
 from instrument.design import Design
 from instrument.errors import DeviceError, EstimateError, RangeError
 from instrument.estimate import SineFit, fit_sine
@@ -120,6 +120,11 @@ class Films:
             np.array([recordings[node].voltage[channel - 1] for node, channel in self._places]),
             np.array([recordings[node].saturated[channel - 1] for node, channel in self._places]),
         )
+
+    def steps(self) -> Floats:
+        """Steps of the converter (films,) V, on the ranges that are set."""
+        ranges = [self._ranges[film] for film in range(len(self.design.films))]
+        return np.array([RANGE_VOLTS[RANGES[range_]] / FULL_SCALE_COUNTS for range_ in ranges])
 
     def emergencies(self) -> int:
         """How many the nodes have sent so far."""

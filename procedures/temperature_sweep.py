@@ -16,7 +16,7 @@ from instrument.calibration import LoadCellCalibration
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import RangeError
 from instrument.estimators import boxcar, rms
-from instrument.film_forces import film_forces
+from instrument.film_forces import film_forces, scatter_covariance
 from instrument.interpolation import interpolate
 from instrument.quantity import parse, show
 from instrument.sample import get_sample
@@ -29,6 +29,7 @@ from procedures.point_by_point import Points, Progress, begin
 from procedures.policy import carry_out
 from procedures.record import Recorder
 from procedures.servo import LoadServo, finish, press
+from procedures.standing import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change
 
 PROCEDURE = "sweep-temperature"
 RANGE = (-20.0, 40.0)  # K against the start; PVDF loses its polarisation from about 80 °C on [S]
@@ -65,13 +66,15 @@ class FilmWarming:
 
     Attributes:
         force_N: peak to peak.
-        offset_N, trend_N_per_s: constant and drift of the signal, in terms of force.
+        offset_N, offset_u: what the change has added to the film's standing signal, in terms of force; null where lost.
+        trend_N_per_s: drift of the signal under the load, in terms of force.
         error_lock_in, error_rms: relative, of a lock-in amplifier and of a voltmeter.
     """
 
     film: str
     force_N: float
     offset_N: float
+    offset_u: float
     trend_N_per_s: float
     error_lock_in: float
     error_rms: float
@@ -79,10 +82,14 @@ class FilmWarming:
 
 @dataclass(frozen=True, slots=True)
 class TemperaturePoint:
-    """Right after a change by `step_K`, while the films warm up; errors of the ratio are relative."""
+    """After a change by `step_K`, while the films warm up; errors of the ratio are relative.
+
+    `offset_after_s`: from the change to where the films' offsets were taken.
+    """
 
     temperature_K: float
     step_K: float
+    offset_after_s: float
     load_measured_N: float
     load_measured_u: float
     force_ratio: float
@@ -168,7 +175,8 @@ def plan(settings: TemperatureSettings, design: Design) -> Plan[TemperatureStep]
     """Every temperature, in the order given."""
     steps: list[TemperatureStep] = []
     for temperature, step in zip(settings.temperatures, steps_of(settings.temperatures), strict=True):
-        seconds = settings.soak + SETTING + point_seconds(settings.frequency, settings.dwell, first=not steps)
+        soak = max(settings.soak, BEFORE) + RESPONSE + LENGTH
+        seconds = soak + SETTING + point_seconds(settings.frequency, settings.dwell, first=not steps)
         steps.append(TemperatureStep(settings.dwell, seconds, design.ratio_scatter, temperature, step))
     return Plan(PROCEDURE, steps)
 
@@ -201,25 +209,30 @@ def run(
         what = show(step.temperature_K, "K")
         points.next(what)
         carry_out(bench, "outputs off", bench.rest)
-        bench.clock.wait(settings.soak)
+        bench.clock.wait(max(settings.soak - BEFORE, 0.0))
+        before = before_change(films)
         bench.operator.set_temperature(step.temperature_K)
+        added = after_change(films, before)
         carry_out(bench, "outputs on", bench.drive)
         carry_out(bench, what, partial(servo.set, settings.load))
         measured = measure(films, servo, settings.load, settings.dwell, record, what)
-        points.keep(_point(design, step, measured), measured, what)
+        points.keep(_point(design, step, added, measured), measured, what)
     finish(bench, calibration)
     return evaluate(points.taken, design)
 
 
-def _point(design: Design, step: TemperatureStep, measured: FilmPoint) -> TemperaturePoint:
+def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPoint) -> TemperaturePoint:
     fit, forces = measured.fit, film_forces(design, measured.fit)
     good = np.isfinite(measured.record.voltage).all(axis=0)
     time, volts = measured.record.time[good], measured.record.voltage[:, good]
     amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # of a film that clips all the time
+    flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
+    known = np.sqrt(scatter_covariance(design).diagonal() + _calibration_variance(design))
     lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
     return TemperaturePoint(
         temperature_K=step.temperature_K,
         step_K=step.step_K,
+        offset_after_s=added.after,
         load_measured_N=measured.load_N,
         load_measured_u=measured.load_u,
         force_ratio=forces.force_ratio,
@@ -230,18 +243,26 @@ def _point(design: Design, step: TemperatureStep, measured: FilmPoint) -> Temper
             FilmWarming(
                 film=film.name,
                 force_N=2 * float(fit.amplitude[i]) / film.sensitivity,
-                offset_N=float(fit.offset[i]) / film.sensitivity,
+                offset_N=float(added.voltage[i]) / film.sensitivity,
+                offset_u=math.hypot(float(added.u[i]), known[i] * float(added.voltage[i])) / film.sensitivity,
                 trend_N_per_s=float(fit.trend[i]) / film.sensitivity,
                 error_lock_in=float(lock_in[i]) - 1,
                 error_rms=float(voltmeter[i]) - 1,
             )
             for i, film in enumerate(design.films)
         ),
-        valid=measured.valid,
+        valid=not flags,
         settling_s=measured.settling,
         attempts=measured.attempts,
-        flags=measured.flags,
+        flags=flags,
     )
+
+
+def _calibration_variance(design: Design) -> np.ndarray:
+    """Relative, of the films' sensitivities (films,)."""
+    if design.film_covariance is None:
+        return np.zeros(len(design.films))
+    return np.asarray(design.film_covariance).diagonal()
 
 
 def _of_ratio(design: Design, read: np.ndarray) -> float:

@@ -16,13 +16,14 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, An
     """Each change with the ratio and the errors, then the slopes."""
     names = [film.name for film in design.films]
     points = new_table(
-        stamped(outcome["simulated"], "Right after a change of temperature (errors against the fit with a trend)"),
-        "K", "change\nK", *(f"{name}\noffset N" for name in names), "force\nratio", "u", "lock-in\nerror %",
-        "voltmeter\nerror %", "valid",
+        stamped(outcome["simulated"], "What a change of temperature adds (errors against the fit with a trend)"),
+        "K", "change\nK", *(f"{name}\n{what} N" for name in names for what in ("offset", "u")), "force\nratio", "u",
+        "lock-in\nerror %", "voltmeter\nerror %", "valid",
     )  # fmt: skip
     for p in result.points:
+        offsets = (text for film in p.films for text in (f"{film.offset_N:+.3f}", f"{film.offset_u:.3f}"))
         points.add_row(
-            f"{p.temperature_K:g}", f"{p.step_K:+g}", *(f"{film.offset_N:+.3f}" for film in p.films),
+            f"{p.temperature_K:g}", f"{p.step_K:+g}", *offsets,
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", f"{100 * p.error_lock_in:+.3f}",
             f"{100 * p.error_rms:+.2f}", " ".join(("yes" if p.valid else "NO", *p.flags)),
         )  # fmt: skip
