@@ -62,6 +62,13 @@ class ServerThread:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
+    def catch_up(self) -> None:
+        """Return when the requests that have come up to now have been taken up."""
+        done = threading.Event()
+        # the servers look for what has come before the second of two turns
+        self._loop.call_soon_threadsafe(self._loop.call_soon, done.set)
+        done.wait()
+
     @property
     def transactions(self) -> int:
         """Requests that came in so far."""

@@ -82,7 +82,7 @@ def serving(wish: Wish) -> Iterator[Served]:
         if wish.out is not None:
             with storing(wish.out):
                 wish.out.write_text(description.to_toml(), encoding="utf-8")
-        pacer = Pacer(sim.clock, wish.speed, failures.append)
+        pacer = Pacer(sim.clock, wish.speed, failures.append, sim.servers.catch_up)
         if wish.step is None:
             stack.enter_context(pacer)
         yield Served(sim, description, pacer, failures)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import canopen
+import click
 import pytest
 
 from drivers.bench import Bench
@@ -82,6 +83,8 @@ def simulated_bench(scene: Scene) -> Iterator[Watch]:
 @contextmanager
 def real_bench(description: BenchDescription) -> Iterator[Watch]:
     bench = Bench(description, WallClock(), ConsoleOperator())
+    for caution in bench.cautions:
+        click.echo(f"palpate: note: {caution}", err=True)
     yield Watch(bench, f"bench {description.name}", Traffic(bench))
 
 
