@@ -9,7 +9,7 @@ import pytest
 
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
-from simulators.pace import LATE, LONGEST, Pacer
+from simulators.pace import LATE, MOST, PIECE, Pacer
 
 READ = bytes.fromhex("0007 0000 0006 01 03 0000 0002")  # of the word-order probe
 
@@ -19,7 +19,8 @@ READ = bytes.fromhex("0007 0000 0006 01 03 0000 0002")  # of the word-order prob
     [
         (LATE / 2, 1.0, ["0.005 s"]),
         (2 * LATE, 1.0, ["answered", "0.02 s"]),
-        (10 * LONGEST, 2.0, ["answered", "0.1 s"]),
+        (2.5 * PIECE, 2.0, ["answered", "0.0833333 s"] * 3),
+        (2 * MOST, 1.0, ["answered", "0.05 s"] * 10),
     ],
 )
 def test_a_pacer_that_comes_late_lets_requests_be_answered_before_time_goes_on(
@@ -30,7 +31,7 @@ def test_a_pacer_that_comes_late_lets_requests_be_answered_before_time_goes_on(
     pacer = Pacer(clock, speed, lambda _error: None, lambda: seen.append("answered"))
     pacer.turn(passed)
     assert seen == done
-    assert pacer.behind == pytest.approx(max(0.0, passed - LONGEST))
+    assert pacer.behind == pytest.approx(max(0.0, passed - MOST))
 
 
 def test_what_has_come_is_answered_though_the_server_had_no_turn_meanwhile(sim: SimulatedBench) -> None:
