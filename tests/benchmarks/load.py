@@ -17,7 +17,7 @@ BUSY = 40
 SWEEPS = 20
 LONGEST = 3600  # s, after which a busy program ends, whatever became of the one that started it
 PALPATE = (sys.executable, "-c", "from procedures.cli import main; main()")
-SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--quiet")
+SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--quiet")
 SPIN = f"""
 import os, time
 parent, end = os.getppid(), time.monotonic() + {LONGEST}
