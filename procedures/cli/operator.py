@@ -6,7 +6,7 @@ import sys
 import termios
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Literal, get_args
 
 import click
 
@@ -19,7 +19,7 @@ Ask = Callable[[str, str], None]
 """Has something done that is said in a sentence, and confirmed by a word."""
 
 Mounting = Literal["simulated", "sample changer", "confirmed", "assumed"]
-"""How it is known what was mounted or placed; the record, the report and JSON say it."""
+"""How it is known what was mounted or placed, the surest first; the record, the report and JSON say it."""
 
 ASSUME = "--assume-mounted"
 
@@ -90,7 +90,10 @@ def check_somebody(by_hand: str, changer: bool, assume: bool) -> Mounting:
 
 def weaker(before: object, now: Mounting) -> Mounting:
     """How it is known in a run that goes on: as in its less certain part; of an old run nothing is known."""
-    return "assumed" if before in ("assumed", None) and now != "simulated" else now
+    if now == "simulated":
+        return now
+    known = get_args(Mounting)
+    return max(now, before if before in known else "assumed", key=known.index)  # type: ignore[return-value]
 
 
 def confirm(what: str, word: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from procedures.cli import operator
-from procedures.cli.operator import at_terminal
+from procedures.cli.operator import Mounting, at_terminal, weaker
 from procedures.report.text import where
 from procedures.run import Run
 from simulators.bench import SimulatedBench
@@ -59,6 +59,24 @@ def test_what_is_assumed_is_told_by_the_record_the_report_and_json(palpate: Palp
     assert where(said.object, Path("plot.png"))[1] == "mounting       ASSUMED, nobody has confirmed it"
     assert Run.open(Path("first")).header["mounting"] == "assumed"
     assert "mounting     ASSUMED, nobody has confirmed it\n" in palpate("runs", "show", "first").out
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "whole"),
+    [
+        ("confirmed", "confirmed", "confirmed"),
+        ("confirmed", "assumed", "assumed"),
+        ("assumed", "confirmed", "assumed"),
+        ("confirmed", "sample changer", "confirmed"),
+        ("sample changer", "confirmed", "confirmed"),
+        (None, "sample changer", "assumed"),
+        (None, "simulated", "simulated"),
+    ],
+)
+def test_a_run_that_goes_on_knows_what_was_mounted_as_in_its_less_certain_part(
+    before: str | None, now: Mounting, whole: Mounting
+) -> None:
+    assert weaker(before, now) == whole
 
 
 def test_a_simulated_bench_assumes_nothing(palpate: Palpate, benches: Benches) -> None:
