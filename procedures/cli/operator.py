@@ -92,8 +92,9 @@ def weaker(before: object, now: Mounting) -> Mounting:
     """How it is known in a run that goes on: as in its less certain part; of an old run nothing is known."""
     if now == "simulated":
         return now
-    known = get_args(Mounting)
-    return max(now, before if before in known else "assumed", key=known.index)  # type: ignore[return-value]
+    known: tuple[Mounting, ...] = get_args(Mounting)
+    then = next((each for each in known if each == before), "assumed")
+    return known[max(known.index(now), known.index(then))]
 
 
 def confirm(what: str, word: str) -> None:
