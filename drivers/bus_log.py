@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 import struct
 import threading
 import zlib
@@ -51,6 +52,19 @@ def check_log(path: Path) -> None:
             raise UsageError(f"--log {path}: {file} exists already; give another name") from None
         except OSError as error:
             raise _unwritable(path, error) from None
+
+
+def logged(path: Path) -> Path:
+    """A log that shall be read. Raises UsageError: it has not the name of one, or is no file."""
+    if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
+        raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}")
+    try:
+        kind = path.stat().st_mode
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
+    if not stat.S_ISREG(kind):
+        raise UsageError(f"{path}: is no file, so no bus log; check the name")
+    return path
 
 
 def log_files(path: Path) -> list[Path]:

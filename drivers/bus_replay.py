@@ -22,7 +22,7 @@ from typing import Any, Self
 import can
 
 from drivers.bench import Bench
-from drivers.bus_log import CLOCK, NODES, RUN, WHOLE_FORMAT, can_links, modbus_links, packed, unpacked
+from drivers.bus_log import CLOCK, NODES, RUN, WHOLE_FORMAT, can_links, logged, modbus_links, packed, unpacked
 from drivers.clock import WallClock
 from drivers.modbus import ModbusLink
 from drivers.pcapng import Link, Packet, read_pcapng
@@ -64,7 +64,7 @@ class BusReplay:
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
         """`describe` says for people what a packet is."""
-        self.path = path.with_suffix(WHOLE_FORMAT)
+        self.path = path if path.suffix.lower() == WHOLE_FORMAT else logged(path).with_suffix(WHOLE_FORMAT)
         self._describe = describe
         packets = self._read()
         header = next((packet.data for packet in packets if packet.who == RUN), None)
@@ -82,7 +82,7 @@ class BusReplay:
 
     def _read(self) -> list[Packet]:
         try:
-            return list(read_pcapng(self.path))
+            return list(read_pcapng(logged(self.path)))
         except OSError as error:
             raise UsageError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
         except (ValueError, struct.error) as error:

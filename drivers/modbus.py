@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import struct
 import threading
 from collections.abc import Callable
@@ -26,6 +27,7 @@ EXCEPTIONS = {
     6: "device busy", 7: "negative acknowledge", 8: "memory parity error", 10: "gateway path unavailable",
     11: "gateway target did not respond",
 }  # fmt: skip
+CHECK = "correct the bench file, or check power and cable"
 LARGEST_FRAME = 256  # bytes on a serial line
 BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
 
@@ -122,18 +124,22 @@ class ModbusLink:
         except ValueError as error:  # a host name that cannot be one
             raise LinkError(f"{self.name} is no address: {error}; correct it in the bench file") from None
         if not connected:
-            raise LinkError(f"{self._refusal()}; correct the bench file, or check power and cable")
+            raise LinkError(self._refusal())
         if self._reply_due and isinstance(self._client, ModbusSerialClient):
             self._await_silence(self._client)
         self._reply_due = False
 
     def _refusal(self) -> str:
         """Why the link cannot be opened; pymodbus keeps that to itself."""
+        try:
+            os.close(os.open(os.devnull, os.O_RDONLY))
+        except OSError as error:
+            return f"{self.name} cannot be opened: {error.strerror} in this program; raise the limit with ulimit -n"
         if not isinstance(self._client, ModbusSerialClient):
-            return f"nothing answers at {self.name}"
+            return f"nothing answers at {self.name}; {CHECK}"
         if not Path(self.name).exists():
-            return f"there is no serial port {self.name}"
-        return f"serial port {self.name} is in use by another program or may not be opened"
+            return f"there is no serial port {self.name}; {CHECK}"
+        return f"serial port {self.name} is in use by another program or may not be opened; {CHECK}"
 
     def _why_none(self) -> str:
         """What may be the reason that no valid answer came."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.bus_log import CAN_FORMATS, WHOLE_FORMAT, Frame, frame_of, read_frames
+from drivers.bus_log import WHOLE_FORMAT, Frame, frame_of, logged, read_frames
 from drivers.modbus import EXCEPTIONS
 from drivers.pcapng import Link, Packet, read_pcapng
 from instrument.contract import Contract, sdo
@@ -40,11 +40,8 @@ def read_log(path: Path) -> Iterator[Line]:
     Raises:
         UsageError: not the name of a log, or it cannot be read. ConfigError: it is damaged, says where.
     """
-    suffix = path.suffix.lower()
-    if suffix not in (*CAN_FORMATS, WHOLE_FORMAT):
-        raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}")
     try:
-        if suffix == WHOLE_FORMAT:
+        if logged(path).suffix.lower() == WHOLE_FORMAT:
             yield from _messages(read_pcapng(path))
         else:
             yield from map(_frame, read_frames(path))

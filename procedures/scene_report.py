@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from procedures.report.terminal import console
+
 
 def print_list(scenes: Sequence[dict[str, Any]]) -> None:
     """What each scene is for."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2, 0, 0))
@@ -18,24 +19,23 @@ def print_list(scenes: Sequence[dict[str, Any]]) -> None:
         table.add_row(
             scene["scene"], scene["design"], str(scene["nodes"]), str(len(scene["effects"])), scene["purpose"]
         )
-    Console(highlight=False).print(table)
+    console().print(table)
 
 
 def print_scene(scene: dict[str, Any]) -> None:
     """Every parameter of one."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
-    console.print(f"{scene['scene']}: {scene['purpose']}", soft_wrap=True)
-    console.print(f"design {scene['design']}, model {scene['model']}, seed {scene['seed']}, nodes {scene['nodes']}\n")
+    out = console()
+    out.print(f"{scene['scene']}: {scene['purpose']}", soft_wrap=True)
+    out.print(f"design {scene['design']}, model {scene['model']}, seed {scene['seed']}, nodes {scene['nodes']}\n")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for column in ("", "parameter", "value"):
         table.add_column(column)
     for name, parameters in {"rig": scene["rig"], **scene["parameters"]}.items():
         for number, (parameter, value) in enumerate(parameters.items() or [("", "")]):
             table.add_row("" if number else name, parameter, _shown(value))
-    console.print(table)
+    out.print(table)
 
 
 def _shown(value: Any) -> str:

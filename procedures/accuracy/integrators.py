@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.report.figure import MARKERS
+from procedures.report.terminal import console
 from procedures.run import storing
 
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
@@ -14,7 +15,6 @@ Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
 
 def print_integrators(rows: Rows, title: str, plot: Path | None) -> None:
     """A line a method and setting; failures as failures."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
@@ -25,10 +25,10 @@ def print_integrators(rows: Rows, title: str, plot: Path | None) -> None:
         setting = "" if row["setting"] is None else f"{row['setting']:.3g}"
         error = "-" if row["error"] is None else f"{row['error']:.0e}"
         table.add_row(row["method"], setting, error, f"{row['seconds']:.2g}", row["failure"])
-    console = Console(highlight=False, width=max(Console().width, 110))
-    console.print(table)
+    out = console(width=max(console().width, 110))
+    out.print(table)
     if plot is not None:
-        console.print(f"plot           {plot}", soft_wrap=True)
+        out.print(f"plot           {plot}", soft_wrap=True)
 
 
 def plot_integrators(rows: Rows, title: str, folder: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import resource
 import signal
 import sys
 
@@ -24,6 +25,9 @@ from procedures.cli.softness import softness
 from procedures.cli.study import study
 from procedures.cli.sweep import sweep
 from procedures.cli.test import test
+from procedures.report.terminal import say
+
+MOST_FILES = 128  # open at once; a served bench with all its clients has about 100
 
 
 @click.group(
@@ -36,6 +40,9 @@ def palpate() -> None:
     """Drive a bench for piezoelectric tactile sensors, or its simulation.
 
     Without --bench the bench is simulated: no hardware is needed. Results lie in runs/, stamped SIMULATED.
+
+    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 129 the terminal was closed,
+    130 interrupted by Ctrl-C, 143 terminated.
     """
 
 
@@ -49,8 +56,8 @@ for group in (
 def main() -> None:
     """Run, and turn every mistake of the user's or the bench's into one message and an exit status.
 
-    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 130 interrupted,
-    143 terminated.
+    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 129 hung up (the terminal
+    was closed), 130 interrupted (Ctrl-C), 143 terminated.
     """
     from instrument.errors import PalpateError
     from procedures.arithmetic import same_everywhere
@@ -59,9 +66,12 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files can hold bytes that are no text
     try:
+        _check_files()
         status = palpate.main(prog_name="palpate", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        shown = io.StringIO()
+        error.show(shown)
+        say(shown.getvalue().rstrip("\n"), err=True)
         sys.exit(2)
     except (click.Abort, KeyboardInterrupt) as error:
         _complain("interrupted", error.__cause__ or error)  # what was noted of Ctrl-C is on click's cause
@@ -79,6 +89,17 @@ def main() -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
+def _check_files() -> None:
+    """Raises BenchError: sockets, terminals and records of a bench are more files than may be open at once."""
+    from instrument.errors import BenchError
+
+    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if 0 <= allowed < MOST_FILES:  # -1: without limit
+        raise BenchError(
+            f"only {allowed} files may be open at once, {MOST_FILES} can be needed; give ulimit -n {MOST_FILES}"
+        )
+
+
 def _complain(message: str, error: BaseException) -> None:
     for line in (f"palpate: {message}", *getattr(error, "__notes__", ())):
-        click.echo(line, err=True)
+        say(line, err=True)

@@ -82,34 +82,34 @@ def explain(
 
 
 def _print(scene: Scene, answer: Plan, tolerance: float) -> None:
-    from rich.console import Console
+    from procedures.report.terminal import console
 
-    console = Console(highlight=False)
-    console.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)
-    console.print(f"path: {answer.path}: {answer.why}", soft_wrap=True)
-    console.print(f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing")
+    out = console()
+    out.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)
+    out.print(f"path: {answer.path}: {answer.why}", soft_wrap=True)
+    out.print(f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing")
     inside = [
         (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", f"{1e3 * e.seconds:.2g}", e.why)
         for e in answer.included
     ]
-    console.print(_table("simulated", ("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
+    out.print(_table("simulated", ("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
     outside = [
         (e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)))
         for e in answer.omitted
     ]
     title = f"left out, and the most that it could change (* above {tolerance:g})"
-    console.print(_table(title, ("effect", "kind", "force", "ratio"), outside))
+    out.print(_table(title, ("effect", "kind", "force", "ratio"), outside))
     if answer.steady is not None:
         films = [
             (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
             for f in answer.steady.films
         ]
         title = f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell"
-        console.print(_table(title, ("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
+        out.print(_table(title, ("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
     for fault in scene.file.fault or []:
-        console.print("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()), soft_wrap=True)
+        out.print("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()), soft_wrap=True)
     for warning in answer.warnings:
-        console.print(f"warning: {warning}", soft_wrap=True)
+        out.print(f"warning: {warning}", soft_wrap=True)
 
 
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:

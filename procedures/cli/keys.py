@@ -10,9 +10,8 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import click
-
 from procedures.pause import NOBODY, Pause
+from procedures.report.terminal import say
 
 KEY = b"p"
 
@@ -34,7 +33,7 @@ class Keyboard:
         return KEY in keys.lower()
 
     def wait(self) -> None:
-        click.echo("paused, outputs are off; press p to go on, Ctrl-C to stop", err=True)
+        say("paused, outputs are off; press p to go on, Ctrl-C to stop", err=True)
         while (key := os.read(self._terminal, 1)).lower() != KEY:
             if not key:
                 return

@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal, get_args
 
-import click
-
 from instrument.errors import BenchError, UsageError
 from instrument.quantity import show
 from instrument.sample import Sample
 from procedures.cli.options import without_bar
+from procedures.report.terminal import say
 
 Ask = Callable[[str, str], None]
 """Has something done that is said in a sentence, and confirmed by a word."""
@@ -103,14 +102,14 @@ def confirm(what: str, word: str) -> None:
     Raises BenchError: nobody answers.
     """
     with without_bar(), _by_lines():
-        click.echo(f"{what}; then type {word} and press Enter", err=True)
+        say(f"{what}; then type {word} and press Enter", err=True)
         while (typed := _typed(what)) != _plain(word):
-            click.echo(f"{typed!r} is not {word!r}: look again, then type {word}; Ctrl-C stops", err=True)
+            say(f"{typed!r} is not {word!r}: look again, then type {word}; Ctrl-C stops", err=True)
 
 
 def assume(what: str, word: str) -> None:
     """Say what is taken for granted."""
-    click.echo(f"assumed, as {ASSUME} asks: {what}", err=True)
+    say(f"assumed, as {ASSUME} asks: {what}", err=True)
 
 
 def _typed(what: str) -> str:

@@ -15,6 +15,7 @@ from typing import Any, TypeVar, cast
 import click
 
 from instrument.errors import UsageError
+from procedures.report.terminal import console, say
 
 F = TypeVar("F", bound=Callable[..., Any])
 Progress = Callable[[int, int, str], None]
@@ -215,22 +216,20 @@ class Output:
 
     def line(self, text: str) -> None:
         if self.for_people:
-            click.echo(text)
+            say(text)
 
     @contextmanager
     def progress(self, first: str = "opening the bench") -> Iterator[Progress]:
         """A progress bar on stderr, where someone can see it."""
-        from rich.console import Console
-
-        console = Console(stderr=True)
-        if self.quiet or not console.is_terminal:
+        shown = console(stderr=True)
+        if self.quiet or not shown.is_terminal:
             yield lambda _done, _total, _what: None
             return
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
         with ExitStack() as stack:
-            bar = stack.enter_context(Progress(*columns, console=console))
+            bar = stack.enter_context(Progress(*columns, console=shown))
             _bars.append(bar)
             stack.callback(_bars.remove, bar)
             task = bar.add_task(first, total=None)

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-import click
-
 from drivers.signals import taken
 from instrument.bench import BenchDescription
 from instrument.errors import BenchError, PalpateError
 from instrument.sample import Sample
 from procedures.cli.options import Output
 from procedures.cli.served import Person, Traffic, status
+from procedures.report.terminal import console, say
 from procedures.run import storing
 from simulators.bench import Place, SimulatedBench
 from simulators.pace import Pacer
@@ -153,9 +152,9 @@ def _attend(served: Served, step: float | None, look: Callable[[], None], typed:
 
 def _carry_out(person: Person, text: str) -> None:
     try:
-        click.echo(person.do(text) or f"done: {text}", err=True)
+        say(person.do(text) or f"done: {text}", err=True)
     except PalpateError as error:  # of a mistyped line, which is no reason to stop
-        click.echo(f"palpate: {error}", err=True)
+        say(f"palpate: {error}", err=True)
 
 
 def _unseen() -> None:
@@ -167,7 +166,7 @@ def _page(served: Served) -> Iterator[Callable[[], None]]:
     from rich.live import Live
 
     traffic = Traffic(served.sim)
-    with Live(auto_refresh=False) as live:
+    with Live(console=console(), auto_refresh=False) as live:
 
         def look() -> None:
             live.update(status(served.sim, traffic.rate(time.monotonic()), served.pacer.behind), refresh=True)

@@ -10,8 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import click
-
 from drivers.bench import Bench
 from drivers.bus_log import BusLog, check_log
 from drivers.clock import BenchClock, WallClock
@@ -30,6 +28,7 @@ from procedures.cli.options import Choice, result_folder
 from procedures.cli.software import commit, versions
 from procedures.encoding import as_json
 from procedures.record import Recorder
+from procedures.report.terminal import say
 from procedures.resume import Resumed
 from procedures.run import storing
 from simulators.bench import SimulatedBench
@@ -188,7 +187,7 @@ def open_session(
         stack.enter_context(opening.pop_all())  # left before the record, whose disk may be slow
         opened.attend(record.event)
         for caution in opened.cautions:
-            click.echo(f"palpate: note: {caution}", err=True)
+            say(f"palpate: note: {caution}", err=True)
             record.event("caution", caution, opened.clock.now_ns())
         with storing(folder):
             (folder / "bench.toml").write_text(str(header["bench"]), encoding="utf-8")

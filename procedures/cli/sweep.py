@@ -19,6 +19,7 @@ from procedures.cli.options import (
     load_option,
     sample_option,
 )
+from procedures.report.terminal import say
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -253,7 +254,7 @@ def _sweep(
         elif output.for_people:
             print_plan(plan)
         if doubt and not output.quiet:
-            click.echo(f"palpate: note: {doubt}", err=True)
+            say(f"palpate: note: {doubt}", err=True)
         return None
     with keyboard() as pause:
         result, outcome = conduct(conducted, settings, choice, output, model=model, pause=pause)

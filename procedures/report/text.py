@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from procedures.report.terminal import console
+
 if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
@@ -19,17 +21,16 @@ def print_all(*things: object) -> None:
 
     A table that does not fit goes beyond the edge: a figure that is cut off would be lost.
     """
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False, markup=False, emoji=False)
-    width = console.width if console.is_terminal else PIPE_WIDTH
+    out = console()
+    width = out.width if out.is_terminal else PIPE_WIDTH
     for thing in things:
-        console.width = width
+        out.width = width
         if isinstance(thing, Table) and all(column.no_wrap for column in thing.columns):
-            whole = console.measure(thing, options=console.options.update(width=WIDEST)).maximum
-            console.width = max(width, whole)
-        console.print(thing, soft_wrap=not isinstance(thing, Table))
+            whole = out.measure(thing, options=out.options.update(width=WIDEST)).maximum
+            out.width = max(width, whole)
+        out.print(thing, soft_wrap=not isinstance(thing, Table))
 
 
 def new_table(title: Text | None, *columns: str) -> Table:
