@@ -130,6 +130,7 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
     common, apart, least = np.zeros(count), np.zeros(factor.shape), np.zeros(count)
     if name_of(effect) == SCATTER:
         apart = reach(case, cast("GainScatter", effect)) * np.abs(before.passed)
+    changed = (before.volts != after.volts).any(axis=(0, 2))
     for i in range(count):
         rates = before.rates(i)
         for each in before.inputs():
@@ -137,11 +138,11 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
             least[i] += error
             if not each.follows:
                 common[i] += error
-            elif before.dwell is not after.dwell:  # the same numbers come with other rates
+            elif changed[i]:  # the same numbers come with other rates
                 apart[:, i] += each.error(case, _otherwise(rates, factor[:, [i]], after.rates(i)))
         if isinstance(effect, InputEffect):
             apart[:, i] += effect.error(case, rates)
-        rounds = before.dwell is not after.dwell or apart[:, i].any() or name_of(effect) == CONVERTER
+        rounds = changed[i] or apart[:, i].any() or name_of(effect) == CONVERTER
         if after.converter is not None and rounds:
             rounded, missing = _rounded(case, effect, before, after, i, factor[:, i])
             apart[:, i] += rounded
@@ -164,5 +165,7 @@ def _rounded(
     noise = math.hypot(*(each.dither(case) for each in before.inputs()))
     if name_of(effect) == CONVERTER:
         return steps(case, converter, was, noise), 0.0
+    if name_of(effect) == SCATTER:
+        became = was * (1 + reach(case, cast("GainScatter", effect))[film])
     more = effect.largest(case, before.rates(film)) / SIGMAS if isinstance(effect, InputEffect) else 0.0
     return step_changes(case, converter, was, became, factor, noise, more), steps(case, converter, was, noise)

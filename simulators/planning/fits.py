@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from instrument.estimate import amplitudes
 from instrument.sine_columns import sine_columns
 from simulators.effects.effect import Case, Floats
 from simulators.linear.lti import Complexes
@@ -70,4 +71,6 @@ def weights(case: Case) -> Floats:
 
 @functools.lru_cache(maxsize=8)
 def _weights(frequency: float, dwell: float, rate: float) -> Floats:
-    return sine_columns(np.arange(max(1, round(dwell * rate))) / rate, frequency).weights()
+    times = np.arange(max(1, round(dwell * rate))) / rate
+    amplitudes(times, np.zeros((1, len(times))), frequency)  # refuses what a fit refuses
+    return sine_columns(times, frequency).weights()

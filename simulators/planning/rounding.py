@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 TRIED = 64  # phases, and numbers of the noise, in which samples are converted
 FEW = 8.0  # steps: a film that spans no more is rounded alike in every cycle
-FLIPS = 3.0  # samples that may be rounded otherwise, of a change that seldom does that
+FLIPS = 3  # samples that may be rounded otherwise at most, of a change that seldom does that
+SELDOM = 1e-9  # what is less likely does not happen
 LARGEST = 1 << 21  # numbers at once
 MARGIN = 0.99
 GOLDEN = (math.sqrt(5) - 1) / 2
@@ -59,8 +60,15 @@ def step_changes(
     found -= factor[np.round(_phases(before) * len(factor)).astype(int) % len(factor)] * _errors(
         case, converter, _tried(before, noise)
     )
-    few = FLIPS * max(1.0, times) * _step(converter) * _heaviest(case, noise > _step(converter) / 4)
+    moved = (np.abs(after - before).mean() + more) / _step(converter) * before.shape[1]
+    few = _flips(float(moved)) * max(1.0, times) * _step(converter) * _heaviest(case, noise > _step(converter) / 4)
     return min(worst, _six(found) + few)
+
+
+def _flips(expected: float) -> int:
+    """So many samples at most are rounded otherwise, where `expected` are in the mean."""
+    likely = (count for count in range(FLIPS) if expected ** (count + 1) / math.factorial(count + 1) < SELDOM)
+    return next(likely, FLIPS)
 
 
 def _step(converter: Adc) -> float:

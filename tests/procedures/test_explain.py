@@ -66,6 +66,17 @@ def test_the_text_marks_bounds_above_the_tolerance_and_no_others(palpate: Palpat
         assert line.split() == ["end_stops", "static_nl", "0.0e+00", "0.0e+00"]
 
 
+@pytest.mark.parametrize("question", [("--dwell", "10 ms"), ("--frequency", "200 Hz")])
+def test_no_bound_is_given_of_a_dwell_that_no_sine_can_be_fitted_to(
+    palpate: Palpate, question: tuple[str, str]
+) -> None:
+    Path("quiet.toml").write_text(NOISY)
+    omitted = palpate("scene", "explain", "quiet.toml", *question, "--json").object["omitted"]
+    bounds = {each["name"]: (each["force"], each["ratio"]) for each in omitted}
+    assert bounds["mains_hum"] == bounds["off_axis"] == bounds["charge_amplifier"] == (None, None)
+    assert bounds["can_timing"] == (0.0, 0.0)
+
+
 @pytest.mark.usefixtures("unbounded")
 def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason(palpate: Palpate) -> None:
     Path("played.toml").write_text(PLAYED)
