@@ -152,7 +152,9 @@ class BusLog:
         """Raises RecordError: something could not be written, so that the log ends before the run."""
         with self._lock:
             try:
-                self._stack.close()
+                with self._stack:
+                    if self._failure is None:
+                        self._whole.end()
             except (OSError, ValueError) as error:
                 self._failure = self._failure or error
         if self._failure is not None and kind is None:

@@ -25,7 +25,7 @@ from drivers.bench import Bench
 from drivers.bus_log import CLOCK, NODES, RUN, WHOLE_FORMAT, can_links, logged, modbus_links, packed, unpacked
 from drivers.clock import WallClock
 from drivers.modbus import ModbusLink
-from drivers.pcapng import Link, Packet, read_pcapng
+from drivers.pcapng import Link, Packet, is_hashed, read_pcapng
 from instrument.bench import BenchDescription, TcpAddress
 from instrument.config import parse
 from instrument.contracts import shaker_amplifier
@@ -54,6 +54,7 @@ class BusReplay:
     Attributes:
         goes_on: no time passes while the program waits for nothing.
         run: header of the run that was recorded, as its record has it.
+        verified: whether the log is as it was written; one of an earlier version does not tell.
         description: of the recorded bench; inside, with its addresses of now.
 
     Raises where it is made:
@@ -82,7 +83,10 @@ class BusReplay:
 
     def _read(self) -> list[Packet]:
         try:
-            return list(read_pcapng(logged(self.path)))
+            path = logged(self.path)
+            with path.open("rb") as file:
+                self.verified = is_hashed(file.read(CHUNK))
+            return list(read_pcapng(path))
         except OSError as error:
             raise UsageError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
         except (ValueError, struct.error) as error:

@@ -1,10 +1,12 @@
 """Capture files that Wireshark reads: pcapng (IETF draft-ietf-opsawg-pcapng), with everything a bench says.
 
 Modbus TCP, a serial line and CAN each have an interface of their own; so have palpate's notes, which are JSON.
+The last note is the SHA-256 of all before it: a file without it was cut off, or is from before there were any.
 """
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +21,8 @@ INBOUND, OUTBOUND = 1, 2  # flags
 MODBUS_PORT, CLIENT_PORT = 502, 50_000
 IP_HEADER, TCP_HEADER = 20, 20  # bytes
 SENT, CAME = 1, 2  # events of a serial line
+APPLICATION, HASHED = 4, b"palpate, with the SHA-256 at its end"  # option of the section
+SHA256 = "sha256"  # note
 NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # says which dissector reads on
 
 
@@ -55,11 +59,18 @@ class PcapngWriter:
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self._positions: dict[str, list[int]] = {}  # in both streams of a connection
-        self._block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1))
+        self._hash = hashlib.sha256()
+        self._last_ns = 0
+        self._block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + _options({APPLICATION: HASHED}))
         for kind in LINK_TYPES.values():
             self._block(INTERFACE, struct.pack("<HHI", kind, 0, 0) + _options({RESOLUTION: bytes([NANOSECONDS])}))
 
+    def end(self) -> None:
+        """Writes the last note; nothing may follow."""
+        self.write(Packet(self._last_ns, SHA256, Link.NOTE, True, self._hash.hexdigest().encode()))
+
     def write(self, packet: Packet) -> None:
+        self._last_ns = packet.time_ns
         data = self._header(packet) + packet.data
         head = struct.pack("<IIIII", packet.link, packet.time_ns >> 32, packet.time_ns & 0xFFFFFFFF, *2 * [len(data)])
         flags = struct.pack("<I", OUTBOUND if packet.sent else INBOUND)
@@ -78,7 +89,9 @@ class PcapngWriter:
 
     def _block(self, kind: int, body: bytes) -> None:
         size = 12 + len(body)
-        self._file.write(struct.pack("<II", kind, size) + body + struct.pack("<I", size))
+        block = struct.pack("<II", kind, size) + body + struct.pack("<I", size)
+        self._file.write(block)
+        self._hash.update(block)
 
     def _tcp(self, packet: Packet) -> bytes:
         positions = self._positions.setdefault(packet.who, [1, 1])
@@ -118,7 +131,11 @@ def _options(values: dict[int, bytes]) -> bytes:
 
 
 def read_pcapng(path: Path) -> Iterator[Packet]:
-    """The packets of a file that `PcapngWriter` wrote. Raises ValueError: it is another, or damaged."""
+    """The packets of a file that `PcapngWriter` wrote.
+
+    Raises:
+        ValueError: it is another, damaged or cut off; damage between packets is noticed behind the last one.
+    """
     data = path.read_bytes()
     if struct.unpack_from("<I4xI", data.ljust(12)) != (SECTION, BYTE_ORDER):
         raise ValueError("no capture file of palpate")
@@ -128,8 +145,21 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
         if size < 12 or at + size > len(data):
             raise ValueError(f"cut short at byte {at}")
         if kind == PACKET:
-            yield _packet(data[at + 8 : at + size - 4])
+            packet = _packet(data[at + 8 : at + size - 4])
+            if packet.link is Link.NOTE and packet.who == SHA256:
+                if packet.data.decode() != hashlib.sha256(data[:at]).hexdigest() or at + size != len(data):
+                    raise ValueError("it is not as it was written, SHA-256 differs")
+                return
+            yield packet
         at += size
+    if is_hashed(data):
+        raise ValueError("it has no end, it was cut off")
+
+
+def is_hashed(data: bytes) -> bool:
+    """Whether a file with this beginning ends with its hash; one of an earlier version does not."""
+    size = int.from_bytes(data[4:8], "little")
+    return HASHED in data[:size]
 
 
 def _packet(body: bytes) -> Packet:

@@ -260,7 +260,7 @@ VICTIMS: dict[str, Callable[[Path], Victim]] = {
     "run of format 3": old_run,
     "load-cell calibration": load_cell_file,
 }
-SHARES = {"killed run": 4, "complete run": 4, "run of format 3": 1, "load-cell calibration": 2}
+SHARES = {"killed run": 8, "complete run": 8, "run of format 3": 1, "load-cell calibration": 4}
 
 
 @contextmanager

@@ -26,14 +26,17 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
 
     Times are of the bench's clock, in s since the first message.
     """
-    from procedures.bus_log import read_log
+    from procedures.bus_log import Line, read_log
 
     output = Output(as_json, quiet)
-    messages = list(read_log(log))
-    if output.as_json:
-        output.json({"file": str(log), "messages": [asdict(message) for message in messages]})
-    for message in messages:
-        output.line(f"{message.time - messages[0].time:12.6f}  {message.who:16}  {message.text}")
+    messages: list[Line] = []
+    try:
+        messages.extend(read_log(log))  # keeps what stands before the damage
+        if output.as_json:
+            output.json({"file": str(log), "messages": [asdict(message) for message in messages]})
+    finally:
+        for message in messages:
+            output.line(f"{message.time - messages[0].time:12.6f}  {message.who:16}  {message.text}")
 
 
 @bus.command(

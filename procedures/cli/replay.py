@@ -63,6 +63,7 @@ class Replay:
             **{key: self.run.header[key] for key in KEPT},
             "mounting": self.mounting,
             "replayed": str(self.wire.path),
+            "replay_verified": self.wire.verified,
         }
 
 

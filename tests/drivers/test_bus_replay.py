@@ -131,6 +131,7 @@ def changed(log: Path, change: Callable[[list[Packet]], list[Packet]]) -> None:
         writer = PcapngWriter(file)
         for packet in packets:
             writer.write(packet)
+        writer.end()
 
 
 def test_what_the_log_does_not_hold_at_that_place_is_an_error_that_names_it(sim: SimulatedBench, log: Path) -> None:

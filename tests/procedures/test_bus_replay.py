@@ -91,6 +91,7 @@ def test_a_request_that_the_log_does_not_hold_there_is_named_in_one_error(
         for packet in packets:
             settings = packet.data.replace(b'"frequency":10.0', b'"frequency":20.0')
             writer.write(replace(packet, data=settings) if packet.who == RUN else packet)
+        writer.end()
     nothing_simulated(monkeypatch)
     asked, held = (f"'node 1 write sync_period = 0.00{period} s'" for period in (2, 4))
     failed(palpate("bus", "replay", "trace.blf"), 2, f"trace.pcapng: asked is {asked}", f"the log goes on with {held}")
@@ -109,5 +110,7 @@ def test_what_is_no_log_is_named(palpate: Palpate, content: bytes | None) -> Non
 )
 def test_a_log_of_another_palpate_is_named(palpate: Palpate, header: str, names: str) -> None:
     with LOG.open("wb") as file:
-        PcapngWriter(file).write(Packet(0, RUN, Link.NOTE, True, header.encode()))
+        writer = PcapngWriter(file)
+        writer.write(Packet(0, RUN, Link.NOTE, True, header.encode()))
+        writer.end()
     failed(palpate("bus", "replay", "trace.pcapng"), 2, "trace.pcapng", names)
