@@ -72,6 +72,12 @@ def summary_lines(done: Everything) -> list[str]:
     ]
     lines.append(f"experiments: {found['experimental_by_chance']}")
     lines += [
+        f"BIASED: Table {table.number}: forces and voltages are off by {table.bias:+.2f} standard uncertainties in the"
+        f" mean, {table.inside} of {len(table.judged)} rows within"
+        for table, _ in done.tables
+        if table.biased
+    ]
+    lines += [
         f"softness order, design {design}: {'right' if right else 'WRONG'}" for design, right in done.orders.items()
     ]
     return lines

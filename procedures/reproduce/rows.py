@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 from instrument.thesis import Cell
 from procedures.run import storing
 
+ABSOLUTE, RATIO = ("force", "pvdf"), "force_ratio"  # columns of what goes with the load, but for the ratio
+FEWEST_LOADS = 3
 WITHIN = 2.0  # standard uncertainties of the difference
 LEAST_SHARE = 0.93  # of the experimental cells that shall lie within
 
@@ -93,6 +96,25 @@ class RowTable:
     def inside(self) -> int:
         return sum(row.within is True for row in self.rows)
 
+    @property
+    def bias(self) -> float | None:
+        """Mean distance of the forces and voltages, in standard uncertainties; None: of fewer than three loads."""
+        loads = self._loads()
+        return math.fsum(loads) / len(loads) if len(loads) >= FEWEST_LOADS else None
+
+    @property
+    def biased(self) -> bool:
+        """Whether that is more than chance puts it, were all scatter of a load common to what is measured under it."""
+        return self.bias is not None and abs(self.bias) > WITHIN / math.sqrt(len(self._loads()))
+
+    def _loads(self) -> list[float]:
+        """The mean distance of each load: what is measured under one has the load's own scatter in common."""
+        loads: dict[str, list[float]] = {}
+        for row in self.rows:
+            if row.u and row.quantity.startswith(ABSOLUTE) and row.quantity != RATIO:
+                loads.setdefault(row.row, []).append(row.difference / row.u)
+        return [math.fsum(each) / len(each) for each in loads.values()]
+
     def write(self, folder: Path) -> Path:
         """As CSV; returns the file. Raises RecordError."""
         path = folder / f"table_{self.number.replace('.', '_').replace(' ', '_')}.csv"
@@ -113,6 +135,8 @@ class RowTable:
             "rows": [row.record() for row in self.rows],
             "judged": len(self.judged),
             "within": self.inside,
+            "bias": self.bias,
+            "biased": self.biased,
             "said": list(self.said),
         }
 
