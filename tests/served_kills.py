@@ -46,7 +46,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal
 # Reads commands, a line each: where stderr goes, the socket of the bench's clock, and the words. Forks a process for
 # each, with everything imported and used once; says its process id, each point that it reports, and how it ended.
 FORKS = """
-import contextlib, json, os, socket, sys, tempfile, threading
+import contextlib, json, os, signal, socket, sys, tempfile, threading
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
 from procedures import load_sweep, report, resume
 from procedures.cli import conduct, main, session
@@ -89,6 +89,9 @@ for line in sys.stdin:
     if not child:
         os.dup2(os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has jobs in the background ignore it
         sys.argv = ["palpate", *words]
         main()
     say("pid", child)
@@ -290,10 +293,10 @@ class Rounds:
 def _drawn(chance: random.Random) -> Blow:
     tick, delay = 1 + int(TICKS * chance.random() ** 2), LONGEST * chance.random()  # one that goes on has fewer
     kind = chance.random()
-    if kind < 0.1:
-        return Blow(tick, by_hand=chance.choice(SAMPLES))
-    if kind < 0.2:
-        return Blow(tick, ordered=chance.choice(SAMPLES))
+    if kind < 0.07:
+        return Blow(1 + chance.randrange(TICKS), by_hand=chance.choice(SAMPLES))
+    if kind < 0.14:
+        return Blow(1 + chance.randrange(TICKS), ordered=chance.choice(SAMPLES))
     return Blow(tick, delay, chance.choice(SIGNALS))
 
 
