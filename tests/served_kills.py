@@ -240,8 +240,9 @@ class Rounds:
             blows -= bool(blows)
             status, reported, errors = self._client.run(blow, *words)
             self._count(found, blow, status, errors)
-            self._look(found, run, reported, whole=status == 0)
-            if status == 0:
+            complete = self._look(found, run, reported)
+            found["silent"] += status == 0 and not complete
+            if status == 0 or complete:  # a signal may have come after its end
                 break
             if not is_run(run) or chance.random() < 0.3:
                 shutil.rmtree(run, ignore_errors=True)
@@ -272,22 +273,23 @@ class Rounds:
         else:
             found["failed otherwise"] += status != 0
 
-    def _look(self, found: Counter[str], run: Path, reported: int, *, whole: bool) -> None:
+    def _look(self, found: Counter[str], run: Path, reported: int) -> bool:
+        """Count what is wrong with the run on disk; returns whether it is complete."""
         if not is_run(run):
             found["lost"] += reported
-            return
+            return False
         if faults := check(run).faults:
             found["damaged"] += len(faults)
-            return
+            return False
         opened = Run.open(run)
         points = opened.points()
         found["lost"] += max(0, reported - len(points))
-        found["silent"] += whole != (opened.status == "complete")
         for point in points:
             end = int(point["bench_ns"])
             seen = self._truth.during(end - BEFORE, end)
             found["wrong sample"] += seen != {point["sample"]}
         found["points looked at"] += len(points)
+        return opened.status == "complete"
 
 
 def _drawn(chance: random.Random) -> Blow:

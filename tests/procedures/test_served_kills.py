@@ -16,7 +16,7 @@ def test_no_point_is_that_of_another_sample_or_lost_or_silently_missing(
 ) -> None:
     """Seeds whose blows are a kill, each other signal, a hand at the sample and another client's order."""
     with rounds(tmp_path) as played:
-        found = sum((played.play(seed) for seed in (11, 13)), Counter[str]())
+        found = sum((played.play(seed) for seed in (11,)), Counter[str]())
     assert {what: found[what] for what in FAULTS if found[what]} == {}
     assert found["killed"] > 0
     assert found["interrupted"] > 0
