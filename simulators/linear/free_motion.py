@@ -17,8 +17,8 @@ Times = npt.NDArray[np.int64]
 # (p, n) at times [ns]; from when it moves freely; and what is between any two of the times, 0: they differ in it.
 Seen = Callable[[Times, int, int], Floats]
 
-# Above this condition number the modes are too nearly parallel to carry the transient to twelve digits.
-PARALLEL = 1e3
+# Above this condition number the modes are too nearly parallel to carry the transient to thirteen digits.
+PARALLEL = 100.0
 BLOCK = 1024  # samples that are found together
 GONE = 1e-150  # of its beginning, below which a mode is nothing: products of two such still are ordinary numbers
 KEPT = 64  # systems

@@ -15,6 +15,14 @@ DIGITS = 50
 
 
 @st.composite
+def questions(draw: st.DrawFn, most: int = 12) -> tuple[Floats, int]:
+    """A matrix, and a time [ns] in which one of its poles is at work: long after it exp(|A| t) bounds nothing."""
+    a = draw(chains(most=most))
+    rate = abs(a.diagonal()[draw(st.integers(0, len(a) - 1))]) or 1.0
+    return a, max(1, int(1e9 / rate * 10.0 ** draw(st.floats(-2, 1))))
+
+
+@st.composite
 def chains(draw: st.DrawFn, least: int = 2, most: int = 12) -> Floats:
     """Stages in series, of which some have nearly the same pole, some feed back, and one or two may swing."""
     order = draw(st.integers(least, most))
@@ -28,7 +36,7 @@ def chains(draw: st.DrawFn, least: int = 2, most: int = 12) -> Floats:
     a = np.tril(random.normal(size=(order, order)) * 10.0 ** random.uniform(-3, 3, (order, order)), -1)
     a[random.random(a.shape) < draw(st.sampled_from([0.0, 0.5]))] = 0.0
     a -= np.diag(rates)
-    for _ in range(draw(st.integers(0, 2))):  # an armature: x' = v, v' = -w^2 x - d v
+    for _ in range(draw(st.sampled_from([0, 0, 1, 2]))):  # an armature: x' = v, v' = -w^2 x - d v
         at, w = draw(st.integers(0, order - 2)), 10.0 ** draw(st.floats(0, 3))
         a[at : at + 2, at : at + 2] = [[0.0, 1.0], [-w * w, -w * draw(st.sampled_from([0.1, 2.0]))]]
     return a

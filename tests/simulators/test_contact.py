@@ -101,7 +101,7 @@ def test_a_sample_that_creeps_is_never_pulled_and_gives_back_no_more_than_it_was
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(drawn=scenes())
 def test_in_many_scenes_a_sample_that_creeps_is_never_pulled(drawn: Drawn) -> None:
     hold(drawn, periods=6)
@@ -134,6 +134,7 @@ def forces(drawn: Drawn, until: float) -> tuple[Floats, Floats]:
     return grid, np.array([stiffness * (to - free) for to, free in pressed_to]).T
 
 
+@pytest.mark.slow
 def test_the_probe_meets_the_surface_where_it_has_relaxed_to() -> None:
     """Beside an integrator; surfaces at rest, or contact that ends with the compression, would be 5 % off."""
     chain, path = LOST.path()

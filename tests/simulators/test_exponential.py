@@ -19,10 +19,9 @@ from simulators.linear.free_motion import BLOCK, FreeMotion
 from simulators.linear.lti import Floats
 from simulators.rig import Rig
 from tests.simulators import linear_matrices, rigs
-from tests.simulators.linear_matrices import APART, chains, worst
+from tests.simulators.linear_matrices import APART, chains, questions, worst
 
 GOAL = 1e-13
-TIMES = st.floats(0, 40).map(lambda bits: int(2.0**bits))  # ns, to 18 minutes
 
 
 def hold(a: Floats, elapsed_ns: int) -> None:
@@ -34,7 +33,7 @@ def hold(a: Floats, elapsed_ns: int) -> None:
     assert worst(decayed, exact, bound) <= GOAL
 
 
-@pytest.mark.parametrize("apart", APART)
+@pytest.mark.parametrize("apart", APART[::3] + APART[-1:])
 def test_poles_that_nearly_coincide_keep_the_digits_of_those_that_do(apart: float) -> None:
     a = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0 * (1 + apart), 0.0], [1.0, 1.0, -10.0]])
     hold(a, 1_000_000_007)
@@ -46,21 +45,21 @@ def test_scipy_loses_them() -> None:
     assert exponential(a)[1, 0] == pytest.approx(np.exp(-1), rel=3e-16)
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
-@given(a=chains(most=4), elapsed_ns=TIMES)
-def test_every_element_of_a_chain_keeps_thirteen_digits(a: Floats, elapsed_ns: int) -> None:
-    hold(a, elapsed_ns)
+@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@given(question=questions(most=4))
+def test_every_element_of_a_chain_keeps_thirteen_digits(question: tuple[Floats, int]) -> None:
+    hold(*question)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(120)
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
-@given(a=chains(), elapsed_ns=TIMES)
-def test_every_element_of_a_long_chain_keeps_thirteen_digits(a: Floats, elapsed_ns: int) -> None:
-    hold(a, elapsed_ns)
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+@given(question=questions())
+def test_every_element_of_a_long_chain_keeps_thirteen_digits(question: tuple[Floats, int]) -> None:
+    hold(*question)
 
 
-@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
 @given(a=chains(most=4), bit=st.integers(0, 40))
 def test_a_doubling_is_right_to_the_last_digit(a: Floats, bit: int) -> None:
     exact = linear_matrices.exponential(a, 2**bit)
@@ -87,9 +86,10 @@ def test_what_bounds_a_motion_without_modes_never_grows_along_it() -> None:
     a[3, 1], a[3, 3], a[4, 3], a[4, 4], a[5, 4], a[5, 5] = 1e5, -1.0, 1.0, -1.0, 1e-3, -1e-3
     measure = _measure(a)
     assert measure is not None
-    times = [0, 10, 1000, 100_000, 10_000_000, 10**9, 10**11, 10**13]
+    times = [0, 1000, 100_000, 10_000_000, 10**9, 10**12]
+    motion = FreeMotion(a)
     for column in np.eye(6):
-        sizes = [np.linalg.norm(measure @ FreeMotion(a).moment(column, time)) for time in times]
+        sizes = [np.linalg.norm(measure @ motion.moment(column, time)) for time in times]
         assert all(after <= before * (1 + 1e-9) for before, after in itertools.pairwise(sizes))
     assert _measure(np.array([[0.0, 1.0], [0.0, 0.0]])) is None
 

@@ -31,7 +31,7 @@ def test_a_defective_system_decays_by_powers_of_time(order: int) -> None:
         assert np.abs(decayed - exact).max() <= 1e-13 * exact.max()
 
 
-@pytest.mark.parametrize("apart", [0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2])
+@pytest.mark.parametrize("apart", [0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2])
 def test_rates_that_nearly_coincide_lose_no_digits_where_their_modes_lose_all(apart: float) -> None:
     """x[0] = (exp(p t) - exp(q t)) / (p - q) from a one in state 1, with the difference taken exactly."""
     p, q = -7.0, -7.0 * (1 + apart)
@@ -40,7 +40,7 @@ def test_rates_that_nearly_coincide_lose_no_digits_where_their_modes_lose_all(ap
     t = 1e-9 * times
     half = (p - q) * t / 2
     exact = t * np.exp((p + q) * t / 2) * np.where(half > 0, np.sinh(half) / np.where(half > 0, half, 1), 1.0)
-    assert np.abs(system.motion.free(np.array([0.0, 1.0]), times)[0] - exact).max() < 1e-10 * exact.max()
+    assert np.abs(system.motion.free(np.array([0.0, 1.0]), times)[0] - exact).max() < 2e-13 * exact.max()
     if 0 < apart <= 1e-10:
         naive = (np.exp(p * t) - np.exp(q * t)) / (p - q)
         assert np.abs(naive - exact).max() > 1e-7 * exact.max()
@@ -63,7 +63,7 @@ def test_a_state_that_only_integrates_gives_the_integral() -> None:
     drive = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([1.0 + 0j]))
     times, w = np.arange(0, 2 * SECOND, 7_654_321), 20 * math.pi
     exact = (1 - np.cos(w * 1e-9 * times)) / w**2
-    assert np.abs(output(system, drive, np.zeros(2), times) - exact).max() < 1e-12 * exact.max()
+    assert np.abs(output(system, drive, np.zeros(2), times) - exact).max() < 2e-13 * exact.max()
 
 
 def test_an_integrator_under_0_hz_stands_where_it_is() -> None:
