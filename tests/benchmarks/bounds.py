@@ -33,7 +33,8 @@ SCENES = 100_000
 PHASES, FEWER, SEEDS = 5, 2, 3
 ROUNDING = 1e-10  # of two results that agree to this, the bound may well be 0
 SMALLEST = 1e-9  # of a bound whose width counts, and of a change that it is compared with
-WIDE, VERY_WIDE = 10.0, 100.0
+WIDE, VERY_WIDE, GOAL = 10.0, 100.0, 0.9
+QUANTILES = (0.1, 0.5, 0.9, 0.99)
 BATCH = 20
 ROOT = Path(__file__).parents[2]
 
@@ -141,21 +142,17 @@ def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
     yield Row("random scenes", f"{len(results)}", f"{goal}", len(results) >= goal)
     yield Row("  broken bounds", _listed(broken), "0", not broken)
     yield Row("  that nothing can follow", _listed([each for each in results if each.refused]))
-    for which, told in (("greatest", "the greatest change of some draws"), ("first", "the first draw")):
+    for which, told in (("greatest", "the greatest change of some draws"), ("first", "one draw alone")):
         widths = _widths(results, which)
-        finite = [width for width in widths if math.isfinite(width)]
-        if not finite:
+        given = [width for width in widths if math.isfinite(width)]
+        yield Row(f"  bounds that are compared with {told}; none given", f"{len(given)}; {len(widths) - len(given)}")
+        if not given:
             continue
-        at = np.quantile(finite, [0.1, 0.5, 0.9, 0.99])
-        share = sum(width <= WIDE for width in finite) / len(finite)
-        goal_met = (share >= 0.9) if which == "greatest" else None
-        yield Row(f"  bounds, against {told}", f"{len(finite)}")
-        yield Row("    bound / change: 10, 50, 90, 99 % of them", " ".join(f"{value:.3g}" for value in at))
-        yield Row(
-            f"    at most {WIDE:g} times", f"{100 * share:.1f} %", ">= 90 %" if goal_met is not None else "", goal_met
-        )
-        yield Row(f"    above {VERY_WIDE:g} times", f"{sum(width > VERY_WIDE for width in finite)}")
-        yield Row("    none given", f"{len(widths) - len(finite)}")
+        share = sum(width <= WIDE for width in given) / len(given)
+        met = share >= GOAL if which == "greatest" else None  # one draw of noise may be anywhere below a bound
+        yield Row("    10, 50, 90, 99 % are wider by", " ".join(f"{w:.3g}" for w in np.quantile(given, QUANTILES)))
+        wide = f"{100 * share:.1f} %, {sum(width > VERY_WIDE for width in given)}"
+        yield Row(f"    at most {WIDE:g} times, above {VERY_WIDE:g} times", wide, "" if met is None else ">= 90 %", met)
 
 
 def _widths(results: Iterable[Tried], which: str) -> list[float]:

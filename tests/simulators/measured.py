@@ -88,7 +88,8 @@ def forces_and_ratios(scene: Scene, question: Question, samples: Floats) -> tupl
     found = amplitudes(np.arange(samples.shape[1]) / RATE, samples, question.frequency)
     forces = found / [film.sensitivity for film in scene.design.films]
     teeth, bases = np.array(pairs(scene.design)).T
-    return forces[np.unique(bases)], forces[teeth] / forces[bases]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a coarse converter may see nothing at all
+        return forces[np.unique(bases)], forces[teeth] / forces[bases]
 
 
 def pairs(design: Design) -> list[tuple[int, int]]:
@@ -126,7 +127,7 @@ def changes(
                 known[key] = _again(replace(scene, effects=kept), question, phase, rigs)
             results.append(forces_and_ratios(scene, question, _sampled(scene, question, *known[key])))
         (force, ratio), (other_force, other_ratio) = results
-        if force.all() and ratio.all():  # a coarse converter may see nothing at all
+        if force.all() and ratio.all() and np.isfinite([*ratio, *other_ratio]).all():
             found.append((float(abs(other_force / force - 1).max()), float(abs(other_ratio / ratio - 1).max())))
     return found
 

@@ -28,7 +28,7 @@ THESIS = read_scene("thesis_single")
 
 # PALPATE_EXAMPLES=1000: so many random scenes in place of the same few; `python -m tests.benchmarks bounds` keeps what
 # it has done.
-EXAMPLES = int(os.environ.get("PALPATE_EXAMPLES", "60"))
+EXAMPLES = int(os.environ.get("PALPATE_EXAMPLES", "40"))
 
 
 def scenes(name: str, others: frozenset[str], seed: int, strong: bool) -> tuple[Scene, Scene]:
@@ -75,8 +75,8 @@ def test_bounds_that_were_once_too_small_hold() -> None:
 
 @pytest.mark.slow
 def test_bounds_hold_in_many_random_scenes_and_nine_in_ten_are_at_most_ten_times_too_wide() -> None:
-    figures = {row.figure.strip(): row.met for row in rows([tried(number) for number in range(EXAMPLES)], EXAMPLES)}
-    assert figures["broken bounds"] and figures["at most 10 times"]
+    figures = list(rows([tried(number) for number in range(EXAMPLES)], EXAMPLES))
+    assert [row.met for row in figures if row.met is not None] == [True] * 3, figures
 
 
 # --- what was left out of bounds once --------------------------------------------------------------------
