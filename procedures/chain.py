@@ -16,19 +16,19 @@ import contextlib
 import hashlib
 import os
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.encoding import LARGEST_ROW
 
 MAGIC = b"\x89PALPATE"
-_FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flags, length of the content, hash before
+FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flags, length of the content, hash before
 _HEAD = struct.Struct("<8s16sQQQQ32s")  # magic, chain, frames, length, points, events, hash of the last frame
 HASH = 32  # bytes
-AROUND = _FRAME.size + HASH  # bytes of a frame beside its content
+AROUND = FRAME.size + HASH  # bytes of a frame beside its content
 SECTOR = 512  # bytes; a disk writes one whole or not at all
-AHEAD = 1_000_000  # bytes of zeros that are written at a time
+AT_A_TIME = 1_000_000  # bytes that are looked through
 READINGS = 3  # of a head that is not whole: it may have been under the writer's pen
 NOTHING = bytes(HASH)  # stands for the hash before the first frame
 
@@ -131,13 +131,13 @@ class ChainFile:
 
     def frame(self, at: int) -> Frame | None:
         """What says of itself to be a frame and ends within the file; its content is not looked at."""
-        start = self.read(at, _FRAME.size)
-        if len(start) < _FRAME.size or not start.startswith(MAGIC):
+        start = self.read(at, FRAME.size)
+        if len(start) < FRAME.size or not start.startswith(MAGIC):
             return None
-        _, chain, number, kind, own, flags, length, before = _FRAME.unpack(start)
+        _, chain, number, kind, own, flags, length, before = FRAME.unpack(start)
         if length > LARGEST_ROW or at + AROUND + length > self.size:
             return None
-        check = self.read(at + _FRAME.size + length, HASH)
+        check = self.read(at + FRAME.size + length, HASH)
         return Frame(chain, number, kind, own, flags, length, before, check, at) if len(check) == HASH else None
 
     def content(self, frame: Frame) -> bytes | None:
@@ -146,7 +146,7 @@ class ChainFile:
         body = memoryview(whole)[:-HASH]
         if hashlib.sha256(body).digest() != frame.hash or whole[-HASH:] != frame.hash:
             return None
-        return bytes(body[_FRAME.size :])
+        return bytes(body[FRAME.size :])
 
     def walk(self, head: Head | None) -> Iterator[Frame]:
         """The chain from its first frame to where it breaks or ends.
@@ -174,126 +174,56 @@ class ChainFile:
 
     def only_zeros(self, at: int) -> bool:
         """Whether nothing but zeros follows."""
-        while part := self.read(at, AHEAD):
+        while part := self.read(at, AT_A_TIME):
             if part.strip(b"\0"):
                 return False
             at += len(part)
         return True
 
     def _find(self, what: bytes, at: int) -> int:
-        while len(part := self.read(at, AHEAD)) >= len(what):
+        while len(part := self.read(at, AT_A_TIME)) >= len(what):
             if (found := part.find(what)) >= 0:
                 return at + found
             at += len(part) - len(what) + 1
         return -1
 
 
-class ChainWriter:
-    """The one writer of a chain: what `append` is given is durable, in one piece, when it returns.
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A file of frames that are linked as far as its head tells; contents are verified when they are read."""
 
-    Everything raises OSError. After a sync that failed nothing is written any more: the system then forgets what it
-    had not written, and a later sync that succeeds says nothing of it. After a head that could not be written neither.
-    """
-
-    def __init__(self, path: Path, head_path: Path, head: Head, flags: int) -> None:
-        """Opens the files, to go on behind what the head tells of."""
-        self.head = head
-        self._flags = flags
-        self._broken = False
-        with contextlib.ExitStack() as undo:
-            self._file = undo.enter_context(_opened(path))
-            self._head_file = undo.enter_context(_opened(head_path))
-            self._size = os.fstat(self._file).st_size
-            self._open = undo.pop_all()
-
-    def close(self) -> None:
-        self._open.close()
-
-    def append(self, frames: Sequence[tuple[bytes, int, Sequence[Bytes]]], *, points: int = 0, events: int = 0) -> None:
-        """Adds frames (kind, id, parts of the content), with which so many points and events are complete."""
-        if self._broken:
-            raise OSError(0, "an earlier write or sync failed, nothing is written behind it")
-        parts, head = packed(self.head, frames, self._flags, points, events)
-        try:
-            self._write(self._file, parts, self.head.length)
-        except OSError:
-            with contextlib.suppress(OSError):  # what was begun is not to be met again
-                os.ftruncate(self._file, self.head.length)
-                self._size = self.head.length
-            raise
-        self._grow(head.length)
-        self._sync(self._file)
-        self._tell(head)
-
-    def confirm(self, tail: bytes, head: Head) -> None:
-        """Puts frames that are there, and of which the head does not tell, on disk, and tells of them."""
-        self._write(self._file, [tail], self.head.length)  # the same bytes over themselves: nothing is torn
-        os.ftruncate(self._file, head.length)
-        self._size = 0
-        self._grow(head.length)
-        self._sync(self._file)
-        if tail:
-            self._tell(head)
-
-    def end(self) -> None:
-        """Leaves the file without zeros, and both entries of the head with what the last one said."""
-        os.ftruncate(self._file, self.head.length)
-        self._sync(self._file)
-        self._write(self._head_file, [self.head.packed()], SECTOR * ((self.head.frames + 1) % 2))
-        self._sync(self._head_file)
-
-    def _grow(self, length: int) -> None:
-        """Behind frames that end there are zeros, as far as there is space for them."""
-        if length > self._size:
-            with contextlib.suppress(OSError):
-                self._write(self._file, [bytes(AHEAD)], length)
-            self._size = os.fstat(self._file).st_size
-
-    def _tell(self, head: Head) -> None:
-        try:
-            self._write(self._head_file, [head.packed()], SECTOR * (head.frames % 2))
-        except OSError:
-            self._broken = True  # it may tell of these frames by now, which must not be written over
-            raise
-        self._sync(self._head_file)
-        self.head = head
-
-    def _write(self, handle: int, parts: Sequence[Bytes], at: int) -> None:
-        content = memoryview(b"".join(parts))
-        while content:
-            done = os.pwrite(handle, content, at)
-            content, at = content[done:], at + done
-
-    def _sync(self, handle: int) -> None:
-        try:
-            os.fdatasync(handle)
-        except OSError:
-            self._broken = True
-            raise
-
-
-def packed(
-    head: Head, frames: Sequence[tuple[bytes, int, Sequence[Bytes]]], flags: int, points: int = 0, events: int = 0
-) -> tuple[list[Bytes], Head]:
-    """Frames behind those that `head` tells of, as they lie in the file, and the head with them."""
-    parts: list[Bytes] = []
-    number, length, before = head.frames, head.length, head.hash
-    for left, (kind, own, content) in zip(range(len(frames))[::-1], frames, strict=True):
-        size = sum(map(len, content))
-        start = _FRAME.pack(MAGIC, head.chain, number, kind, own, flags if left else flags | LAST, size, before)
-        total = hashlib.sha256(start)
-        for part in content:
-            total.update(part)
-        before = total.digest()
-        parts += [start, *content, before]
-        number, length = number + 1, length + AROUND + size
-    return parts, Head(head.chain, number, length, head.points + points, head.events + events, before)
+    file: ChainFile
+    head: Head
+    frames: list[Frame]
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[int]:
-    handle = os.open(path, os.O_RDWR)
-    try:
-        yield handle
-    finally:
-        os.close(handle)
+def opened(path: Path, head_path: Path) -> Iterator[Chain]:
+    """The chain in a file, also while it is written. Raises OSError: it is not there. ValueError: it is damaged."""
+    with ChainFile(path) as file:
+        told = read_head(head_path)
+        while True:
+            try:
+                chain = _linked(file, *told, head_path.name)
+                break
+            except ValueError:
+                before, told = told, read_head(head_path)
+                if told == before:  # else it is being written, and has gone on meanwhile
+                    raise
+        yield chain
+
+
+def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> Chain:
+    frames = list(file.walk(head))
+    if head is None or fault:
+        raise ValueError(fault)
+    if not frames:
+        raise ValueError("its first row is not as it was written")
+    if frames[0].chain != head.chain:
+        raise ValueError(f"{name} is that of another run")
+    if len(frames) < head.frames or (head.frames and frames[head.frames - 1].hash != head.hash):
+        raise ValueError(f"of {head.frames} rows not all are as they were written, in their place")
+    ends = [frame.end for frame in frames[head.frames :] if frame.flags & LAST]
+    if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
+        raise ValueError(f"{name} is older than what it tells of")
+    return Chain(file, head, frames)

@@ -19,13 +19,12 @@ from types import TracebackType
 from typing import Literal, Self, TypeVar
 
 from instrument.errors import RecordError, UsageError
-from procedures.chain import NOTHING, ChainWriter, Head, packed
+from procedures.chain_writer import ChainWriter, Content, create, sync
 from procedures.encoding import Waveforms
 from procedures.record_file import (
     HEAD_FILE,
     RECORD,
     SIMULATED,
-    Content,
     chain_of,
     event_frame,
     header_frame,
@@ -83,7 +82,6 @@ class Recorder:
         killed, so it is written once more before the head tells of it.
         """
         with reading_record(self.folder) as record, storing(self.folder / RECORD):
-            assert record.head is not None
             flags = SIMULATED if record.header["simulated"] else 0
             self._writer = ChainWriter(*self._files, record.head, flags)
             self._open.callback(self._writer.close)
@@ -113,7 +111,7 @@ class Recorder:
             made = [path for path in (folder, *folder.parents) if not path.exists()]
             folder.mkdir(parents=True, exist_ok=True)
             for path in made:
-                _sync(path.parent)
+                sync(path.parent)
         return cls(folder, header)
 
     def point(
@@ -250,30 +248,5 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def begin(folder: Path, header: Mapping[str, object], frames: Sequence[Content]) -> None:
-    """Makes the files of a run, the record aside and renamed, so that a killed start leaves a whole one or none.
-
-    The head tells of nothing yet: what tells of something, and has no record beside it, has lost it.
-    """
-    aside, head_file = folder / f"{RECORD}.new", folder / HEAD_FILE
-    head = Head(chain_of(header), 0, 0, 0, 0, NOTHING)
-    parts, _ = packed(head, frames, SIMULATED if header["simulated"] else 0)
-    try:
-        aside.write_bytes(b"".join(parts))
-        head_file.write_bytes(2 * head.packed())
-        for path in (aside, head_file):
-            _sync(path)
-        aside.replace(folder / RECORD)
-        _sync(folder)
-    except BaseException:
-        for path in (aside, folder / RECORD, head_file):
-            path.unlink(missing_ok=True)
-        raise
-
-
-def _sync(path: Path) -> None:
-    """Makes a file durable, or the names in a folder, which syncing a file does not."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    """Makes the files of a run that is not there yet."""
+    create(folder / RECORD, folder / HEAD_FILE, chain_of(header), frames, SIMULATED if header["simulated"] else 0)

@@ -24,7 +24,9 @@ from typing import Any
 import numpy as np
 
 from instrument.errors import RangeError
-from procedures.chain import LAST, ChainFile, Frame, Head, read_head
+from procedures import chain
+from procedures.chain import Chain, ChainFile, Frame, Head
+from procedures.chain_writer import Content
 from procedures.encoding import LARGEST_ROW, SAMPLE, Waveforms, as_json, encoded
 from procedures.stored import Point, Waveform
 
@@ -33,8 +35,6 @@ FORMAT = 4
 HEADER, WAVE, POINT, EVENT, STATUS = b"HEAD", b"WAVE", b"POIN", b"EVNT", b"STAT"
 SIMULATED = 1
 IN_A_FRAME = 1 << 18  # samples
-
-Content = tuple[bytes, int, list[bytes | memoryview]]
 
 
 def chain_of(header: Mapping[str, object]) -> bytes:
@@ -78,28 +78,15 @@ class Record:
 
     hashed = True
 
-    def __init__(self, file: ChainFile, head: Head | None, fault: str) -> None:
-        """Raises ValueError: the chain is broken."""
-        self._file = file
-        self.head = head
+    def __init__(self, linked: Chain) -> None:
+        """Raises ValueError: it is no run, or damaged."""
+        self._file, self.head, self.frames = linked.file, linked.head, linked.frames
+        head = self.head
         self.status = "running"
         self.summary: Mapping[str, Any] = {}
         self._points: dict[int, Frame] = {}
         self._waves: dict[int, list[Frame]] = {}
         self._events: list[Frame] = []
-        self.frames = list(file.walk(head))
-        if fault:
-            raise ValueError(fault)
-        assert head is not None
-        if not self.frames:
-            raise ValueError("its first row is not as it was written")
-        if self.frames[0].chain != head.chain:
-            raise ValueError(f"{HEAD_FILE} is that of another run")
-        if len(self.frames) < head.frames or (head.frames and self.frames[head.frames - 1].hash != head.hash):
-            raise ValueError(f"of {head.frames} rows not all are as they were written, in their place")
-        ends = [frame.end for frame in self.frames[head.frames :] if frame.flags & LAST]
-        if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
-            raise ValueError(f"{HEAD_FILE} is older than what it tells of")
         header = self.json(self.frames[0])
         if self.frames[0].kind != HEADER or header["format"] != FORMAT:
             raise ValueError(f"its record format is not {FORMAT}")
@@ -156,7 +143,6 @@ class Record:
 
     def head_at_end(self) -> Head:
         """The head with all that is whole, its last complete point, event or status included."""
-        assert self.head is not None
         # Waveforms at the end have no point: the writer was killed between them.
         last = max(n for n, frame in enumerate(self.frames) if frame.kind != WAVE or n < self.head.frames)
         end = self.frames[last]
@@ -164,7 +150,6 @@ class Record:
 
     def tail(self) -> bytes:
         """What is whole behind that of which the head tells, as it lies in the file."""
-        assert self.head is not None
         return self._file.read(self.head.length, self.head_at_end().length - self.head.length)
 
     def json(self, frame: Frame) -> Any:
@@ -219,15 +204,5 @@ def named(frame: Frame) -> str:
 @contextlib.contextmanager
 def opened(folder: Path) -> Iterator[Record]:
     """The record in a folder. Raises OSError: it is not there. ValueError: it is damaged."""
-    with ChainFile(folder / RECORD) as file:
-        head, fault = read_head(folder / HEAD_FILE)
-        while True:
-            try:
-                record = Record(file, head, fault)
-                break
-            except ValueError:
-                before = head, fault
-                head, fault = read_head(folder / HEAD_FILE)
-                if (head, fault) == before:  # else the run is being written, and has gone on meanwhile
-                    raise
-        yield record
+    with chain.opened(folder / RECORD, folder / HEAD_FILE) as found:
+        yield Record(found)

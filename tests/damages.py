@@ -6,6 +6,7 @@ What is compared with is independent of what is tried: the values that were writ
 from __future__ import annotations
 
 import random
+import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -15,11 +16,12 @@ from unittest.mock import patch
 
 import numpy as np
 
+from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.calibration_file import read_calibration, write_calibration
 from instrument.config import Hashed
-from instrument.errors import ConfigError, PalpateError, RecordError
-from procedures import chain
+from instrument.errors import ConfigError, PalpateError, RecordError, UsageError
+from procedures import chain_writer
 from procedures.chain import AROUND
 from procedures.check import check
 from procedures.record import Recorder
@@ -27,6 +29,7 @@ from procedures.record_file import HEAD_FILE, RECORD
 from procedures.resume import Resumed
 from procedures.run import Run, reading_record
 from procedures.salvage import salvaging
+from procedures.study.store import Outcome, Store, stored
 from tests.runs import as_format3
 
 Files = dict[str, bytes]
@@ -252,6 +255,49 @@ def load_cell_file(folder: Path) -> Victim:
     return _calibration(folder, THESIS_LOAD_CELL, read_calibration)
 
 
+# --- studies and bus logs ---------------------------------------------------------------------------------
+
+
+def study(folder: Path) -> Victim:
+    """One whose process was killed."""
+    before = []
+    with Store(folder, {"study": {"loads": "1 N, 2 N"}}) as store:
+        for cell in range(8):
+            before.append(_read(folder))
+            store.add([Outcome(cell, "too soft" * (cell == 3), f'[{{"force_ratio":0.{cell}17,"load_N":2.0}}]')])
+        files = _read(folder)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    whole = stored(folder)
+
+    def judge(folder: Path, files: Files) -> list[str]:
+        try:
+            return ["nothing changed" if stored(folder) == whole else "silent"]
+        except (RecordError, UsageError):
+            return ["noticed"]
+
+    return Victim(files, before, judge)
+
+
+def bus_log(folder: Path) -> Victim:
+    folder.mkdir()
+    packets = [Packet(10**9 + n, "clock", Link.NOTE, True, b"%d" % n) for n in range(3)]
+    packets += [Packet(10**9 + n, "sensor_node", Link.CAN, False, struct.pack("<IQ", n, n**3)) for n in range(20)]
+    with (folder / "log.pcapng").open("wb") as file:
+        writer = PcapngWriter(file)
+        for packet in packets:
+            writer.write(packet)
+        writer.end()
+
+    def judge(folder: Path, files: Files) -> list[str]:
+        try:
+            return ["nothing changed" if list(read_pcapng(folder / "log.pcapng")) == packets else "silent"]
+        except (OSError, ValueError, struct.error):
+            return ["noticed"]
+
+    return Victim(_read(folder), [], judge)
+
+
 # --- all ------------------------------------------------------------------------------------------------
 
 VICTIMS: dict[str, Callable[[Path], Victim]] = {
@@ -259,14 +305,23 @@ VICTIMS: dict[str, Callable[[Path], Victim]] = {
     "complete run": complete_run,
     "run of format 3": old_run,
     "load-cell calibration": load_cell_file,
+    "study": study,
+    "bus log": bus_log,
 }
-SHARES = {"killed run": 8, "complete run": 8, "run of format 3": 1, "load-cell calibration": 4}
+SHARES = {
+    "killed run": 8,
+    "complete run": 8,
+    "run of format 3": 1,
+    "load-cell calibration": 4,
+    "study": 4,
+    "bus log": 2,
+}
 
 
 @contextmanager
 def damages(folder: Path) -> Iterator[Callable[[int], tuple[str, list[str]]]]:
     """What does a damage by its number: victim, and what came of it. The folder is best one in memory."""
-    with patch.object(chain, "AHEAD", 20_000):  # zeros behind a run that was killed; a million take too long
+    with patch.object(chain_writer, "AHEAD", 20_000):  # zeros behind a run that was killed; a million take too long
         victims = {name: make(folder / name.replace(" ", "-")) for name, make in VICTIMS.items()}
     drawn = [name for name in victims for _ in range(SHARES[name])]
     strangers = complete_run(folder / "stranger").files

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from procedures import format3
-from procedures.chain import NOTHING, Head, packed
+from procedures.chain import NOTHING, Head
+from procedures.chain_writer import packed
 from procedures.encoding import row_crc32, waveform_crc32
 from procedures.record_file import (
     HEAD_FILE,

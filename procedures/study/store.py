@@ -1,35 +1,35 @@
 """The folder of a study: what was asked, and each cell as soon as it is known; a stored cell is never computed again.
 
-`study.sqlite`, with a write-ahead log, synchronous FULL and one writer. Rows stand in the order in which cells came;
-whoever reads them gets them by their numbers, also while the study runs.
+`study.record` is a chain of hashed rows with a head (`procedures/chain.py`), as a run's is. Rows stand in the order in
+which cells came; whoever reads them gets them by their numbers, also while the study runs.
+
+    kind  id    content
+    STUD  0     what was asked, JSON; the first frame
+    CELL  cell  why it failed, JSON text ("": it did not), a line feed, its points, JSON list, keys sorted
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import json
 import os
-import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from instrument.errors import RecordError, UsageError
-from procedures.encoding import LARGEST_ROW, row_crc32
+from procedures import chain
+from procedures.chain import Chain, Frame, Head
+from procedures.chain_writer import ChainWriter, create
 from procedures.run import storing
 
-DATABASE = "study.sqlite"
-APPLICATION_ID = 0x50414C53  # "PALS"
-SCHEMA = (
-    f"PRAGMA application_id = {APPLICATION_ID}",
-    "CREATE TABLE study (asked TEXT NOT NULL, crc32 INTEGER NOT NULL) STRICT",
-    # reason: why the cell failed; empty: it did not. data: JSON list of points, keys sorted, no time of the wall.
-    "CREATE TABLE cell (id INTEGER PRIMARY KEY, reason TEXT NOT NULL, data TEXT NOT NULL, crc32 INTEGER NOT NULL)"
-    " STRICT",
-)
+RECORD, HEAD_FILE = "study.record", "study.head"
+OLD = "study.sqlite"  # of earlier versions
+STUDY, CELL = b"STUD", b"CELL"
 LONGEST_VALUE = 60  # characters, in a message
 
 
@@ -61,36 +61,43 @@ class Store:
             RecordError: it is damaged, or cannot be written.
         """
         self.folder = folder
-        path = folder / DATABASE
+        path, head_path = folder / RECORD, folder / HEAD_FILE
         with contextlib.ExitStack() as undo:
             with storing(path):
                 folder.mkdir(parents=True, exist_ok=True)
-                if not path.exists() and any(folder.iterdir()):
-                    raise UsageError(f"{folder} holds other files; choose a new or empty folder with --out")
+                if (folder / OLD).exists():
+                    raise UsageError(f"{folder} holds a study of an earlier palpate; choose another --out")
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # a kill lets it go
                 except BlockingIOError:
                     raise UsageError(f"{folder} is being worked on by another process; let that end first") from None
-                self._database = undo.enter_context(contextlib.closing(sqlite3.connect(path, isolation_level=None)))
-            with _sound(path):
-                if not self._database.execute("PRAGMA schema_version").fetchone()[0]:
-                    with storing(path):
-                        self._begin(json.dumps(asked, allow_nan=False))  # its order counts
-                _refuse_other(folder, _asked(self._database), asked)
-                self.done = {cell for (cell,) in self._database.execute("SELECT id FROM cell")}
+                if not path.exists():
+                    if not _is_begun_in_vain(folder):
+                        raise UsageError(f"{folder} holds other files; choose a new or empty folder with --out")
+                    text = json.dumps(asked, allow_nan=False).encode()  # its order counts
+                    create(path, head_path, hashlib.sha256(text).digest()[:16], [(STUDY, 0, [text])], 0)
+            with _sound(path), chain.opened(path, head_path) as found:
+                _refuse_other(folder, _asked(found), asked)
+                self.done = {outcome.cell for outcome in _outcomes(found)}
+                head, end = found.head, found.frames[-1]
+                at_end = Head(end.chain, len(found.frames), end.end, len(self.done), 0, end.hash)
+                tail = found.file.read(head.length, end.end - head.length)
             with storing(path):
-                self._database.execute("PRAGMA journal_mode = WAL")
-                self._database.execute("PRAGMA synchronous = FULL")
+                self._writer = ChainWriter(path, head_path, head, 0)
+                undo.callback(self._writer.close)
+                self._writer.confirm(tail, at_end)
             self._undo = undo.pop_all()
 
     def add(self, outcomes: Iterable[Outcome]) -> None:
         """Store what became of some cells; they are on disk when this returns. What is stored already stays."""
-        rows = [(*astuple(outcome), row_crc32(*astuple(outcome))) for outcome in outcomes]
-        with storing(self.folder / DATABASE), self._transaction():
-            self._database.executemany("INSERT OR IGNORE INTO cell VALUES (?, ?, ?, ?)", rows)
-        self.done.update(row[0] for row in rows)
+        new = {outcome.cell: outcome for outcome in outcomes if outcome.cell not in self.done}
+        frames = [(CELL, cell, [f"{json.dumps(new[cell].reason)}\n{new[cell].data}".encode()]) for cell in new]
+        if frames:
+            with storing(self.folder / RECORD):
+                self._writer.append(frames, points=len(frames))
+        self.done.update(new)
 
     def __enter__(self) -> Self:
         return self
@@ -100,22 +107,6 @@ class Store:
     ) -> None:
         self._undo.close()
 
-    def _begin(self, asked: str) -> None:
-        with self._transaction():
-            for statement in SCHEMA:
-                self._database.execute(statement)
-            self._database.execute("INSERT INTO study VALUES (?, ?)", (asked, row_crc32(asked)))
-
-    @contextlib.contextmanager
-    def _transaction(self) -> Iterator[None]:
-        self._database.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-        except BaseException:
-            self._database.execute("ROLLBACK")
-            raise
-        self._database.execute("COMMIT")
-
 
 def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
     """What a study in a folder is, and the cells that are known of it by their numbers; also while it runs.
@@ -124,28 +115,43 @@ def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
         UsageError: the folder holds none.
         RecordError: it is damaged.
     """
-    path = folder.absolute() / DATABASE
+    path = folder.absolute() / RECORD
     if not path.is_file():
+        if (folder / OLD).is_file():
+            raise UsageError(f"{folder} holds a study of an earlier palpate; read it with that one")
         raise UsageError(f"{folder} holds no study; make one with: palpate study STUDY.toml --out {folder}")
-    with _sound(path), contextlib.closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
-        outcomes = []
-        for *row, crc32 in database.execute("SELECT id, reason, data, crc32 FROM cell ORDER BY id"):
-            if row_crc32(*row) != crc32:
-                raise ValueError(f"cell {row[0]} is not as it was written, CRC-32 differs")
-            outcomes.append(Outcome(*row))
-        return _asked(database), outcomes
+    with _sound(path), chain.opened(path, path.with_name(HEAD_FILE)) as found:
+        return _asked(found), sorted(_outcomes(found), key=lambda outcome: outcome.cell)
 
 
-def _asked(database: sqlite3.Connection) -> dict[str, Any]:
-    (application,) = database.execute("PRAGMA application_id").fetchone()
-    if application != APPLICATION_ID:
+def _outcomes(found: Chain) -> Iterator[Outcome]:
+    for frame in found.frames[1:]:
+        reason, _, data = _content(found, frame).partition("\n")
+        yield Outcome(frame.id, json.loads(reason), data)
+
+
+def _is_begun_in_vain(folder: Path) -> bool:
+    """Whether nothing lies there but what a start that was killed has left."""
+    head, _ = chain.read_head(folder / HEAD_FILE)
+    names = {path.name for path in folder.iterdir()}
+    return names <= {HEAD_FILE, f"{RECORD}.new"} and (head is None or not head.frames)
+
+
+def _asked(found: Chain) -> dict[str, Any]:
+    if found.frames[0].kind != STUDY:
         raise ValueError("it is no study of palpate")
-    ((text, crc32),) = database.execute("SELECT asked, crc32 FROM study")
-    if row_crc32(text) != crc32:
-        raise ValueError("what was asked is not as it was written, CRC-32 differs")
+    text = _content(found, found.frames[0])
+    if hashlib.sha256(text.encode()).digest()[:16] != found.head.chain:
+        raise ValueError("its rows are those of another study")
     asked: dict[str, Any] = json.loads(text)
     return asked
+
+
+def _content(found: Chain, frame: Frame) -> str:
+    content = found.file.content(frame)
+    if content is None:
+        raise ValueError(f"{f'cell {frame.id}' if frame.kind == CELL else 'what was asked'} is not as it was written")
+    return content.decode()
 
 
 @contextlib.contextmanager
@@ -153,9 +159,11 @@ def _sound(path: Path) -> Iterator[None]:
     """What a damaged file gives is a RecordError."""
     try:
         yield
-    except (sqlite3.Error, ValueError, TypeError) as error:
+    except (UsageError, RecordError):
+        raise
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise RecordError(
-            f"{path} is damaged ({error}); restore it from a copy, or remove it to begin again"
+            f"{path} is damaged ({error}); restore it from a copy, or remove its folder to begin again"
         ) from error
 
 

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 from instrument.errors import RangeError, RecordError, UsageError
-from procedures.chain import AHEAD, HASH
+from procedures.chain import HASH
+from procedures.chain_writer import AHEAD
 from procedures.encoding import LARGEST_ROW
 from procedures.record import Recorder, new_run_folder
 from procedures.record_file import IN_A_FRAME

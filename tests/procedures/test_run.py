@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from instrument.errors import RecordError, UnknownName, UsageError
-from procedures import record_file
+from procedures import chain
 from procedures.chain import Head
 from procedures.export import export
 from procedures.record import Recorder
@@ -96,7 +96,7 @@ def test_a_run_that_goes_on_while_it_is_read_is_not_taken_for_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder = begin(tmp_path)
-    read, went_on = record_file.read_head, []
+    read, went_on = chain.read_head, []
 
     def slow(path: Path) -> tuple[Head | None, str]:
         """Between head and record two points are written."""
@@ -105,7 +105,7 @@ def test_a_run_that_goes_on_while_it_is_read_is_not_taken_for_damaged(
             went_on.extend(recorder.point({"load_N": 1.5 * n}, {}, n) for n in (3, 4))
         return found
 
-    monkeypatch.setattr(record_file, "read_head", slow)
+    monkeypatch.setattr(chain, "read_head", slow)
     assert len(Run.open(tmp_path).points()) == 4
     recorder.close()
 

@@ -15,7 +15,7 @@ from procedures.report.study import plot_study
 from procedures.study.description import Value
 from procedures.study.results import Results, read_results
 from procedures.study.run import run
-from procedures.study.store import DATABASE, Store
+from procedures.study.store import RECORD, Store
 from tests.procedures.conftest import silent
 from tests.procedures.studies import GRID, RANDOM, study_from
 
@@ -139,12 +139,12 @@ def test_one_process_at_a_time_works_on_a_study(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("at", ["a row", "the file"])
 def test_a_damaged_study_is_told(at: str, whole: Results, tmp_path: Path) -> None:
-    path = tmp_path / "whole" / DATABASE
+    path = tmp_path / "whole" / RECORD
     content = path.read_bytes()
     damaged = content.replace(b'"force_ratio":0.11', b'"force_ratio":0.12', 1) if at == "a row" else b"x" * 4096
     assert damaged != content
     path.write_bytes(damaged)
-    with pytest.raises(RecordError, match=r"study\.sqlite is damaged \(.*\); restore it from a copy"):
+    with pytest.raises(RecordError, match=r"study\.record is damaged \(.*\); restore it from a copy"):
         read_results(tmp_path / "whole")
 
 
@@ -213,5 +213,5 @@ def test_the_dataset_of_draws_goes_by_cells(tmp_path: Path) -> None:
 
 def test_what_cannot_be_stored_is_told(tmp_path: Path) -> None:
     (tmp_path / "taken").touch()
-    with pytest.raises(RecordError, match=r"cannot write .*taken.study\.sqlite: .*; choose a writable folder"):
+    with pytest.raises(RecordError, match=r"cannot write .*taken.study\.record: .*; choose a writable folder"):
         Store(tmp_path / "taken", {})
