@@ -93,7 +93,11 @@ for line in sys.stdin:
             signal.signal(number, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has jobs in the background ignore it
         sys.argv = ["palpate", *words]
-        main()
+        try:
+            main()
+        except SystemExit as end:
+            sys.stderr.flush()
+            os._exit(end.code or 0)  # at once: to take a forked interpreter down takes longer than the command
     say("pid", child)
     say("end", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
