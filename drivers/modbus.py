@@ -167,6 +167,10 @@ class ModbusLink:
             raise LinkError(f"{self.name} is lost; check cable and power") from error
         raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
 
+    def distrust(self) -> None:
+        """A reply was not that to its request, which may still come: the next one is asked as after a time-out."""
+        self._reply_due = True
+
     def transact(self, who: str, request: Callable[..., ModbusPDU], *args: object, **kwargs: Any) -> ModbusPDU:
         """Send one request and return its reply, which is no exception response.
 

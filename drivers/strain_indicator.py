@@ -77,7 +77,10 @@ class StrainIndicator(ModbusDevice):
             DeviceError: the integer and the floating-point reading differ, or the display was renewed less often than
                 at the last reading: the reply is an old one.
         """
-        status, decimals, integer, floating, updates = self._asked(self._fresh)
+        values = self._asked(self._fresh)
+        if self._renewed is not None and values[-1] == self._renewed[1]:
+            values = self._asked(self._fresh)  # it may be the reply of then: one of another length cannot
+        status, decimals, integer, floating, updates = values
         bits = self.contract.set_bits("status", status)
         step = 10.0**-decimals
         reading = integer * step
@@ -96,6 +99,7 @@ class StrainIndicator(ModbusDevice):
         if self._renewed is not None and self._clock.now_ns() - self._renewed[0] < COUNTED_NS:
             before, now = self._renewed[1], values[-1]
             if (now - before) % UPDATES > UPDATES / 2:
+                self.link.distrust()
                 raise DeviceError(
                     f"{self.name}: its display was renewed {now:g} times, {before:g} at the reading before; the reply "
                     "is late, or the indicator has started anew: not used"

@@ -34,6 +34,7 @@ from tests.benchmarks import (
     served_kills,
     soak,
     solid,
+    stale,
     start_up,
     study,
     sweep,
@@ -71,6 +72,7 @@ LONG = {
     "soak": soak.measure,
     "damages": damages.measure,
     "disk": disk.measure,
+    "stale": stale.measure,
 }
 
 

@@ -71,7 +71,7 @@ def _row(tool: str, needs: list[str], ask: Callable[[], tuple[str, list[str]]]) 
 
 def _mbpoll(sim: SimulatedBench) -> tuple[str, list[str]]:
     generator, amplifier = sim.description.signal_generator, sim.description.shaker_amplifier
-    line = (sim.description.line.port, "-m", "rtu", "-b", str(sim.description.line.baudrate), "-P", "none")
+    line = (sim.description.line.port, "-m", "rtu", "-b", "115200", "-P", "none")
     own = (generator.host, "-p", str(generator.port))
     ends: list[tuple[SimulatedDevice, tuple[str, ...]]] = [
         (sim.generator, own),

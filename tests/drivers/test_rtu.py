@@ -196,7 +196,7 @@ def test_a_reply_that_is_repeated_when_the_next_has_been_asked_does_not_answer_i
 
 
 def test_a_display_that_was_renewed_less_often_than_before_is_a_late_reply() -> None:
-    updates = iter([5, 6, 4, 7, 65535, 7])
+    updates = iter([5, 6, 4, 7, 65535, 8])
 
     def device(request: bytes) -> list[tuple[float, bytes]]:
         count = int.from_bytes(request[4:6], "big")

@@ -18,7 +18,7 @@ from drivers.sdo import LARGEST_OBJECT
 from drivers.sensor_node import SensorNode
 from instrument.bench import CanBus
 from instrument.contract import sdo
-from instrument.contracts.sensor_node import CONTRACT
+from instrument.contracts.sensor_node import CONTRACT, WITH_NODE_ID
 from tests.fuzz.target import Target, require, same_number
 
 NODE = 3
@@ -64,7 +64,7 @@ class Transfers:
         first = [
             bytes([0x43 | (4 - f.size) << 2])
             + _multiplexer(f.address)
-            + CONTRACT.pack(f.name, float(f.default)).ljust(4, b"\0")
+            + CONTRACT.pack(f.name, float(f.default) + NODE * (f.name in WITH_NODE_ID)).ljust(4, b"\0")
             for f in self.reads
         ]
         first += [b"\x60" + _multiplexer(f.address) + bytes(4) for f in self.writes]
