@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
 from instrument.errors import RangeError, UnknownName
+from instrument.film_material import FilmMaterial
 from instrument.limits import require_nested
 from instrument.material import Material
 
@@ -68,7 +69,7 @@ class FilmSheet:
     length: float
     width: float
     thickness: float
-    material: Material
+    material: FilmMaterial
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,10 +68,3 @@ NEOPRENE_RING = Material(
     poisson=0.49,
     source="[T] 3.1.4, and 5.4: the material of rubber sample 2; Poisson ratio [A]",
 )
-PVDF = Material(
-    name="PVDF film",
-    modulus=2.2e9,
-    modulus_range=(1.8e9, 2.7e9),
-    poisson=0.34,
-    source="[T] Table 3.2; modulus [A], inside the range of the table",
-)

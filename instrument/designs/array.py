@@ -5,7 +5,8 @@ from __future__ import annotations
 from instrument.design import Design, Film, FilmSheet, Plate
 from instrument.designs.single import SINGLE
 from instrument.errors import RangeError
-from instrument.material import PLEXIGLAS_THESIS, PVDF
+from instrument.film_material import PVDF
+from instrument.material import PLEXIGLAS_THESIS
 
 FEWEST, MOST = 10, 20
 PITCH = 12e-3  # [A] as between the two teeth of the common base

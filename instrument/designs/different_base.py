@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from instrument.design import Design, Film, FilmSheet, Plate
 from instrument.designs.single import SINGLE
-from instrument.material import PLEXIGLAS_THESIS, PVDF
+from instrument.film_material import PVDF
+from instrument.material import PLEXIGLAS_THESIS
 
 DIFFERENT_BASE = Design(
     name="different_base",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from instrument.design import Design, Film, FilmSheet, Plate, Ring, Tooth
-from instrument.material import NEOPRENE_RING, PHENOLIC, PLEXIGLAS_THESIS, PVDF
+from instrument.film_material import PVDF
+from instrument.material import NEOPRENE_RING, PHENOLIC, PLEXIGLAS_THESIS
 
 SINGLE = Design(
     name="single",

@@ -13,51 +13,64 @@ import functools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instrument.errors import RangeError
 from instrument.models import elements as el
-from instrument.models.axisymmetric_fields import FacePressure, Field, OnMesh, displacements, face, on
+from instrument.models.axisymmetric_elements import assemble, keeps_pressure
+from instrument.models.axisymmetric_fields import FacePressure, Field, OnMesh, displacements, face
+from instrument.models.axisymmetric_forces import (
+    below,
+    capacitance_of,
+    charge_of,
+    charging,
+    counts_above,
+    over_tooth,
+    pressing,
+    raising,
+    sinking,
+    stresses,
+)
 from instrument.models.condensed import Elements
-from instrument.models.mesh import Body, grid
-from instrument.models.numbering import AXIAL, RADIAL, Numbering, Part, number, parts, within
+from instrument.models.coupling import Circuits
+from instrument.models.error_estimate import Bounds, Energies, Judged, bounds
+from instrument.models.mesh import CLOSED, grid
+from instrument.models.numbering import number, parts
 from instrument.models.parameters import RoundParameters
+from instrument.models.refinement import Source
 from instrument.models.refinement import solve as solve_elements
-from instrument.models.threads import Each, one_each
+from instrument.models.threads import one_each
 
 Array = NDArray[np.float64]
 
 # The last takes a second and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
-# From these Poisson ratios on, a body keeps its pressure as an unknown: any, and one that is softer than the films.
-MIXED_POISSON, SOFT_MIXED_POISSON = 0.4, 0.2
-# Of the change before, the least that the last is taken for: it can be luck.
-LUCK = 0.15
-# Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
-BULK_BOUND = 1e5
-# Error that the second refinement may have though the first agrees, by chance: of 250 sensors one had 4e-6.
-CHANCE = 1e-5
 # Rounding of the force ratio: up to 1.3e-12, for a foil of 10 µm and 140 GPa.
 ROUND_OFF = 1e-11
 
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """A film's force [N] and its mean stresses [Pa] along radius and circumference together, and axis.
+    """An open film: its force [N], and its mean stresses [Pa] along radius and circumference together, and axis.
 
     Attributes:
         force: compression through the section below the film.
         plane_stress: (σ_rr + σ_φφ) / 2 averaged over the film's volume.
         normal_stress: σ_zz averaged over the film's volume.
+        voltage: of the upper electrode over the lower [V].
+        charge: that leaves the upper electrode when all films are short-circuited [C].
+        voltage_error: bound on that of the voltage [V]; None of one mesh alone.
     """
 
     force: float
     plane_stress: float
     normal_stress: float
+    voltage: float
+    charge: float
+    voltage_error: float | None = None
 
 
 # Without slots: it keeps its fields.
@@ -74,6 +87,7 @@ class AxisymmetricSolution:
         films: "tooth" and "base"; none on a rigid support.
         unknowns: displacements and pressures.
         residual: of the linear system, relative to the size of its terms.
+        energies: what the mesh is judged by.
         seconds: of the processor, to build the element matrices, to solve, and to evaluate the forces.
         on_mesh: what `fields` and `face` are worked out from.
     """
@@ -86,6 +100,7 @@ class AxisymmetricSolution:
     films: dict[str, Film]
     unknowns: int
     residual: float
+    energies: Energies
     seconds: tuple[float, float, float]
     on_mesh: OnMesh
 
@@ -98,6 +113,12 @@ class AxisymmetricSolution:
     def face(self) -> FacePressure:
         """Pressure of the object on tooth and ring."""
         return face(self.on_mesh)
+
+    @property
+    def judged(self) -> Judged:
+        """What its mesh is judged by."""
+        voltages = tuple(film.voltage for film in self.films.values())
+        return Judged(self.force_ratio, voltages, self.energies, self.imbalance)
 
     @property
     def imbalance(self) -> float:
@@ -120,30 +141,30 @@ def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Axisymmetri
     """
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    ratios = [solve(parameters, REFINEMENTS[0]).force_ratio]
+    if tolerance < ROUND_OFF:
+        raise RangeError(
+            f"tolerance {tolerance:g}: model 'axisymmetric' rounds its ratio by up to {ROUND_OFF:g}; give a larger one"
+        )
+    meshes = [solve(parameters, REFINEMENTS[0]).judged]
     best = math.inf
     for refinement in REFINEMENTS[1:]:
         solution = solve(parameters, refinement)
-        ratios.append(solution.force_ratio)
-        estimate = error_estimate(ratios, solution.imbalance)
-        if estimate <= tolerance:
-            return solution, estimate
-        best = min(best, estimate)
+        meshes.append(solution.judged)
+        found = error_estimate(meshes, parameters)
+        if found.force_ratio <= tolerance:
+            films = {name: replace(film, voltage_error=found.voltage) for name, film in solution.films.items()}
+            return replace(solution, films=films), found.force_ratio
+        best = min(best, found.force_ratio)
     raise RangeError(
         f"model 'axisymmetric' cannot answer to {tolerance:g}: its best here is {best:.1e}; give a larger tolerance"
     )
 
 
-def error_estimate(ratios: Sequence[float], imbalance: float) -> float:
-    """Bound on the error of the last of at least two force ratios of rising refinement.
-
-    The bound is the change by the last refinement, or a share of the one before where that is larger: one
-    small change can be luck, so that the first counts four times, and CHANCE at least. What the forces lack in
-    balance is added.
-    """
-    *before, change = (abs(finer - coarser) for coarser, finer in pairwise(ratios[-3:]))
-    bound = max(change, LUCK * before[0]) if before else max(4 * change, CHANCE)
-    return bound + imbalance + ROUND_OFF
+def error_estimate(meshes: Sequence[Judged], parameters: RoundParameters) -> Bounds:
+    """On the errors of the last of at least two meshes of rising refinement, what its forces lack in balance added."""
+    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    found = bounds(meshes, closed_gap=gap < CLOSED * parameters.tooth_radius)
+    return replace(found, force_ratio=found.force_ratio + meshes[-1].imbalance + ROUND_OFF)
 
 
 def solve(parameters: RoundParameters, refinement: int) -> AxisymmetricSolution:
@@ -173,119 +194,70 @@ def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     bodies = parts(mesh)
     numbering = number(parameters, mesh, r, z, bodies)
     with one_each(numbering.subdomains) as each:
-        keeping = [part for part in bodies if mixed and _keeps_pressure(part.body, parameters)]
+        keeping = [part for part in bodies if mixed and keeps_pressure(part.body, parameters)]
         elements = assemble(numbering, r, z, bodies, keeping, each)
         built = time.process_time()
-        load = np.zeros_like(elements.unknowns, dtype=np.float64)
-        top = on(load, bodies[0])[:, -1, AXIAL]
-        # The first shape function is 1: these are ∫ r φ.
-        top[:, :, :2] -= r.value_value[bodies[0].columns][:, :, :1] / (math.pi * parameters.sensed_radius**2)
-        solved = solve_elements(elements, elements.gather(load), each)
+        films = [part for part in bodies if part.body.film]
+        polarised = [charging(elements, r, z, part) for part in films]
+        load = elements.gather(pressing(elements, r, bodies[0]))
+        raised = bodies[0] if counts_above(parameters) else films[0]
+        sources = [Source(load), Source(np.zeros_like(load), raising(elements, mesh, r, parameters, raised))]
+        sources += [Source(elements.gather(forces)) for forces in polarised]
+        solved = solve_elements(elements, sources, each)
     done = time.process_time()
-    found = OnMesh(
-        parameters, mesh, r, {p.body.name: p for p in bodies}, solved.displacement[elements.unknowns], solved.internal
-    )
-    return _evaluate(found, elements, solved.residual, (start, built, done))
-
-
-def assemble(
-    numbering: Numbering, r: el.Line, z: el.Line, bodies: list[Part], keeping: list[Part], each: Each
-) -> Elements:
-    """Element matrices of all bodies, per radian.
-
-    Args:
-        keeping: those that keep their pressure.
-        each: works on all subdomains at once.
-    """
-    stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
-    mixed: list[int] = []
-    pairs = r.dilatation.shape[1] ** 2
-    dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
-    compliance: list[float] = []
-    bound: list[float] = []
-
-    kept = [part.body for part in keeping]
-
-    def filled(share: list[Part]) -> None:
-        for part in share:
-            nu, shear = part.body.poisson, part.body.shear
-            lame = 0.0 if part.body in kept else 2 * shear * nu / (1 - 2 * nu)
-            fill(part.columns, part.rows, shear, lame, out=stiffness[part.elements])
-
-    by_size, count = sorted(bodies, key=len, reverse=True), numbering.subdomains
-    each(filled, [by_size[share::count] for share in range(count)])
-    for part in keeping:
-        nu, shear = part.body.poisson, part.body.shear
-        dilatation.append(el.dilatation(r, z, part.columns, part.rows))
-        mixed += range(part.elements.start, part.elements.stop)
-        compliance += [(1 - 2 * nu) / (2 * shear * nu)] * len(part)
-        bound += [1 / (BULK_BOUND * shear)] * len(part)
-    return Elements(
-        stiffness=stiffness,
-        unknowns=numbering.unknowns,
-        inner=numbering.inner,
-        size=numbering.size,
-        shared=numbering.shared,
-        subdomain=numbering.subdomain,
-        subdomains=numbering.subdomains,
-        seam=numbering.seam,
-        mixed=np.array(mixed, dtype=np.intp),
-        dilatation=np.concatenate(dilatation),
-        compliance=np.array(compliance),
-        bound=np.array(bound),
-    )
-
-
-def _keeps_pressure(body: Body, parameters: RoundParameters) -> bool:
-    """Nearly incompressible ones lock without; soft ones, pressed by hard ones, err several times less with it."""
-    soft = body.modulus < parameters.film_modulus
-    return body.poisson >= (SOFT_MIXED_POISSON if soft else MIXED_POISSON)
+    named = {part.body.name: part for part in bodies}
+    found = [OnMesh(parameters, mesh, r, named, s.displacement[elements.unknowns], s.internal) for s in solved]
+    polarised = [el.nodal(forces) for forces in polarised]
+    return _evaluate(found, polarised, elements, solved[0].residual, (start, built, done))
 
 
 def _evaluate(
-    at: OnMesh, elements: Elements, residual: float, marks: tuple[float, float, float]
+    found: list[OnMesh],
+    polarised: list[Array],
+    elements: Elements,
+    residual: float,
+    marks: tuple[float, float, float],
 ) -> AxisymmetricSolution:
+    """The sensor with open films, from its solutions under the load, the jump, and the voltage of each film."""
     start, built, done = marks
-    parameters = at.parameters
+    (pressed, jumped, *charged), parameters = found, found[0].parameters
+    films = [part.body for part in pressed.parts.values() if part.body.film is not None]
+    circuits = Circuits(
+        np.array([capacitance_of(body) for body in films]),
+        np.array([[charge_of(by, body) for by in charged] for body in films]).reshape(2 * (len(films),)),
+    )
+    shorted = {body.name: charge_of(pressed, body) for body in films}
 
-    def below(name: str) -> Array:
-        """Forces on the vertices below a body: (columns, 2)."""
-        return at.forces(name)[:, 0, AXIAL, :2, 0]
+    def opened(at: OnMesh) -> tuple[OnMesh, Array]:
+        charges = np.array([charge_of(at, body) for body in films])
+        voltages = circuits.voltages(charges)
+        displacements, internal = at.displacements, at.internal
+        for voltage, by, forces in zip(voltages, charged, polarised, strict=True):
+            displacements = displacements - voltage * by.displacements
+            internal = internal + voltage * (forces - by.internal)
+        return replace(at, displacements=displacements, internal=internal), voltages
 
-    vertices = at.r.dofs[at.parts["object"].columns][:, :2]
-    above = float(below("object")[within(parameters.tooth_radius, at.mesh, at.r)[vertices]].sum())
-    ring = float(below("ring").sum())
-    films: dict[str, Film] = {}
-    if parameters.support == "elastic":
-        for name in ("tooth", "base"):
-            films[name] = _film(at, f"{name} film", float(below(f"{name} film").sum()))
-        tooth, base = films["tooth"].force, films["base"].force
-    else:
-        tooth, base = above, above + ring
-    # The difference of large displacements costs the stiffer section more digits.
-    soft = parameters.sensed_modulus < parameters.film_modulus
+    (at, voltages), (jump, _) = opened(pressed), opened(jumped)
+    # Forces on the vertices that the jump raises by 1 are its work.
+    from_above = counts_above(parameters)
+    work = over_tooth(jump) if from_above else float(below(jump, films[0].name).sum())
+    above = over_tooth(at)
+    ring = float(below(at, "ring").sum())
+    felt: dict[str, Film] = {}
+    for name, body, voltage in zip(("tooth", "base"), films, voltages.tolist(), strict=False):
+        plane, normal = stresses(at, body)
+        felt[name] = Film(float(below(at, body.name).sum()), plane, normal, voltage, shorted[body.name])
+    tooth, base = (felt["tooth"].force, felt["base"].force) if felt else (above, above + ring)
     return AxisymmetricSolution(
-        force_ratio=above if soft else tooth,
+        force_ratio=above if from_above else tooth,
         tooth_force_above=above,
         tooth_force_below=tooth,
         ring_force=ring,
         base_force=base,
-        films=films,
+        films=felt,
         unknowns=elements.size + elements.dilatation.shape[0] * elements.dilatation.shape[1],
         residual=residual,
+        energies=Energies(sinking(at), work),
         seconds=(built - start, done - built, time.process_time() - done),
         on_mesh=at,
     )
-
-
-def _film(at: OnMesh, name: str, force: float) -> Film:
-    """Mean stresses by virtual work: of the displacement r along the radius, and z along the axis."""
-    mesh, part, forces = at.mesh, at.parts[name], at.forces(name)
-    low, high = part.body.heights
-    inner, outer = part.body.radii
-    volume = math.pi * (outer**2 - inner**2) * (high - low)
-    radius = np.stack([mesh.radii[part.columns], mesh.radii[part.columns + 1]], axis=1)
-    height = np.stack([mesh.heights[part.rows], mesh.heights[part.rows + 1]], axis=1) - low
-    plane = np.einsum("xyab,xa->", forces[:, :, RADIAL, :2, :2], radius)
-    normal = np.einsum("xyab,yb->", forces[:, :, AXIAL, :2, :2], height)
-    return Film(force, plane_stress=float(plane) / volume / 2, normal_stress=float(normal) / volume)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,22 @@ class Line:
     dilatation_value: Array
     dilatation: Array
     value: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """Stiffness of a material that is the same all round the axis, 3 being along it [Pa]."""
+
+    c11: float
+    c12: float
+    c13: float
+    c33: float
+    c44: float
+
+    @classmethod
+    def isotropic(cls, shear: float, lame: float) -> Self:
+        """Of the modulus G, and the modulus λ of the dilatation taken in full [Pa]."""
+        return cls(2 * shear + lame, lame, lame, 2 * shear + lame, shear)
 
 
 def line(points: Array, degree: int, radial: bool) -> Line:
@@ -126,25 +143,22 @@ class Stiffness:
         self._radial = [spread(factor, z.value_value)[:, None] for factor in radial]
         self._axial = [tiled(factor, r.value_value) for factor in axial]
 
-    def __call__(self, columns: Indices, rows: Indices, shear: float, lame: float, out: Array | None = None) -> Array:
-        """Of the elements in `columns` x `rows`: (elements, 2 (p + 1)^2, the same), in `out` where that is given.
-
-        `shear` is the modulus G, `lame` the modulus λ of the dilatation taken in full [Pa].
-        """
-        hoop_slope, value, slope, value_slope, dilatation, dilatation_value = (of[columns] for of in self._radial)
-        z_value, z_slope, z_slope_value, z_value_slope = (of[rows] for of in self._axial)
+    def __call__(self, columns: Indices, rows: Indices, of: Constants, out: Array | None = None) -> Array:
+        """Of the elements in `columns` x `rows`: (elements, 2 (p + 1)^2, the same), in `out` where that is given."""
+        hoop_slope, value, slope, value_slope, dilatation, dilatation_value = (part[columns] for part in self._radial)
+        z_value, z_slope, z_slope_value, z_value_slope = (part[rows] for part in self._axial)
         count = z_value.shape[1]
         if out is None:
             out = np.empty((len(columns) * len(rows), 2 * count, 2 * count))
         matrices = out.reshape(len(columns), len(rows), 2, count, 2, count)
         rr, rz, zr, zz = (matrices[:, :, i, :, j] for i in (0, 1) for j in (0, 1))
-        np.multiply(2 * shear * hoop_slope + lame * dilatation, z_value, out=rr)
-        rr += shear * value * z_slope
-        np.multiply((2 * shear + lame) * value, z_slope, out=zz)
-        zz += shear * slope * z_value
-        np.multiply(shear * value_slope, z_slope_value, out=rz)
-        if lame:
-            rz += lame * dilatation_value * z_value_slope
+        np.multiply((of.c11 - of.c12) * hoop_slope + of.c12 * dilatation, z_value, out=rr)
+        rr += of.c44 * value * z_slope
+        np.multiply(of.c33 * value, z_slope, out=zz)
+        zz += of.c44 * slope * z_value
+        np.multiply(of.c44 * value_slope, z_slope_value, out=rz)
+        if of.c13:
+            rz += of.c13 * dilatation_value * z_value_slope
         zr[:] = rz.swapaxes(2, 3)
         return out
 
@@ -154,6 +168,18 @@ def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
     pairs = product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])
     both = np.concatenate(pairs, axis=3)
     return both.reshape(-1, *both.shape[2:])
+
+
+def polarised(r: Line, z: Line, columns: Indices, rows: Indices, plane: float, normal: float) -> Array:
+    """Integral of `plane` times the strain in the plane (both directions added) and `normal` times that along the axis.
+
+    Of the elements in `columns` x `rows`, per radian: (elements, 2 (p + 1)^2).
+    """
+    # The first shape function is 1.
+    radial, axial = (plane * r.dilatation_value[:, :, 0], normal * r.value_value[:, :, 0])
+    pairs = (radial, z.value_value[:, :, 0]), (axial, z.slope_value[:, :, 0])
+    by_axis = [np.einsum("xi,yj->xyij", one[columns], other[rows]) for one, other in pairs]
+    return np.stack(by_axis, axis=2).reshape(len(columns) * len(rows), -1)
 
 
 def differences(nodal: Array, rest: Array) -> Array:

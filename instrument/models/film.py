@@ -14,71 +14,20 @@ condensation of the potentials: Kuu + Kuφ Kφφ⁻¹ Kφu has mechanical entrie
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instrument.design import Design
 from instrument.errors import RangeError, UnknownName
+from instrument.film_material import FilmMaterial
 from instrument.models.response import Response
 
 Array = NDArray[np.float64]
 
 EDGES = ("free", "clamped")
 CIRCUITS = ("open", "short")
-
-
-@dataclass(frozen=True, slots=True)
-class FilmMaterial:
-    """A piezoelectric film.
-
-    Attributes:
-        compliance: s11, s22, s33, s23, s13, s12 at constant field [1/Pa].
-        strain: d31, d32, d33 [C/N].
-        permittivity: ε33 at constant stress [F/m].
-        source: where the numbers come from.
-    """
-
-    name: str
-    compliance: tuple[float, float, float, float, float, float]
-    strain: tuple[float, float, float]
-    permittivity: float
-    source: str
-
-    def stiff(self) -> tuple[Array, Array, float]:
-        """Stiffness c [Pa] (3, 3), piezoelectric e = d c [C/m2] (3,), permittivity at constant strain [F/m]."""
-        s11, s22, s33, s23, s13, s12 = self.compliance
-        stiffness = np.linalg.inv(np.array([[s11, s12, s13], [s12, s22, s23], [s13, s23, s33]]))
-        strain = np.array(self.strain)
-        stress = strain @ stiffness
-        return stiffness, stress, self.permittivity - float(stress @ strain)
-
-
-FILM_MATERIALS: Mapping[str, FilmMaterial] = MappingProxyType(
-    {
-        "thesis": FilmMaterial(
-            name="PVDF as the thesis has it",
-            compliance=(0.0820e-8, 0.0820e-8, 0.0945e-8, -0.0350e-8, -0.0350e-8, -0.0265e-8),
-            strain=(19e-12, 2e-12, -20e-12),
-            permittivity=0.7434e-10,
-            source="[T] Appendix I: [s] as printed, its power of ten read as 1e-8 m2/N, and [ε], whose power of"
-            " ten is lost and read as 1e-10 F/m (8.4 ε0); Table 3.2: d31 (18 to 20), d32, d33, the matrix [d]"
-            " of the appendix being lost",
-        ),
-        "manufacturer": FilmMaterial(
-            name="PVDF as its manufacturer has it",
-            compliance=(1 / 3e9, 1 / 3e9, 1 / 3e9, -0.34 / 3e9, -0.34 / 3e9, -0.34 / 3e9),
-            strain=(23e-12, 3e-12, -33e-12),
-            permittivity=106e-12,
-            source="[S] Measurement Specialties, Piezo Film Sensors Technical Manual, table 1: d31, d33, ε, Young"
-            " modulus 2 to 4 GPa; d32 [A], in the proportion to d31 that uniaxial film has; Poisson ratio 0.34"
-            " of Table 3.2 [T]",
-        ),
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,18 +58,6 @@ class CoupledSystem:
     matrix: Array
     right: Array
     mechanical: int
-
-
-def get_film_material(name: str) -> FilmMaterial:
-    """The film material of that name.
-
-    Raises:
-        UnknownName: no such material.
-    """
-    try:
-        return FILM_MATERIALS[name]
-    except KeyError:
-        raise UnknownName("film material", name, FILM_MATERIALS) from None
 
 
 def film_response(
@@ -172,31 +109,32 @@ class Signal:
         plane_stress: along axes 1 and 2 [Pa]; None: unknown, and taken for 0 as in a film that is free to stretch.
         charge: in short circuit [C].
         voltage: in open circuit [V].
+        voltage_error: bound on that of the voltage [V]; None: the model knows none.
     """
 
     force: float
     plane_stress: tuple[float, float] | None
     charge: float
     voltage: float
+    voltage_error: float | None
 
 
-def signals(design: Design, response: Response, material: str = "thesis", edges: str = "free") -> dict[str, Signal]:
+def signals(design: Design, response: Response) -> dict[str, Signal]:
     """What each film gives under a sensor's response, by name.
 
-    Intrinsic values, without cable and amplifier: the design's measured sensitivities have these in them.
-
-    Raises:
-        UnknownName: no such material or edges.
+    A finite-element model has the films' signals itself, coupled to all that surrounds them; by any other a film is
+    free to stretch. Intrinsic values, without cable and amplifier: the design's measured sensitivities have these in
+    them.
     """
-    pvdf, thickness = get_film_material(material), design.film_sheet.thickness
+    pvdf, thickness = design.film_sheet.material, design.film_sheet.thickness
     given = {}
     for film in design.films:
         felt, area = response.films[film.name], design.film_area(film)
-        short, open_ = (
-            film_response(pvdf, area, thickness, felt.force, edges, circuit, felt.plane_stress or (0.0, 0.0))
-            for circuit in ("short", "open")
-        )
-        given[film.name] = Signal(felt.force, felt.plane_stress, short.charge, open_.voltage)
+        charge, voltage = felt.charge, felt.voltage
+        if charge is None or voltage is None:
+            charge = film_response(pvdf, area, thickness, felt.force, "free", "short").charge
+            voltage = film_response(pvdf, area, thickness, felt.force, "free", "open").voltage
+        given[film.name] = Signal(felt.force, felt.plane_stress, charge, voltage, felt.voltage_error)
     return given
 
 

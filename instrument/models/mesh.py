@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.film_material import FilmMaterial
 from instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ SMOOTH = math.inf  # no corner at this end
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A rectangle of one material: radii and heights [m], and the sheet its nodes belong to.
+    """A rectangle of one material: radii and heights [m], and the sheet its nodes belong to; `film`: of a film alone.
 
     Bodies of one sheet share the nodes of their common edges; sheets are joined only where the model
     says so, so that a closed gap stays a slit.
@@ -38,11 +39,22 @@ class Body:
     heights: tuple[float, float]
     modulus: float
     poisson: float
+    film: FilmMaterial | None = None
 
     @property
     def shear(self) -> float:
         """Modulus [Pa]."""
         return self.modulus / (2 * (1 + self.poisson))
+
+    @property
+    def area(self) -> float:
+        """Of its section [m2]."""
+        return math.pi * (self.radii[1] ** 2 - self.radii[0] ** 2)
+
+    @property
+    def volume(self) -> float:
+        """[m3]."""
+        return self.area * (self.heights[1] - self.heights[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +90,8 @@ def grid(parameters: RoundParameters, layers: int) -> Grid:
     ]
     if elastic:
         tooth, plate = (0.0, p.tooth_radius), (0.0, p.plate_radius)
-        film, plexiglas = (p.film_modulus, p.film_poisson), (p.plate_modulus, p.plate_poisson)
+        pvdf = p.film.round()
+        film, plexiglas = (pvdf.modulus, pvdf.poisson, pvdf), (p.plate_modulus, p.plate_poisson)
         heights = [(float(low), float(high)) for low, high in pairwise(levels)]
         bodies += [
             Body("tooth", "tooth", tooth, (seat, face), p.tooth_modulus, p.tooth_poisson),
@@ -142,11 +155,19 @@ def _interval(low: float, high: float, size_low: float, size_high: float, longes
     least = max(1e-9 * min(length, size_low, size_high), 8 * float(np.spacing(high)))
     parts = parts[np.append(True, np.diff(parts) > least)]
     parts[-1] = length
-    cut = [
-        [b] if b - a <= longest else np.linspace(a, b, math.ceil((b - a) / longest) + 1)[1:] for a, b in pairwise(parts)
-    ]
-    lines = low + np.concatenate(cut)
+    lines = low + np.concatenate([_cut(a, b, longest) for a, b in pairwise(parts)])
     lines[-1] = high
+    return lines
+
+
+def _cut(start: float, end: float, longest: float) -> Array:
+    """Grid lines inside ]start, end]: the first step no longer than `longest`, each next at most twice the one before.
+
+    Away from the sensor stresses even out within its radius: a long object takes few elements.
+    """
+    count = max(1, math.ceil(math.log2((end - start) / longest + 1)))
+    shares = 2.0 ** np.arange(1, count + 1) - 1
+    lines: Array = start + (end - start) * shares / shares[-1]
     return lines
 
 

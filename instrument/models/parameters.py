@@ -13,13 +13,18 @@ from typing import Any
 
 from instrument.design import OUTLINES, SUPPORTS, Design
 from instrument.errors import RangeError, UnknownName
+from instrument.film_material import PVDF, FilmMaterial
 from instrument.limits import require_nested, require_positive
 from instrument.load import INTERFACES, Load
 
+# Of the ring's outer radius, what other lengths may be: beyond, nothing changes but that no digits are left.
+PROPORTIONS = (1e-5, 300.0)
+# What matter may have, with much to spare [Pa]: beyond, squares leave what a double holds.
+MODULI = (1e-3, 1e20)
 LOADS = ("pressure", "platen")
 
-_MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus", "film_modulus")
-_POISSON = ("sensed_poisson", "compliant_poisson", "tooth_poisson", "plate_poisson", "film_poisson")
+_MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus")
+_POISSON = ("sensed_poisson", "compliant_poisson", "tooth_poisson", "plate_poisson")
 _LENGTHS = (
     "sensed_thickness",
     "tooth_radius",
@@ -56,8 +61,7 @@ class SensorParameters:
     tooth_poisson: float = 0.3
     plate_modulus: float = 70e6  # Table 3.1
     plate_poisson: float = 0.3
-    film_modulus: float = 2.2e9  # inside the 1.8 to 2.7 GPa of Table 3.2
-    film_poisson: float = 0.34
+    film: FilmMaterial = PVDF
     interface: str = "bonded"
     support: str = "elastic"
     tooth_radius: float = 1.4e-3  # 3.1.3
@@ -69,7 +73,14 @@ class SensorParameters:
 
     def __post_init__(self) -> None:
         _require_positive(self, _MODULI, "Pa")
+        for name in _MODULI:
+            if not (MODULI[0] <= getattr(self, name) <= MODULI[1]):
+                raise RangeError(
+                    f"{name} {getattr(self, name):g} Pa is outside {MODULI[0]:g} to {MODULI[1]:g} Pa;"
+                    " give a Young modulus that a body has"
+                )
         _require_positive(self, _LENGTHS, "m")
+        _require_proportionate(self, _LENGTHS)
         for name in _POISSON:
             value = getattr(self, name)
             if not (-1 < value <= 0.5):
@@ -192,6 +203,17 @@ def _require_positive(of: object, names: Sequence[str], unit: str) -> None:
         require_positive(getattr(of, name), name, unit)
 
 
+def _require_proportionate(of: SensorParameters, names: Sequence[str]) -> None:
+    """Raises RangeError: a length is so small or so large beside the sensor that no mesh resolves both."""
+    for name in names:
+        value, low, high = getattr(of, name), *(share * of.ring_outer_radius for share in PROPORTIONS)
+        if not (low <= value <= high):
+            raise RangeError(
+                f"{name} {value:g} m is outside {low:g} to {high:g} m, {PROPORTIONS[0]:g} to {PROPORTIONS[1]:g} times"
+                " the ring's outer radius; give a length of the sensor's order"
+            )
+
+
 def require_name(of: object, kind: str, valid: Sequence[str]) -> None:
     """Raises UnknownName: an attribute is none of the valid names."""
     if getattr(of, kind) not in valid:
@@ -244,8 +266,7 @@ def _shared(design: Design, load: Load) -> dict[str, Any]:
         "tooth_poisson": tooth.material.poisson,
         "plate_modulus": plate.material.modulus,
         "plate_poisson": plate.material.poisson,
-        "film_modulus": film.material.modulus,
-        "film_poisson": film.material.poisson,
+        "film": film.material,
         "interface": load.interface,
         "support": design.support,
         "tooth_radius": tooth.radius,

@@ -9,6 +9,7 @@ all of them; with a low one the steps creep where rubber is squeezed flat. So th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -30,6 +31,20 @@ EASINGS = (1.0, 30.0, 1000.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Source:
+    """What moves the elements.
+
+    Attributes:
+        load: forces on the unknowns, (size + 1,), the last entry zero.
+        jump: displacement that elements have beside that of the unknowns, (elements, n), of `elements.differences`:
+            it may be torn between them. None: none.
+    """
+
+    load: Array
+    jump: Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Solved:
     """Displacement (size + 1,), the last entry zero; forces on nodes (elements, n); residual over its terms."""
 
@@ -38,13 +53,16 @@ class Solved:
     residual: float
 
 
-def solve(elements: Elements, load: Array, each: Each) -> Solved:
-    """Displacement and pressure under a load vector (size + 1,); `each`: works on all subdomains at once.
+def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Solved]:
+    """Displacement and pressure under each source alone, the first of which must be solved to the last digit.
+
+    Args:
+        each: works on all subdomains at once.
 
     Raises:
         EstimateError: the residual stays above 1e-9 of its terms.
     """
-    tried: list[Solved] = []
+    tried: list[list[Solved]] = []
     before = None
     for easing in EASINGS:
         bounded = np.maximum(elements.compliance, easing * elements.bound)
@@ -52,19 +70,19 @@ def solve(elements: Elements, load: Array, each: Each) -> Solved:
             continue
         before = bounded
         with closing(Factorised(elements, bounded, each)) as solver:
-            tried.append(_refine(elements, load, bounded, solver, each))
-        if tried[-1].residual <= RESIDUAL_GOAL:
+            tried.append([_refine(elements, source, bounded, solver, each) for source in sources])
+        if tried[-1][0].residual <= RESIDUAL_GOAL:
             break
-    best = min(tried, key=lambda solved: solved.residual)
-    if not (best.residual <= RESIDUAL_LIMIT):
+    best = min(tried, key=lambda solved: solved[0].residual)
+    if not (best[0].residual <= RESIDUAL_LIMIT):
         raise EstimateError(
-            f"finite elements: residual {best.residual:.1e} of its terms stays above {RESIDUAL_LIMIT:g};"
+            f"finite elements: residual {best[0].residual:.1e} of its terms stays above {RESIDUAL_LIMIT:g};"
             " bring moduli and dimensions closer together"
         )
     return best
 
 
-def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised, each: Each) -> Solved:
+def _refine(elements: Elements, source: Source, bounded: Array, solver: Factorised, each: Each) -> Solved:
     """Steps of iterative refinement, as long as they gain a digit, until they no longer move anything.
 
     The residual alone does not tell the last: beside rubber it is down to rounding while a foil still moves.
@@ -73,7 +91,17 @@ def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised,
     displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
     pressure = np.zeros(elements.dilatation.shape[:2])
     spread = elements.dilatation.transpose(0, 2, 1)
-    right, gap, best = load, np.zeros_like(pressure), math.inf
+    right, gap, best = source.load, np.zeros_like(pressure), math.inf
+
+    def lacking(internal: Array) -> Array:
+        """Forces that the next step takes."""
+        forces = internal.copy()
+        forces[elements.mixed] += product(spread, gap / bounded[:, None])
+        return source.load - elements.gather(forces)
+
+    if source.jump is not None:
+        gap = product(elements.dilatation, source.jump[elements.mixed])
+        right = lacking(elements.internal_forces(source.jump, pressure, each)[0])
     for step in range(STEPS):
         change = solver(right)
         moved = elements.strained(change, np.zeros_like(change))[elements.mixed]
@@ -83,17 +111,17 @@ def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised,
         rest += (displacement - (total - kept)) + (change - kept)
         displacement = total
         strained = elements.strained(displacement, rest)
+        if source.jump is not None:
+            strained += source.jump
         internal, terms = elements.internal_forces(strained, pressure, each)
         gap = product(elements.dilatation, strained[elements.mixed])
         gap -= elements.compliance[:, None] * pressure
         gap_terms = product(np.abs(elements.dilatation), np.abs(strained[elements.mixed]))
-        residual = max(_relative(load - elements.gather(internal), terms), _relative(gap, _norm(gap_terms)))
+        residual = max(_relative(source.load - elements.gather(internal), terms), _relative(gap, _norm(gap_terms)))
         if step > 0 and (residual > 0.1 * best or _norm(change) <= SETTLED * _norm(displacement)):
             break
         best = residual
-        lacking = internal.copy()
-        lacking[elements.mixed] += product(spread, gap / bounded[:, None])
-        right = load - elements.gather(lacking)
+        right = lacking(internal)
     return Solved(displacement, nodal(internal), residual)
 
 

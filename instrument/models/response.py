@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Self
 
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import RangeError, UnknownName
@@ -23,10 +24,34 @@ from instrument.sample import Sample
 
 @dataclass(frozen=True, slots=True)
 class FilmLoad:
-    """What a film feels: compression [N], and mean stress along its axes 1 and 2 [Pa]; None: the model has none."""
+    """What a film feels, and what it gives where the model knows its stresses: else None.
+
+    Attributes:
+        force: compression [N].
+        plane_stress: mean stress along axes 1 and 2 of the open film [Pa].
+        voltage: of the open film, its electrodes coupled to what moves it [V].
+        voltage_error: bound on the error of the voltage by the discretisation [V].
+        charge: with all films in short circuit [C].
+    """
 
     force: float
     plane_stress: tuple[float, float] | None = None
+    voltage: float | None = None
+    voltage_error: float | None = None
+    charge: float | None = None
+
+    def times(self, factor: float) -> Self:
+        """Under a force so many times as large."""
+        scaled = {
+            name: None if value is None else value * factor
+            for name, value in (
+                ("voltage", self.voltage),
+                ("voltage_error", self.voltage_error),
+                ("charge", self.charge),
+            )
+        }
+        stress = None if self.plane_stress is None else (self.plane_stress[0] * factor, self.plane_stress[1] * factor)
+        return replace(self, force=self.force * factor, plane_stress=stress, **scaled)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,12 +148,12 @@ def _axisymmetric(design: Design, load: Load, tolerance: float | None) -> Respon
 
     asked = AXISYMMETRIC_TOLERANCE if tolerance is None else tolerance
     solution, estimate = axisymmetric.solve_to(round_parameters(design, load), asked)
-    stress = {
-        kind: (solution.films[below].plane_stress,) * 2
+    felt = {
+        kind: FilmLoad(film.force, (film.plane_stress,) * 2, film.voltage, film.voltage_error, film.charge)
         for kind, below in zip(FILM_KINDS, ("tooth", "base"), strict=True)
-        if below in solution.films
+        if (film := solution.films.get(below)) is not None
     }
-    return _response("axisymmetric", design, load, solution.force_ratio, estimate, stress)
+    return _response("axisymmetric", design, load, solution.force_ratio, estimate, felt)
 
 
 def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
@@ -137,15 +162,18 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
     # Forces and stresses grow with the load: of one newton they are kept for the next.
     solution, estimate = solid.solve_to(solid_parameters(design, replace(load, force=1.0)), asked)
+    forces = (*solution.tooth_forces, *solution.base_forces)
+    stresses = (*solution.tooth_films, *solution.base_films)
     films = {}
     for film in design.films:
-        if film.kind == FILM_KINDS[0]:
-            place, forces, stresses = film.teeth[0], solution.tooth_forces, solution.tooth_films
-        else:
-            place = film.teeth[0] if design.separate_bases else 0
-            forces, stresses = solution.base_forces, solution.base_films
-        felt = (stresses[place][0] * load.force, stresses[place][1] * load.force) if stresses else None
-        films[film.name] = FilmLoad(forces[place] * load.force, felt)
+        place = film.teeth[0]
+        if film.kind != FILM_KINDS[0]:
+            place = len(solution.tooth_forces) + (place if design.separate_bases else 0)
+        felt = FilmLoad(forces[place])
+        if stresses:
+            voltage, charge = solution.signals[place]
+            felt = FilmLoad(forces[place], stresses[place], voltage, solution.voltage_error, charge)
+        films[film.name] = felt.times(load.force)
     tooth_forces = tuple(force * load.force for force in solution.tooth_forces)
     return Response(
         model="solid",
@@ -173,17 +201,15 @@ def _response(
     load: Load,
     ratio: float,
     estimate: float | None,
-    plane_stress: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    felt: Mapping[str, FilmLoad] = MappingProxyType({}),
 ) -> Response:
-    """The response of a model that shares the force evenly between teeth; stresses in Pa for each newton."""
+    """The response of a model that shares the force evenly between teeth; `felt`: films of each kind for 1 N."""
     teeth = len(design.teeth)
     tooth_forces = (ratio * load.force / teeth,) * teeth
     films = {}
     for film in design.films:
         share = len(film.teeth) / teeth * (ratio if film.kind == FILM_KINDS[0] else 1.0)
-        stress = plane_stress.get(film.kind)
-        felt = None if stress is None else (stress[0] * load.force, stress[1] * load.force)
-        films[film.name] = FilmLoad(share * load.force, felt)
+        films[film.name] = replace(felt.get(film.kind, FilmLoad(share)), force=share).times(load.force)
     return Response(
         model=model,
         force_rigid=ratio * load.force,

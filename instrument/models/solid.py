@@ -20,16 +20,18 @@ from numpy.typing import NDArray
 
 from instrument.errors import RangeError
 from instrument.models import solid_system
+from instrument.models.error_estimate import Bounds, Energies, Judged, bounds
+from instrument.models.mesh import CLOSED
 from instrument.models.parameters import SolidParameters
-from instrument.models.solid_forces import evaluate
+from instrument.models.solid_forces import energies, evaluate
 from instrument.models.solid_mesh import Resolution
 from instrument.models.solid_system import System, symmetry
 
 REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
-# Summation over some 1e5 unknowns.
-ROUND_OFF = 1e-10
-# Least estimate by number of meshes. Two may agree by chance; the first three have the same sectors.
-LEAST = {2: 1e-3, 3: 3e-4, 4: ROUND_OFF}
+# Of the product of energies, what the finer mesh is left with: a refinement divides the error by about four.
+SHARE_LEFT = 0.5
+# Least estimate by number of meshes. Some may agree by chance; the first three have the same sectors.
+LEAST = {2: 1e-3, 3: 3e-4, 4: 5e-5}
 
 
 PlaneStress = tuple[float, float]
@@ -44,6 +46,9 @@ class SolidSolution:
         base_forces: of the one common base, or of each tooth's own.
         tooth_films: mean stresses along x and y of the film below each tooth; none on a rigid support.
         base_films: of the film of each base; none on a rigid support.
+        voltage_error: bound on that of each voltage [V]; None of one mesh alone.
+        energies: what the mesh is judged by.
+        signals: voltage [V] and short-circuit charge [C] of the films, of the teeth's and then of the bases'.
         total_force: that reaches the floor [N].
         force_ratio: sum of the tooth forces over the total force.
         unknowns: displacements solved for.
@@ -55,11 +60,19 @@ class SolidSolution:
     base_forces: tuple[float, ...]
     tooth_films: tuple[PlaneStress, ...]
     base_films: tuple[PlaneStress, ...]
+    signals: tuple[tuple[float, float], ...]
     total_force: float
     force_ratio: float
     unknowns: int
     residual: float
+    energies: Energies
     seconds: tuple[float, float]
+    voltage_error: float | None = None
+
+    @property
+    def judged(self) -> Judged:
+        """What its mesh is judged by."""
+        return Judged(self.force_ratio, tuple(voltage for voltage, _ in self.signals), self.energies)
 
 
 def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> SolidSolution:
@@ -94,10 +107,12 @@ def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = 
         base_forces=tuple(forces.bases.tolist()),
         tooth_films=tuple((along, across) for along, across in forces.tooth_films.tolist()),
         base_films=tuple((along, across) for along, across in forces.base_films.tolist()),
+        signals=tuple((voltage, charge) for voltage, charge in forces.signals.tolist()),
         total_force=total,
         force_ratio=float(forces.teeth.sum()) / total,
         unknowns=system.unknowns,
         residual=solved.residual,
+        energies=energies(system, solved),
         seconds=(built - start, time.process_time() - built),
     )
 
@@ -135,20 +150,33 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
     """
     if not (0 < tolerance < math.inf):
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
-    ratios = [solve(parameters, REFINEMENTS[0], solver).force_ratio]
+    if tolerance < LEAST[max(LEAST)]:
+        raise RangeError(
+            f"tolerance {tolerance:g}: model 'solid' answers to {LEAST[max(LEAST)]:g} at best, on its finest mesh; give"
+            " a larger one"
+        )
+    meshes = [solve(parameters, REFINEMENTS[0], solver).judged]
     for refinement in REFINEMENTS[1:]:
         solution = solve(parameters, refinement, solver)
-        ratios.append(solution.force_ratio)
-        estimate = error_estimate(ratios)
-        if estimate <= tolerance:
-            return solution, estimate
+        meshes.append(solution.judged)
+        found = error_estimate(meshes, parameters)
+        if found.force_ratio <= tolerance:
+            return replace(solution, voltage_error=found.voltage), found.force_ratio
     raise RangeError(
-        f"model 'solid' cannot answer to {tolerance:g}: its best here is {estimate:.1e}; give a larger tolerance"
+        f"model 'solid' cannot answer to {tolerance:g}: its best here is {found.force_ratio:.1e}; give a larger"
+        " tolerance"
     )
 
 
-def error_estimate(ratios: Sequence[float]) -> float:
-    """Bound on the error of the last of the force ratios of two or more refinements from the first on.
+def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
+    """On the errors of the last of two or more refinements from the first on."""
+    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    found = bounds(meshes, closed_gap=gap < CLOSED * parameters.tooth_radius, safety=SHARE_LEFT)
+    return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
+
+
+def _series(ratios: Sequence[float]) -> float:
+    """Bound on the error of the last force ratio by how the ratios go on.
 
     A refinement divides the error by about four. The bound is the greatest of twice the last change, a share of the
     one before (one small change can be luck, so that the first counts four times), what is left of a series that

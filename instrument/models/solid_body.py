@@ -7,17 +7,20 @@ polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and ru
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, MeshLine
 
+from instrument.film_material import FilmMaterial
 from instrument.models.solid_mesh import Plan
 
 Vector = NDArray[np.float64]
 Names = NDArray[np.intp]
+Entries = TypeVar("Entries", NDArray[np.float64], NDArray[np.intp])
 
 # 2 G e + λ tr e is assembled with λ / G up to this; what is above it comes by iteration on the pressure.
 LAME_RATIO_LIMIT = 1000.0
@@ -154,11 +157,11 @@ class Body:
     Element matrices have the unknowns displacement (x, y, z), then height, then node of the plan.
     """
 
-    def __init__(self, plan: PlanElements, height: HeightElements, material: Elastic) -> None:
+    def __init__(self, plan: PlanElements, height: HeightElements, material: Elastic | FilmMaterial) -> None:
         self.plan, self.height, self.material = plan, height, material
         self.shape = (3, height.count, len(plan.nodes))
 
-    def local(self, names: Names, steps: slice = slice(None)) -> Names:
+    def local(self, names: Entries, steps: slice = slice(None)) -> Entries:
         """Those of `names`, of the body's shape, that belong to each element: (elements, steps, unknowns)."""
         heights, nodes = self.height.local[steps], self.plan.local
         picked = names[:, heights[None, :, :, None], nodes[:, None, None, :]]
@@ -166,6 +169,8 @@ class Body:
 
     def stiffness(self, steps: slice = slice(None)) -> Vector:
         """Shape (elements, steps, unknowns, unknowns)."""
+        if isinstance(self.material, FilmMaterial):
+            return self._film_stiffness(self.material, steps)
         p, h = self.plan, self.height
         shear = self.material.shear
         mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
@@ -181,16 +186,47 @@ class Body:
             (0, 2): vx * zv,
             (1, 2): vy * zv,
         }
-        elements, count, m, n = *upright.shape[:3], upright.shape[3]
         dilatation = self.dilatation(steps)
         matrix = dilatation.transpose(0, 1, 3, 2) @ (self.material.lame * dilatation)
-        by_axis = matrix.reshape(elements, count, 3, m * n, 3, m * n)
-        for (a, b), block in blocks.items():
-            square = block.reshape(elements, count, m * n, m * n)
-            by_axis[:, :, a, :, b] += square
-            if a != b:
-                by_axis[:, :, b, :, a] += square.transpose(0, 1, 3, 2)
+        _add_blocks(matrix, blocks)
         return matrix
+
+    def _film_stiffness(self, film: FilmMaterial, steps: slice) -> Vector:
+        """Of a material with three planes of symmetry, which is thin, and far from incompressible."""
+        p, h = self.plan, self.height
+        (c, _, _), (c44, c55, c66) = film.stiff(), film.shear
+        mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
+        vz = zv.swapaxes(2, 4)
+        plans = (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy)
+        xx, yy, flat, yx, vx, vy = (matrix[:, None, None, :, None, :] for matrix in plans)
+        xy, xv, yv = (matrix.swapaxes(3, 5) for matrix in (yx, vx, vy))
+        blocks = {
+            (0, 0): (c[0, 0] * xx + c66 * yy) * mass + c55 * flat * zz,
+            (1, 1): (c66 * xx + c[1, 1] * yy) * mass + c44 * flat * zz,
+            (2, 2): (c55 * xx + c44 * yy) * mass + c[2, 2] * flat * zz,
+            (0, 1): (c[0, 1] * xy + c66 * yx) * mass,
+            (0, 2): c[0, 2] * xv * vz + c55 * vx * zv,
+            (1, 2): c[1, 2] * yv * vz + c44 * vy * zv,
+        }
+        count = math.prod(self.height.local.shape[1:]) * self.plan.local.shape[1]
+        matrix = np.zeros((*blocks[0, 0].shape[:2], 3 * count, 3 * count))
+        _add_blocks(matrix, blocks)
+        return matrix
+
+    def polarised(self, film: FilmMaterial, one: Vector) -> Vector:
+        """Forces of a film under 1 V, against its voltage: (elements, steps, unknowns) [N/V].
+
+        Args:
+            one: coefficients of the function 1 in the plan, by node of the body.
+        """
+        p, h = self.plan, self.height
+        _, stress, _ = film.stiff()
+        along, across, flat = (np.einsum("eij,ei->ej", of, one[p.local]) for of in (p.vx, p.vy, p.mass))
+        mass, slope = (np.einsum("sij,sj->si", of, h.one[h.local]) for of in (h.mass, h.zv))
+        pairs = ((along, mass), (across, mass), (flat, slope))
+        forces = [e * np.einsum("en,sh->eshn", *pair) for e, pair in zip(stress, pairs, strict=True)]
+        by_axis = np.stack(forces, axis=2) / np.ptp(h.breaks)
+        return by_axis.reshape(*by_axis.shape[:2], -1)
 
     def dilatation(self, steps: slice = slice(None)) -> Vector:
         """Operator from unknowns to orthonormal dilatations: (elements, steps, pressures, unknowns)."""
@@ -202,6 +238,17 @@ class Body:
             rows.append(np.stack([dx * value, dy * value, flat * slope], axis=3))
         joined = np.concatenate(rows, axis=2)
         return joined.reshape(*joined.shape[:3], -1)
+
+
+def _add_blocks(matrix: Vector, blocks: dict[tuple[int, int], Vector]) -> None:
+    """To a matrix (elements, steps, unknowns, unknowns), by axes of its unknowns; those below the diagonal follow."""
+    size = matrix.shape[-1] // 3
+    by_axis = matrix.reshape(*matrix.shape[:2], 3, size, 3, size)
+    for (a, b), block in blocks.items():
+        square = block.reshape(*matrix.shape[:2], size, size)
+        by_axis[:, :, a, :, b] += square
+        if a != b:
+            by_axis[:, :, b, :, a] += square.transpose(0, 1, 3, 2)
 
 
 def plan_basis(plan: Plan, degree: int) -> Any:

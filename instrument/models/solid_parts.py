@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.film_material import FilmMaterial
 from instrument.models.parameters import SolidParameters
 from instrument.models.solid_body import Body, Elastic, HeightElements, Names, PlanElements, plan_basis
 from instrument.models.solid_mesh import GAP, OVERHANG, RING, TOOTH, Cell, Resolution, graded, plan_mesh
@@ -119,8 +120,8 @@ class Stack:
             steps = max(1, layers - 1)
             sheet = self._heights(np.array([foot, -p.sensor_height]))
             tall = self._heights(graded(-p.sensor_height, 0.0, steps, ratio, "both"))
-            film, phenolic = Elastic(p.film_modulus, p.film_poisson), Elastic(p.tooth_modulus, p.tooth_poisson)
-            self.tooth = self._add("tooth film", region == TOOTH, sheet, film, plates)
+            phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
+            self.tooth = self._add("tooth film", region == TOOTH, sheet, p.film, plates)
             tooth = self._add("tooth", region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
             self.ring = self._add("ring", ring, ring_heights, compliant, plates, [(tooth, joint)])
             below = [(tooth, joint), (self.ring, joint)]
@@ -148,7 +149,7 @@ class Stack:
     def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
         """Plate, film and plate below `top`, in one stack or one for each cell; the uppermost of each stack."""
         p, plan = self._parameters, self.plan
-        plexiglas, film = Elastic(p.plate_modulus, p.plate_poisson), Elastic(p.film_modulus, p.film_poisson)
+        plexiglas = Elastic(p.plate_modulus, p.plate_poisson)
         steps = max(1, self._resolution.layers - 1)
         upper = self._heights(top + graded(-p.plate_thickness, 0.0, steps, self._resolution.ratio, "end"))
         film_top = top - p.plate_thickness
@@ -158,7 +159,7 @@ class Stack:
         uppermost: list[Join] = []
         for stack in stacks:
             floor = self._add("lower plate", stack, lower, plexiglas, floor=True, base=True)
-            between = self._add("base film", stack, sheet, film, [(floor, ALL)], base=True)
+            between = self._add("base film", stack, sheet, p.film, [(floor, ALL)], base=True)
             top_plate = self._add("upper plate", stack, upper, plexiglas, [(between, ALL)], base=True)
             uppermost.append((top_plate, ALL))
             self.floor.append(floor)
@@ -170,7 +171,7 @@ class Stack:
         name: str,
         elements: NDArray[np.bool_],
         height: HeightElements,
-        material: Elastic,
+        material: Elastic | FilmMaterial,
         below: Sequence[Join] = (),
         beside: Sequence[Join] = (),
         *,

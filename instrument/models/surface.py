@@ -31,7 +31,7 @@ Parameters = RoundParameters | SolidParameters
 
 LOWEST, HIGHEST = 0.1, 1e7
 # Raise it with every change of the models' numbers: surfaces of another version are refused.
-CODE_VERSION = 2
+CODE_VERSION = 3
 REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
 # More teeth take the solid model's coarsest mesh: each modulus would cost a minute on the next one.
 FEW_TEETH = 4

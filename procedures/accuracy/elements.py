@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from instrument.design import Design
 from instrument.models import axisymmetric, solid
 from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameters import RoundParameters
 from instrument.models.price import Price
 from procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Results, Solved, Values, refinements
 from procedures.accuracy.references import Truth
@@ -43,7 +44,7 @@ def element_prices(
             if mesh.refinement != COARSEST:
                 own.append(mesh)
                 spent += sum(found.seconds)
-            estimates = [_estimate([solved[m.at(modulus)] for m in own], name) for modulus in MODULI]
+            estimates = [_estimate(own, [solved[m.at(modulus)] for m in own]) for modulus in MODULI]
             build, solve, evaluate = (None, None, None) if found.failure else found.seconds
             yield Price(
                 design=design.name,
@@ -80,14 +81,15 @@ def _apart(ratios: Values, truth: Values, uncertainties: Values) -> Values:
     ]
 
 
-def _estimate(results: Sequence[Solved], model: str) -> float | None:
+def _estimate(meshes: Sequence[Mesh], results: Sequence[Solved]) -> float | None:
     """What `solve_to` would say of the last of some refinements; None: it would not stop there."""
-    ratios = [result.force_ratio for result in results if result.force_ratio is not None]
-    if len(ratios) < len(results) or len(ratios) < 2:
+    judged = [result.judged for result in results if result.judged is not None]
+    if len(judged) < len(results) or len(judged) < 2:
         return None
-    if model == "axisymmetric":
-        return axisymmetric.error_estimate(ratios, results[-1].imbalance)
-    return solid.error_estimate(ratios)
+    parameters = meshes[0].parameters
+    if isinstance(parameters, RoundParameters):
+        return axisymmetric.error_estimate(judged, parameters).force_ratio
+    return solid.error_estimate(judged, parameters).force_ratio
 
 
 def _ratios(mesh: Mesh, solved: Results, moduli: Sequence[float]) -> Values:

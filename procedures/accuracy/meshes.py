@@ -14,6 +14,7 @@ from instrument.design import Design
 from instrument.errors import EstimateError, UnknownName
 from instrument.load import Load
 from instrument.models import axisymmetric, solid
+from instrument.models.error_estimate import Judged
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from instrument.models.solid_mesh import Resolution
@@ -72,12 +73,12 @@ class Solved:
     """What came of it; without a force ratio, why.
 
     Attributes:
-        imbalance: of the forces, over the total force.
+        judged: what the mesh is judged by.
         seconds: of the processor, to build, to solve, and to evaluate.
     """
 
     force_ratio: float | None
-    imbalance: float = 0.0
+    judged: Judged | None = None
     seconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
     failure: str = ""
 
@@ -111,9 +112,9 @@ def solve(mesh: Mesh) -> Solved:
             found = axisymmetric.solve_on(
                 mesh.parameters, mesh.refinement + 2, mesh.refinement + 1, mixed=not mesh.second
             )
-            return Solved(found.force_ratio, found.imbalance, found.seconds)
+            return Solved(found.force_ratio, found.judged, found.seconds)
         answer = solid.solve_on(mesh.parameters, _resolution(mesh), _solver(mesh))
-        return Solved(answer.force_ratio, seconds=(*answer.seconds, 0.0))
+        return Solved(answer.force_ratio, answer.judged, (*answer.seconds, 0.0))
     except (EstimateError, UnknownName) as error:
         return Solved(None, failure=str(error))
 

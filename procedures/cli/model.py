@@ -239,6 +239,7 @@ def _point(design: Design, answer: Answer) -> dict[str, Any]:
                 "plane_stress_Pa": film.plane_stress,
                 "charge_C": film.charge,
                 "voltage_V": film.voltage,
+                "voltage_error_V": film.voltage_error,
             }
             for name, film in signals(design, given).items()
         },

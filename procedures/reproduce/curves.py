@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from instrument.design import Design
 from instrument.designs import get_design
-from instrument.models.film import film_response, get_film_material
+from instrument.models.film import film_response
 from instrument.models.parameter_sets import ParameterSet, get_parameter_set
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from procedures.reproduce.solutions import Solutions
@@ -108,10 +108,10 @@ class Curve:
 
 
 def film_voltages(sensor: Design, film: str, forces: Array, along: Array, across: Array) -> Array:
-    """Open-circuit voltages [V] of a film of the thesis' PVDF under forces [N] and stresses in its plane [Pa]."""
+    """Voltages [V] of an open film under forces [N] and the stresses in its plane [Pa] that it has when open."""
     kind = "rigid" if film == TOOTH else "total"
     area = sensor.film_area(next(f for f in sensor.films if f.kind == kind))
-    material, thickness = get_film_material("thesis"), sensor.film_sheet.thickness
+    material, thickness = sensor.film_sheet.material, sensor.film_sheet.thickness
     return np.array(
         [
             film_response(material, area, thickness, force, "free", "open", (first, second)).voltage

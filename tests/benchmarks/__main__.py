@@ -17,6 +17,7 @@ from tests.benchmarks import (
     damages,
     disk,
     driver_call,
+    estimates,
     estimators,
     exponential,
     faults,
@@ -62,9 +63,10 @@ PARTS = {
     "study": study.measure,
     "start_up": start_up.measure,
 }
-# A quarter of an hour and more (bounds: hours, resumable): only by name.
+# A quarter of an hour and more (bounds, estimates: hours, resumable): only by name.
 LONG = {
     "bounds": bounds.measure,
+    "estimates": estimates.measure,
     "faults": faults.measure,
     "kills": kills.measure,
     "load": load.measure,

@@ -56,10 +56,10 @@ def measure() -> Iterator[Row]:
 
 def _error_over_estimate(parameters: SolidParameters) -> float:
     """Of refinement 1, the first that has an estimate."""
-    ratios = [solid.solve(parameters, refinement).force_ratio for refinement in (0, 1)]
+    meshes = [solid.solve(parameters, refinement).judged for refinement in (0, 1)]
     # Of squares no other model knows better: a finer mesh has a quarter of the error or less.
     known = _round_model(parameters) if parameters.outline == "round" else solid.solve(parameters, 2).force_ratio
-    return abs(ratios[1] - known) / solid.error_estimate(ratios)
+    return abs(meshes[1].force_ratio - known) / solid.error_estimate(meshes, parameters).force_ratio
 
 
 def _round_model(parameters: SolidParameters) -> float:

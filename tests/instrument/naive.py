@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
-from instrument.models import axisymmetric, elements, mesh, numbering
+from instrument.models import axisymmetric_elements, elements, mesh, numbering
 from instrument.models.beam import Stretch
 from instrument.models.condensed import Elements
 from instrument.models.parameters import RoundParameters
@@ -73,7 +73,7 @@ def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[El
     bodies = numbering.parts(grid)
     numbered = numbering.number(parameters, grid, *lines, bodies)
     with one_each(numbered.subdomains) as each:
-        found = axisymmetric.assemble(numbered, *lines, bodies, [], each)
+        found = axisymmetric_elements.assemble(numbered, *lines, bodies, [], each)
     local = elements.nodal(found.stiffness.copy())
     count = found.unknowns.shape[1]
     rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()

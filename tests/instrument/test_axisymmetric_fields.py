@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from instrument.film_material import FilmMaterial
 from instrument.models.axisymmetric import AxisymmetricSolution, solve
 from instrument.models.axisymmetric_fields import face_pressure
 from instrument.models.mesh import Grid
@@ -71,8 +72,9 @@ def test_the_forces_of_a_uniform_pressure_give_it_back() -> None:
 
 def test_one_material_without_gap_presses_evenly() -> None:
     one = RoundParameters(
-        **{f"{part}_modulus": 1e6 for part in ("sensed", "compliant", "tooth", "plate", "film")},  # type: ignore[arg-type]
-        **{f"{part}_poisson": 0.0 for part in ("sensed", "compliant", "tooth", "plate", "film")},  # type: ignore[arg-type]
+        **{f"{part}_modulus": 1e6 for part in ("sensed", "compliant", "tooth", "plate")},  # type: ignore[arg-type]
+        **{f"{part}_poisson": 0.0 for part in ("sensed", "compliant", "tooth", "plate")},  # type: ignore[arg-type]
+        film=FilmMaterial.isotropic(1e6, 0.0),
         ring_inner_radius=1.4e-3,
     )
     face = solved(one).face

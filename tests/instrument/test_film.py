@@ -9,14 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from instrument.errors import RangeError, UnknownName
+from instrument.film_material import FILM_MATERIALS, get_film_material
 from instrument.models.film import (
     CIRCUITS,
     EDGES,
-    FILM_MATERIALS,
     CoupledSystem,
     coupled_system,
     film_response,
-    get_film_material,
     solve_condensed,
     solve_scaled,
     symmetric_scale,

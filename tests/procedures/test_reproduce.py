@@ -107,7 +107,8 @@ def test_stresses_of_the_films_come_with_the_real_solutions() -> None:
     square = curves.solve(Case("single", "solid", "physical"), 1e5, COARSE_MESH)
     assert rigid[1:] == (0.0, 0.0, 0.0, 0.0)
     assert elastic[3] == elastic[4] > 1e4
-    assert square[3] == pytest.approx(square[4], rel=1e-6) and square[3] > 1e4
+    # A film's voltage pulls along it more than across: d31 is nine times d32.
+    assert square[4] < square[3] < 1.01 * square[4] and square[4] > 1e4
 
 
 # --- the command ---------------------------------------------------------------------------------------
