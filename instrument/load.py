@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from instrument.errors import RangeError, UnknownName
 from instrument.sample import Sample
 
 INTERFACES = ("bonded", "frictionless")
+LEAST, GREATEST = 1e-6, 1e6  # N; beyond them forces of a chain are lost beside round-off, or are no numbers at all
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Load:
         at: the force acts in one point of the object, (x, y) from its corner [m]; None: a uniform pressure.
 
     Raises:
-        RangeError: the force is not positive and finite.
+        RangeError: as `check_force`.
         UnknownName: no such interface.
     """
 
@@ -30,10 +30,15 @@ class Load:
     at: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not (0 < self.force < math.inf):
-            raise RangeError(f"load {self.force:g} N is not above 0 and finite; give a positive force")
+        check_force(self.force)
         if self.interface not in INTERFACES:
             raise UnknownName("interface", self.interface, INTERFACES)
+
+
+def check_force(force: float) -> None:
+    """Refuse a load [N] that is none, or that no sensor feels or survives. Raises RangeError."""
+    if not LEAST <= force <= GREATEST:
+        raise RangeError(f"load {force:g} N is outside {LEAST:g} to {GREATEST:g} N; give one inside, above 0")
 
 
 def through(load: Load, modulus: float) -> Load:

@@ -11,6 +11,7 @@ from instrument.design import Design
 from instrument.dwell import LONGEST, Floor, check_dwell, check_target, dwell_of, floor_u
 from instrument.errors import RangeError
 from instrument.film_forces import pickup_u
+from instrument.load import check_force as check_felt
 from instrument.models.springs import force_ratio
 from instrument.quantity import parse
 from instrument.sample import get_sample
@@ -100,6 +101,7 @@ def check_force(loads: Sequence[float], force_limit: float) -> None:
     """Refuse loads [N] of nothing, or whose peak, with the preload, passes the bench's limit [N]. Raises RangeError."""
     if not min(loads) > 0:
         raise RangeError(f"load {min(loads):g} N peak to peak is not above zero; give a positive one")
+    check_felt(min(loads))
     largest = max(loads)
     peak = preload_for(loads) + largest / 2
     if peak > force_limit:

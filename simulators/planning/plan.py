@@ -19,7 +19,7 @@ import numpy as np
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import Design
 from instrument.errors import RangeError
-from instrument.load import Load
+from instrument.load import Load, check_force
 from instrument.models.response import response
 from instrument.sample import SAMPLES, get_sample
 from simulators.clock import VirtualClock
@@ -49,6 +49,9 @@ LIMITS = {"amplifier_clip": "rail", "current_limit": "current", "end_stops": "st
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
+FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # Hz, s: beyond them nothing comes to a number
+
+
 @dataclass(frozen=True, slots=True)
 class Question:
     """A measurement: one sample under one load.
@@ -73,6 +76,10 @@ class Question:
             value = getattr(self, item.name)
             if isinstance(value, float) and not (0 < value < math.inf):
                 raise RangeError(f"{item.name} {value:g} of a question is not above 0 and finite; give a positive one")
+        for value, unit, limits in ((self.frequency, "Hz", FREQUENCIES), (self.dwell, "s", DWELLS)):
+            if not limits[0] <= value <= limits[1]:
+                raise RangeError(f"{value:g} {unit} is outside {limits[0]:g} to {limits[1]:g} {unit}; give one inside")
+        check_force(self.load)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from rich.table import Table
 from tests.benchmarks import (
     array,
     bounds,
+    coverage,
     damages,
     disk,
     driver_call,
@@ -50,6 +51,7 @@ PARTS = {
     "numbers": numbers.measure,
     "estimators": estimators.measure,
     "uncertainty": uncertainty.measure,
+    "coverage": coverage.measure,
     "models": models.measure,
     "solid": solid.measure,
     "peers": peers.measure,

@@ -174,6 +174,8 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
     ("options", "message"),
     [
         (("--tolerance", "0"), "--tolerance '0' is not above 0"),
+        (("--load", "1e-300 N"), "load 1e-300 N is outside 1e-06 to 1e+06 N; give one inside"),
+        (("--frequency", "1e-300 Hz"), "1e-300 Hz is outside 1e-06 to 1e+06 Hz; give one inside"),
         (("--tolerance", "5"), "--tolerance '5' is 500 %, above the 50 %"),
         (("--tolerance", "-1e-3"), "--tolerance '-1e-3' is not above 0"),
         (("--tolerance", "nan"), "'nan' is not a quantity"),
