@@ -80,7 +80,7 @@ def _side(case: Case, effects: Effects, certain: Effects, moment: float, linear:
     dwell, leak = case.follow(certain), _leak(effects)
     volts = dwell.volts(linear)
     if leak is not None:
-        volts = volts + _creeping(case, effects, leak, moment)
+        volts = volts + _creeping(case, effects, leak, moment, volts)
     seen = fitted(case, volts)
     scatter = cast("GainScatter | None", effects.get(SCATTER))
     if scatter is None:
@@ -116,20 +116,40 @@ def moments(case: Case, effects: Effects) -> Iterator[float]:
             yield 0.0
 
 
-def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float) -> Floats:
-    """What a leak that changes within the dwell adds to each film, over the one that is held (films, n) [V]."""
+def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float, volts: Floats) -> Floats:
+    """What a leak that changes within the dwell adds to films under a held one (phases, films, n) [V]."""
     amplifier = _amplifier(effects)
-    times = case.settled + np.arange(max(1, round(case.dwell * case.rate))) / case.rate
     if amplifier is None:
-        return np.zeros((len(case.design.films), len(times)))
+        return np.zeros_like(volts)
+    times = case.settled + np.arange(volts.shape[-1]) / case.rate
     epochs, which = np.unique([leak.middle(time) for time in [moment, *times]], return_inverse=True)
     conductances = [leak.conductance(epoch) for epoch in epochs]
 
-    def offsets(film: Film) -> Floats:
-        return np.array([amplifier.offset(film, case.design, conductance) for conductance in conductances])[which]
+    def offset(film: Film, conductance: float) -> float:
+        return amplifier.offset(film, case.design, conductance)
 
-    found = np.stack([offsets(film) for film in case.design.films])
-    return np.asarray(found[:, 1:] - found[:, :1])
+    def decay(film: Film, conductance: float) -> float:
+        return -float(amplifier.system(film, case.design, conductance).a[0, 0])
+
+    offsets, decays = (
+        np.array([[of(film, conductance) for conductance in conductances] for film in case.design.films])[:, which]
+        for of in (offset, decay)
+    )
+    slower = _between(volts, decays[:, 1:], decays[:, :1], 1 / case.rate)
+    return np.asarray(slower + offsets[:, 1:] - offsets[:, :1])
+
+
+def _between(volts: Floats, decays: Floats, held: Floats, step: float) -> Floats:
+    """What is missing of y' = u' - decays y, `volts` being y' = u' - held y: d' = -decays d - (decays - held) y."""
+    found = np.zeros_like(volts)
+    if np.array_equal(decays, np.broadcast_to(held, decays.shape)):
+        return found
+    middle = (decays[:, 1:] + decays[:, :-1]) / 2
+    left = np.exp(-middle * step)
+    push = (held - middle) * -np.expm1(-middle * step) / middle * (volts[..., 1:] + volts[..., :-1]) / 2
+    for k in range(volts.shape[-1] - 1):
+        found[..., k + 1] = left[:, k] * found[..., k] + push[..., k]
+    return found
 
 
 def deterministic(effects: Effects) -> dict[str, Effect]:
