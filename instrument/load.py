@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from instrument.errors import RangeError, UnknownName
@@ -37,8 +38,10 @@ class Load:
 
 def check_force(force: float) -> None:
     """Refuse a load [N] that is none, or that no sensor feels or survives. Raises RangeError."""
+    if not (0 < force < math.inf):
+        raise RangeError(f"load {force:g} N is not above 0 and finite; give a positive force")
     if not LEAST <= force <= GREATEST:
-        raise RangeError(f"load {force:g} N is outside {LEAST:g} to {GREATEST:g} N; give one inside, above 0")
+        raise RangeError(f"load {force:g} N is outside {LEAST:g} to {GREATEST:g} N; give one inside")
 
 
 def through(load: Load, modulus: float) -> Load:

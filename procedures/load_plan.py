@@ -101,7 +101,6 @@ def check_force(loads: Sequence[float], force_limit: float) -> None:
     """Refuse loads [N] of nothing, or whose peak, with the preload, passes the bench's limit [N]. Raises RangeError."""
     if not min(loads) > 0:
         raise RangeError(f"load {min(loads):g} N peak to peak is not above zero; give a positive one")
-    check_felt(min(loads))
     largest = max(loads)
     peak = preload_for(loads) + largest / 2
     if peak > force_limit:
@@ -110,6 +109,7 @@ def check_force(loads: Sequence[float], force_limit: float) -> None:
             f"load {largest:g} N peak to peak takes a peak force of {peak:.3g} N with its preload, above the bench's "
             f"force limit of {force_limit:g} N; loads up to {most:.3g} N are possible"
         )
+    check_felt(min(loads))
 
 
 def check_end(dwell: float) -> None:
