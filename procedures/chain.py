@@ -13,8 +13,10 @@ Behind the frames the file holds zeros until it is closed: to write over them co
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
+import stat
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -86,7 +88,8 @@ def read_head(path: Path) -> tuple[Head | None, str]:
     """The newer whole entry of a head's file, and what is wrong with the file ("": nothing)."""
     for _ in range(READINGS):
         try:
-            content = path.read_bytes()
+            with ChainFile(path) as file:
+                content = file.read(0, 2 * SECTOR + 1)
         except OSError as error:
             return None, f"{path.name}: {error.strerror}; whether the last points are there cannot be told"
         head, fault = _newer(content, path.name)
@@ -108,7 +111,10 @@ class ChainFile:
     """The file of a chain, for reading: frames where they lie, each at a time. Everything raises OSError."""
 
     def __init__(self, path: Path) -> None:
-        self._handle = os.open(path, os.O_RDONLY)
+        self._handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would be waited for
+        if not stat.S_ISREG(os.fstat(self._handle).st_mode):
+            os.close(self._handle)
+            raise OSError(errno.EINVAL, "It is no file")
 
     @property
     def size(self) -> int:

@@ -234,6 +234,17 @@ def test_a_database_that_is_no_such_run_is_refused(tmp_path: Path, statement: st
         Run.open(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["run.record", "run.head"])
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    finished(tmp_path)
+    for make in (os.mkfifo, os.mkdir):
+        path = tmp_path / name
+        path.rmdir() if path.is_dir() else path.unlink()
+        make(path)
+        with pytest.raises(RecordError, match="It is no file"):
+            Run.open(tmp_path)
+
+
 @pytest.mark.parametrize(("key", "value"), [("simulated", 1), ("started", "3"), ("procedure", None)])
 def test_a_header_that_is_none_of_a_run_is_refused(tmp_path: Path, key: str, value: object) -> None:
     finished(tmp_path)
