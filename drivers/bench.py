@@ -62,6 +62,9 @@ class Bench:
             self.changer = SampleChanger(ModbusLink.tcp(place), place.unit, self.clock)
             self.operator = ChangerAndPerson(self.changer, operator)
             self._other_links.append(self.changer.link)
+        for device in self.devices:
+            if device is not self.amplifier:
+                device.afterwards = self.clock.feed_in_time
         self._stack = ExitStack()
 
     @property

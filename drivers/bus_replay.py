@@ -52,7 +52,7 @@ class BusReplay:
     What feeds the amplifier's watchdog may come at any time and finds out nothing: here it is always confirmed.
 
     Attributes:
-        goes_on: no time passes while the program waits for nothing.
+        goes_on: as a wall's clock, so that nobody looks at it to feed the watchdog.
         run: header of the run that was recorded, as its record has it.
         verified: whether the log is as it was written; one of an earlier version does not tell.
         description: of the recorded bench; inside, with its addresses of now.
@@ -61,7 +61,7 @@ class BusReplay:
         UsageError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
     """
 
-    goes_on = False
+    goes_on = True
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
         """`describe` says for people what a packet is."""

@@ -28,6 +28,7 @@ class Device:
         self.broken = ""  # why it is not to be used any more
         self.read_attempts = 1
         self.noticed: Callable[[str], object] = lambda _incident: None
+        self.afterwards: Callable[[], object] = lambda: None  # called when it has been asked or told something
 
     def identify(self) -> None:
         """Check that it is the device of the contract, and the same as before. Raises IdentityError, LinkError."""
@@ -78,7 +79,9 @@ class Device:
         try:
             if self.broken:
                 raise DeviceError(f"{self.broken}; it is not used any more in this run")
-            return order()
+            answer = order()
         except BenchError as error:
             error.device = self.name
             raise
+        self.afterwards()
+        return answer

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -13,6 +14,8 @@ from drivers.heartbeat import PATIENCE, Heartbeat
 from drivers.watched_clock import WatchedClock
 from instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
 from simulators.bench import SimulatedBench
+from simulators.effects.serial_timing import SerialTiming
+from simulators.scene import Scene
 from tests.drivers.benches import drive, driving
 
 
@@ -37,12 +40,14 @@ class Waits:
     def __init__(self, asked: list[str], goes_on: bool) -> None:
         self.goes_on = goes_on
         self._asked = asked
+        self._now = 0
 
     def now_ns(self) -> int:
-        return 0
+        return self._now
 
     def wait(self, duration: float) -> None:
         self._asked.append(f"{duration:g} s")
+        self._now += round(1e9 * duration)
 
 
 def watched(goes_on: bool) -> tuple[WatchedClock, list[str]]:
@@ -76,6 +81,20 @@ def test_where_time_passes_in_waits_alone_they_feed_the_watchdog_before_half_its
         "feed",
         "0.2 s",
     ]
+
+
+def test_a_slow_line_whose_requests_take_longer_than_the_watchdog_s_time_does_not_trip_it(scene: Scene) -> None:
+    slow = SerialTiming.model_validate({"baudrate": "1200 Bd"})
+    with (
+        SimulatedBench(replace(scene, effects={**scene.effects, "serial_timing": slow})) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        drive(bench)
+        started = sim.clock.now_ns()
+        for _ in range(20):
+            bench.indicator.read()
+        assert sim.clock.now_ns() - started > 4e9
+        assert driving(sim)
 
 
 def test_a_heartbeat_speaks_for_who_drives_and_no_longer_than_he_is_heard_of(monkeypatch: pytest.MonkeyPatch) -> None:
