@@ -158,8 +158,9 @@ def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
     """
     _check_samples(time, signals)
     _check_frequency(time, frequency)
-    basis = sine_columns(time, frequency)
-    a, b = basis.solve(signals - signals.mean(axis=1, keepdims=True))[:2] * basis.scale[:2, np.newaxis]
+    basis, centred = sine_columns(time, frequency), signals - signals.mean(axis=1, keepdims=True)
+    basis, scaled = tuned(basis, centred, basis.solve(centred))
+    a, b = scaled[:2] * basis.scale[:2, np.newaxis]
     return np.asarray(np.hypot(a, b), dtype=np.float64)
 
 

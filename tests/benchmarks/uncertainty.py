@@ -23,6 +23,7 @@ from instrument.film_calibration import FilmReading, calibrate_films
 from instrument.film_forces import film_forces
 from instrument.load import Load
 from instrument.load_budget import load_budget
+from instrument.mean_ratio import mean_ratio
 from instrument.models.curve import ratio_curve
 from instrument.models.response import response
 from instrument.propagation import Propagated
@@ -141,10 +142,14 @@ def _films(repeat: Repeat, calibration: LoadCellCalibration, held: Held) -> tupl
     held["force on the rigid film"].append(_near(first.force_rigid_N, first.force_rigid_u, share * true))
     held["force on the total film"].append(_near(first.force_total_N, first.force_total_u, true))
     held["force ratio, one load set"].append(_near(first.force_ratio, first.force_ratio_u, share))
-    mean = math.fsum(p.force_ratio for p in points) / len(points)
-    u = math.sqrt(math.fsum(p.force_ratio_u**2 for p in points)) / len(points)
-    held["force ratio, mean of six"].append(_near(mean, u, share))
-    return mean, u
+    mean = mean_ratio("force ratio", points, design.film_freedom)
+    low, high = mean.interval()
+    held["force ratio, mean of six"].append(low <= share <= high)
+    calibrated = found.apply(design)
+    shared = mean_ratio("force ratio", [film_forces(calibrated, f) for f in fits[len(SETS) :]], calibrated.film_freedom)
+    low, high = shared.interval()
+    held["force ratio, mean of six by calibrated films"].append(low <= share <= high)
+    return mean.value, mean.u
 
 
 def _teeth(repeat: Repeat, held: Held) -> None:
@@ -160,7 +165,7 @@ def _teeth(repeat: Repeat, held: Held) -> None:
 
 
 def _near(value: float, u: float | None, true: float) -> bool:
-    return u is not None and abs(value - true) <= 1.96 * u
+    return u is not None and abs(value - true) <= coverage_factor(math.inf) * u
 
 
 def _true_ratio(scene: Scene) -> float:
