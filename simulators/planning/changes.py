@@ -129,7 +129,7 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
     count = len(case.design.films)
     common, apart, least = np.zeros(count), np.zeros(factor.shape), np.zeros(count)
     if name_of(effect) == SCATTER:
-        apart = reach(case, cast("GainScatter", effect)) * np.abs(before.passed)
+        apart = reach(case, cast("GainScatter", effect)) * np.abs(after.passed)
     changed = (before.volts != after.volts).any(axis=(0, 2))
     for i in range(count):
         rates = before.rates(i)

@@ -12,6 +12,7 @@ import pytest
 from simulators.effects import EFFECTS
 from simulators.effects.effect import Bound, Effect
 from simulators.effects.frequency_error import FrequencyError
+from simulators.effects.gain_scatter import GainScatter
 from simulators.effects.humidity_leak import HumidityLeak
 from simulators.effects.hysteresis import Hysteresis
 from simulators.effects.jitter import Jitter
@@ -174,3 +175,15 @@ def test_beside_a_limit_that_acts_no_bound_is_given() -> None:
     assert bounded("pink_noise", without, with_it, question) == Bound(math.inf, math.inf)
     change = changed(without, with_it, question)
     assert change is not None and change.force > 1e-4 and change.ratio > 1e-3
+
+
+def test_gains_that_scatter_change_what_passes_them_and_not_what_is_added_behind() -> None:
+    """Cables that give a hundred times the films' charge."""
+    question = Question("2", 3.0, dwell=0.5)
+    without, with_it = beside(
+        {"triboelectric": Triboelectric(charge="1 nC", load="1 N")}, "gain_scatter", GainScatter()
+    )
+    bound = bounded("gain_scatter", without, with_it, question)
+    found = changes(without, with_it, question, phases=8)
+    assert 0 < max(force for force, _ in found) <= bound.force < 0.002
+    assert 0 < max(ratio for _, ratio in found) <= bound.ratio < 0.01
