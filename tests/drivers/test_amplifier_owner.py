@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from functools import partial
 
@@ -16,7 +16,7 @@ from pymodbus.client import ModbusTcpClient
 from drivers.bench import CLAIMS, Bench
 from instrument.bench import BenchDescription
 from instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
-from instrument.errors import BenchInUse, DeviceError, SettingsLost
+from instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
 from simulators.device import Refused
@@ -227,6 +227,8 @@ def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
             with pytest.raises(DeviceError, match="device busy"):
                 killed.amplifier.release()
         assert sim.amplifier.settings["enable"]
+    with suppress(BenchError):  # its links are closed
+        killed.__exit__(None, None, None)
 
 
 def test_an_amplifier_that_was_off_meanwhile_is_claimed_again_with_its_settings(
