@@ -5,11 +5,13 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from instrument.errors import RecordError
+from procedures import chain_writer
 from procedures.check import check
 from procedures.record import Recorder
 from procedures.run import Run
@@ -22,7 +24,7 @@ POINTS = 10
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as SIGKILL leaves it after ten durable points."""
     live, folder = (tmp_path_factory.mktemp("store") / name for name in ("live", "killed"))
-    with Recorder.create(live, HEADER) as record:
+    with patch.object(chain_writer, "AHEAD", 1000), Recorder.create(live, HEADER) as record:
         for n in range(1, POINTS + 1):
             record.point({"load_N": 0.5 * n}, {"rigid": (250.0, np.sin(0.1 * n * np.arange(40)))}, n)
         shutil.copytree(live, folder)
