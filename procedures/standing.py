@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.interpolation import interpolate
-from procedures.film_point import CLIPPED, NOT_FINITE
+from procedures.film_point import CLIPPED, FAULT, NOT_FINITE
 from procedures.films import Films
 from procedures.policy import carry_out
 
@@ -90,12 +90,13 @@ def _wandered(drift: list[float], hops: float) -> float:
 
 
 def _standing(films: Films) -> Standing:
-    begun = films.bench.clock.now_ns()
+    heard, begun = films.emergencies(), films.bench.clock.now_ns()
     record = carry_out(films.bench, "films at rest", partial(films.acquire, LENGTH))
     ended = films.bench.clock.now_ns()
-    lost = {CLIPPED: record.clipped.any(), NOT_FINITE: not np.isfinite(record.voltage).all()}
-    return Standing(
-        0.5e-9 * (begun + ended),
-        record.voltage.mean(axis=1),
-        frozenset(flag for flag, raised in lost.items() if raised),
-    )
+    flags = {
+        CLIPPED: record.clipped.any(),
+        NOT_FINITE: not np.isfinite(record.voltage).all(),
+        FAULT: films.emergencies() > heard and not record.clipped.any(),
+    }
+    lost = frozenset(flag for flag, raised in flags.items() if raised)
+    return Standing(0.5e-9 * (begun + ended), record.voltage.mean(axis=1), lost)

@@ -53,7 +53,7 @@ def test_every_element_of_a_chain_keeps_thirteen_digits(question: tuple[Floats, 
 
 @pytest.mark.slow
 @pytest.mark.timeout(120)
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(question=questions())
 def test_every_element_of_a_long_chain_keeps_thirteen_digits(question: tuple[Floats, int]) -> None:
     hold(*question)
