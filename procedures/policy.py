@@ -27,9 +27,9 @@ from instrument.errors import (
 
 T = TypeVar("T")
 
-ASK_AGAIN, READ_BACK, REPEAT, RESTORE, NOTE, MARK, STOP = (
+ASK_AGAIN, READ_BACK, REPEAT, RESTORE, NOTE, MARK, USE, STOP = (
     "ask again", "read back", "repeat the step", "restore the settings, repeat the step", "note",
-    "repeat the point, then mark it", "stop",
+    "repeat the point, then mark it", "mark the point and use it", "stop",
 )  # fmt: skip
 ATTEMPTS = 3
 
@@ -63,7 +63,13 @@ POLICIES = (
     Policy("a write is not confirmed", "in the driver", READ_BACK),
     Policy("emergency, heartbeat gone, error frames: a node or its bus tells of itself", "after a step", NOTE),
     Policy("films clipped, not finite, unsettled; emergency in a dwell; load drifted", "of a point", MARK, ATTEMPTS),
-)
+    Policy(
+        "films and load cell tell of two forces, films and generator of two frequencies "
+        "(4 standard uncertainties apart)",
+        "of a point", MARK, ATTEMPTS,
+    ),
+    Policy("hum, or the noise that prevails, cannot be told in so short a record (`hum`, `short`)", "of a point", USE),
+)  # fmt: skip
 
 
 def policy_for(error: BenchError) -> Policy:
