@@ -40,6 +40,7 @@ BROADCAST = 0
 SELF = (0, 255)  # unit ids by which a device on TCP may be addressed as well (Modbus messaging on TCP/IP)
 HEADER = 6  # bytes of an MBAP header up to its length
 UNIT_AND_CHECK = 3  # bytes around a request on a serial line
+LONGEST_REQUEST = 256  # bytes on a serial line
 LENGTHS = range(2, 255)  # that an MBAP header may give
 PIPELINE = 65536  # bytes of requests that may wait
 MOST_CONNECTIONS = 32  # to one port
@@ -101,7 +102,17 @@ class _LineFramer(FramerRTU):
         used, unit, transaction, frame = super().decode(data)
         if frame:
             used = data.index(bytes([unit]) + frame) + len(frame) + UNIT_AND_CHECK
-        return used, unit, transaction, frame
+            return used, unit, transaction, frame
+        return self._last(data) or (used, unit, transaction, frame)
+
+    def _last(self, data: bytes) -> tuple[int, int, int, bytes] | None:
+        """The whole request at the end of what is none: what was broken off and the next may be heard at once."""
+        for at in range(max(1, len(data) - LONGEST_REQUEST), len(data) - UNIT_AND_CHECK):
+            tail, check = data[at:], int.from_bytes(data[-2:], "big")
+            kind = self.decoder.lookupPduClass(tail) if tail[1] in FUNCTIONS else None
+            if kind and kind.calculateRtuFrameSize(tail) == len(tail) and self.check_CRC(tail[:-2], check):
+                return len(data), tail[0], 0, tail[1:-2]
+        return None
 
 
 def _same(request: ModbusPDU, frame: bytes) -> bool:

@@ -10,51 +10,45 @@ from drivers.bench import Bench
 from instrument.errors import DeviceError
 from simulators.bench import SimulatedBench
 
+MODBUS = [
+    ("indicator", "mode", 9.0, r"mode = 9 is no choice; valid: track \(0\), peak_to_peak \(1\)"),
+    ("indicator", "decimals", 400.0, "decimals = 400 is outside 0 to 9"),
+    ("indicator", "command_result", 77.0, r"command_result = 77 is no choice; valid: none \(0\)"),
+    ("amplifier", "temperature", 3200.0, "temperature = 3200 degC is outside -40 to 150 degC"),
+    ("positioner", "limit_high", -1.0, "limit_high = -1 m is outside 0 to 0.025 m"),
+    ("generator", "frequency", 30_000.0, "frequency = 30000 Hz is outside 0 to 20000 Hz"),
+]
+CANOPEN = [
+    ("range_1", 9.0, r"range_1 = 9 is no choice; valid: 5 V \(0\), 500 mV \(1\)"),
+    ("heartbeat", 65.0, "heartbeat = 65 s is outside 0 to 60 s"),
+    ("sync_period", 11.0, "sync_period = 11 s is outside 0.0001 to 10 s"),
+    ("emergency_cob_id", 1.0, "emergency_cob_id = 2 is outside 129 to "),
+]
 
-@pytest.mark.parametrize(
-    ("device", "field", "value", "message"),
-    [
-        ("indicator", "mode", 9.0, r"mode = 9 is no choice; valid: track \(0\), peak_to_peak \(1\)"),
-        ("indicator", "decimals", 400.0, "decimals = 400 is outside 0 to 9"),
-        ("indicator", "command_result", 77.0, r"command_result = 77 is no choice; valid: none \(0\)"),
-        ("amplifier", "temperature", 3200.0, "temperature = 3200 degC is outside -40 to 150 degC"),
-        ("positioner", "limit_high", -1.0, "limit_high = -1 m is outside 0 to 0.025 m"),
-        ("generator", "frequency", 30_000.0, "frequency = 30000 Hz is outside 0 to 20000 Hz"),
-    ],
-)
+
 def test_a_modbus_value_outside_its_contract_is_refused_with_device_field_value_limit_and_remedy(
-    device: str,
-    field: str,
-    value: float,
-    message: str,
-    bench: Bench,
-    sim: SimulatedBench,
-    monkeypatch: pytest.MonkeyPatch,
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    driver, simulated = getattr(bench, device), getattr(sim, device)
-    read = simulated.read
-    monkeypatch.setattr(simulated, "read", lambda name: value if name == field else read(name))
-    with pytest.raises(
-        DeviceError, match=f"^{driver.name}: reads {message}.*; not used. Set it within its limits"
-    ) as seen:
-        driver.get(field)
-    assert seen.value.device == driver.name
+    for device, field, value, message in MODBUS:
+        driver, simulated = getattr(bench, device), getattr(sim, device)
+        with monkeypatch.context() as patch:
+            read = simulated.read
+            patch.setattr(simulated, "read", lambda name, f=field, v=value, r=read: v if name == f else r(name))
+            with pytest.raises(
+                DeviceError, match=f"^{driver.name}: reads {message}.*; not used. Set it within"
+            ) as seen:
+                driver.get(field)
+        assert seen.value.device == driver.name
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("range_1", 9.0, r"range_1 = 9 is no choice; valid: 5 V \(0\), 500 mV \(1\)"),
-        ("heartbeat", 65.0, "heartbeat = 65 s is outside 0 to 60 s"),
-        ("sync_period", 11.0, "sync_period = 11 s is outside 0.0001 to 10 s"),
-    ],
-)
 def test_an_object_outside_its_contract_is_refused_where_the_node_is_opened(
-    field: str, value: float, message: str, bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sim.can.nodes[0].settings, field, value)
-    with pytest.raises(DeviceError, match=f"^sensor node 1 at .*: reads {message}"):
-        bench.nodes[0].connect()
+    for field, value, message in CANOPEN:
+        with monkeypatch.context() as patch:
+            patch.setitem(sim.can.nodes[0].settings, field, value)
+            with pytest.raises(DeviceError, match=f"^sensor node 1 at .*: reads {message}"):
+                bench.nodes[0].connect()
 
 
 def test_a_node_that_sends_no_sync_can_be_opened_and_says_what_it_wants_before_it_samples(

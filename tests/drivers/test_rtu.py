@@ -225,7 +225,7 @@ def test_a_part_of_an_echo_whose_check_sum_fits_by_chance_is_no_confirmation() -
     assert framer.decode(confirmation)[3] == confirmation[1:-2]
 
 
-@pytest.mark.parametrize("baudrate", [2400, 57600])
+@pytest.mark.parametrize("baudrate", [9600, 57600])
 def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate(
     baudrate: int, sim: SimulatedBench
 ) -> None:

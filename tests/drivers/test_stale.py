@@ -13,7 +13,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from drivers.sdo import CheckedSdoClient
 from tests.stale import KINDS, NONE, TOLD, tried
 
-TRIES = 400
+TRIES = 200
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_the_tries_are_hard_late_replies_are_taken_where_nothing_tells_them(foun
 def test_without_the_drivers_care_the_same_tries_find_late_replies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("instrument.contract.Contract.widened", lambda _contract, names: names)
     monkeypatch.setattr("drivers.strain_indicator.COUNTED_NS", 0)
-    assert KINDS[kind][0](random.Random(1), 300)[f"{kind}: stale"] > 0
+    assert KINDS[kind][0](random.Random(1), 150)[f"{kind}: stale"] > 0
 
 
 # --- SDO answers, one by one -------------------------------------------------------------------------------

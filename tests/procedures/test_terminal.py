@@ -75,7 +75,9 @@ def test_a_run_of_such_a_scene_in_such_a_folder_is_shown_in_pictures(palpate: Pa
 
 def test_what_a_bus_log_says_of_its_devices_reaches_the_terminal_as_pictures(palpate: Palpate) -> None:
     with Path("log.pcapng").open("wb") as file:
-        PcapngWriter(file).write(Packet(1, EVIL, Link.LINE, False, bytes.fromhex("01 03 02 00 01 79 84")))
+        log = PcapngWriter(file)
+        log.write(Packet(1, EVIL, Link.LINE, False, bytes.fromhex("01 03 02 00 01 79 84")))
+        log.end()
     said = palpate("bus", "show", "log.pcapng")
     assert said.status == 0
     assert SHOWN in said.out

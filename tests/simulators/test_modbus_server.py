@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import select
 import socket
 import tty
 from collections.abc import Iterator
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from pymodbus.framer import FramerRTU
@@ -15,6 +17,7 @@ from pymodbus.framer import FramerRTU
 from instrument.contract import PROBE
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene
+from simulators.terminal import Terminal
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 
@@ -202,7 +205,7 @@ def test_rubbish_on_the_line_is_passed_over_in_the_end(line: int, served: Simula
     heard = b""
     for _ in range(LOST):
         os.write(line, checked(f"02 03 {probe:04x} 0002"))
-        while select.select([line], [], [], 0.2)[0]:
+        while select.select([line], [], [], 0.05)[0]:
             heard += os.read(line, 256)
         if answer in heard:
             return
@@ -210,12 +213,46 @@ def test_rubbish_on_the_line_is_passed_over_in_the_end(line: int, served: Simula
 
 
 @pytest.mark.parametrize("part", ["02 10 0010 0004 08 00", "02 03 00", "01", "02 03 0020 0003"])
-def test_a_request_that_is_broken_off_is_dropped_after_a_silence(line: int, served: SimulatedBench, part: str) -> None:
-    """Neither does it swallow the request that follows, nor is its rest the rest of anything."""
+def test_a_request_that_is_broken_off_does_not_swallow_the_next(line: int, served: SimulatedBench, part: str) -> None:
+    """Whether the server hears both at once, as a busy one does, or the silence between them."""
     probe = served.positioner.contract["probe"].address
-    for _ in range(3):
+    for silence in (0.0, 0.02):
         os.write(line, bytes.fromhex(part))
-        assert not select.select([line], [], [], 0.03)[0]  # more than 3.5 characters
+        assert not select.select([line], [], [], silence)[0]
         os.write(line, checked(f"02 03 {probe:04x} 0002"))
         assert select.select([line], [], [], 10.0)[0]
         assert os.read(line, 256) == checked(f"02 03 04 {PROBE:08x}")
+
+
+class Listener:
+    """What a terminal tells a server."""
+
+    def __init__(self) -> None:
+        self.recv_buffer = b""
+
+    def connection_made(self, _transport: object) -> None:
+        pass
+
+    def data_received(self, data: bytes) -> None:
+        self.recv_buffer += data
+
+
+@pytest.mark.parametrize(("silence", "held"), [(-10.0, b"\x02\x03\x00\x20"), (1.0, b"\x00\x20")])
+def test_the_rest_of_a_request_is_none_after_a_silence(silence: float, held: bytes) -> None:
+    """More than 3.5 characters end a frame, "MODBUS over serial line" 2.5.1.1."""
+
+    async def hear() -> bytes:
+        server: Any = Listener()
+        terminal = Terminal(server)
+        client = os.open(terminal.path, os.O_RDWR | os.O_NOCTTY)
+        for part in (b"\x02\x03", b"\x00\x20"):
+            terminal._heard_at = terminal._loop.time() - silence
+            os.write(client, part)
+            assert select.select([terminal._own], [], [], 10.0)[0]
+            terminal._heard()
+        os.close(client)
+        terminal.close()
+        buffer: bytes = server.recv_buffer
+        return buffer
+
+    assert asyncio.run(hear()) == held
