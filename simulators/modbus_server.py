@@ -17,8 +17,7 @@ from collections.abc import Callable, Coroutine, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from pymodbus.constants import ExcCodes
-from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
 from pymodbus.pdu.register_message import WriteSingleRegisterRequest
@@ -27,6 +26,7 @@ from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import SimDevice
 from pymodbus.transaction import TransactionManager
 
+from simulators.modbus_frames import EXCEPTION, IDENTIFY, LineFramer, RequestDecoder, alien, whole_frame
 from simulators.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -34,93 +34,19 @@ if TYPE_CHECKING:
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
-IDENTIFY, READ_IDENTITY = 43, b"\x0e"
-FUNCTIONS = (3, 6, 16, IDENTIFY)  # that read and write holding registers, and that
 BROADCAST = 0
 SELF = (0, 255)  # unit ids by which a device on TCP may be addressed as well (Modbus messaging on TCP/IP)
-HEADER = 6  # bytes of an MBAP header up to its length
-UNIT_AND_CHECK = 3  # bytes around a request on a serial line
-LONGEST_REQUEST = 256  # bytes on a serial line
-LENGTHS = range(2, 255)  # that an MBAP header may give
 PIPELINE = 65536  # bytes of requests that may wait
 MOST_CONNECTIONS = 32  # to one port
 MOST_WAITING = 64  # requests of one client, above which nothing more is read from it
 IDLE = 60.0  # s, after which a client that asks nothing makes room for another
 PIECE = 4096  # bytes that are read from a client before it is the next one's turn
 UNREAD = 65536  # bytes of answers that a client may leave unread
-EXCEPTION = 0x80  # bit of a function code
 CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # of identity objects, by read device id code
 ONE_OBJECT = 4
 AT_ONCE = struct.pack("ii", 1, 0)  # to linger: closing resets the connection
 
 Identity = Callable[[], Mapping[int, bytes]]
-
-
-class _Refusal(ModbusPDU):
-    """A request that is answered with an exception code, whatever it asks for."""
-
-    def __init__(self, function: int, code: ExcCodes) -> None:
-        super().__init__()
-        self.function_code = function
-        self._code = code
-
-    async def datastore_update(self, context: Any, device_id: int) -> ModbusPDU:
-        return ExceptionResponse(self.function_code & ~EXCEPTION, self._code)
-
-
-class _WholeFrame(ModbusPDU):
-    """A request on a serial line whose length only its end tells."""
-
-    @classmethod
-    def calculateRtuFrameSize(cls, data: bytes) -> int:
-        return len(data)
-
-
-class _Decoder(DecodePDU):
-    """Every request comes out: as itself, or as the refusal that answers it."""
-
-    def decode(self, frame: bytes) -> ModbusPDU:
-        function, kind = frame[0], frame[1:2]
-        if function not in FUNCTIONS or (function == IDENTIFY and kind != READ_IDENTITY):
-            return _Refusal(function, ExcCodes.ILLEGAL_FUNCTION)
-        request = super().decode(frame)
-        if request is None or not _same(request, frame):  # count 0 or too large, bytes that are missing or too many
-            return _Refusal(function, ExcCodes.ILLEGAL_VALUE)
-        return request
-
-    def lookupPduClass(self, data: bytes) -> type[ModbusPDU] | None:
-        known: type[ModbusPDU] | None = super().lookupPduClass(data)
-        if known is None and FramerRTU.check_CRC(data[:-2], int.from_bytes(data[-2:], "big")):
-            return _WholeFrame
-        return known
-
-
-class _LineFramer(FramerRTU):
-    """Takes one frame at a time: a pseudo-terminal hands on what came after it without the pause between them."""
-
-    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
-        used, unit, transaction, frame = super().decode(data)
-        if frame:
-            used = data.index(bytes([unit]) + frame) + len(frame) + UNIT_AND_CHECK
-            return used, unit, transaction, frame
-        return self._last(data) or (used, unit, transaction, frame)
-
-    def _last(self, data: bytes) -> tuple[int, int, int, bytes] | None:
-        """The whole request at the end of what is none: what was broken off and the next may be heard at once."""
-        for at in range(max(1, len(data) - LONGEST_REQUEST), len(data) - UNIT_AND_CHECK):
-            tail, check = data[at:], int.from_bytes(data[-2:], "big")
-            kind = self.decoder.lookupPduClass(tail) if tail[1] in FUNCTIONS else None
-            if kind and kind.calculateRtuFrameSize(tail) == len(tail) and self.check_CRC(tail[:-2], check):
-                return len(data), tail[0], 0, tail[1:-2]
-        return None
-
-
-def _same(request: ModbusPDU, frame: bytes) -> bool:
-    """Whether nothing but this request gives these bytes."""
-    try:
-        return frame == bytes([request.function_code]) + request.encode()
-    except (ModbusException, ValueError):
-        return False
 
 
 def _done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
@@ -131,19 +57,6 @@ def _done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
         answer: ModbusPDU = done.value
         return answer
     raise AssertionError("an action awaits something")
-
-
-def _alien(data: bytes) -> bool:
-    """Whether no request on TCP begins like this."""
-    return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
-
-
-def _frame(data: bytes) -> bytes:
-    """The first whole request on TCP; empty: there is none. What cannot be one is handed on with all that follows."""
-    if _alien(data):
-        return data
-    size = HEADER + int.from_bytes(data[4:HEADER], "big")
-    return data[:size] if HEADER < size <= len(data) else b""
 
 
 def _identification(request: ReadDeviceInformationRequest, objects: Mapping[int, bytes]) -> ModbusPDU:
@@ -173,7 +86,7 @@ class _Connection(ServerRequestHandler):
     def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
         used, answering = 0, bool(self._waiting)
         while used < len(data):
-            if isinstance(self.framer, FramerSocket) and _alien(data[used:]):
+            if isinstance(self.framer, FramerSocket) and alien(data[used:]):
                 self.close()  # nothing tells where its next request would begin
                 return len(data)
             size = TransactionManager.callback_data(self, data[used:], addr)
@@ -248,7 +161,7 @@ class _TcpConnection(_Connection):
     def _struck(self, data: bytes, link: FaultyLink) -> int:
         """Requests on a link that has faults, one whole frame after the other."""
         used = 0
-        while (frame := _frame(data[used:])) and self.transport:
+        while (frame := whole_frame(data[used:])) and self.transport:
             used += len(frame)
             fault = link.struck()
             answer = self._answer_to(frame) if fault is None or fault.forwards else b""
@@ -311,7 +224,7 @@ class _Completed:
 
     def complete(self, identities: dict[int, Identity]) -> None:
         self.identities = identities
-        self.decoder = _Decoder(True)
+        self.decoder = RequestDecoder(True)
 
     def callback_new_connection(self) -> _Connection:
         return _Connection(self)
@@ -364,7 +277,7 @@ class SerialServer(_Completed, ModbusSerialServer):
     def __init__(self, devices: list[SimDevice], identities: dict[int, Identity], **traces: Any) -> None:
         super().__init__(devices, broadcast_enable=True, **traces)
         self.complete(identities)
-        self.framer = _LineFramer
+        self.framer = LineFramer
         self.call_create = self._opened
 
     async def _opened(self) -> Terminal:

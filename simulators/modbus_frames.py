@@ -1,0 +1,98 @@
+"""Requests as a Modbus server finds them on the wire: whole or not, for anybody or nobody."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerRTU
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+
+IDENTIFY, READ_IDENTITY = 43, b"\x0e"
+FUNCTIONS = (3, 6, 16, IDENTIFY)  # that read and write holding registers, and that
+HEADER = 6  # bytes of an MBAP header up to its length
+UNIT_AND_CHECK = 3  # bytes around a request on a serial line
+LONGEST_REQUEST = 256  # bytes on a serial line
+LENGTHS = range(2, 255)  # that an MBAP header may give
+EXCEPTION = 0x80  # bit of a function code
+
+
+class Refusal(ModbusPDU):
+    """A request that is answered with an exception code, whatever it asks for."""
+
+    def __init__(self, function: int, code: ExcCodes) -> None:
+        super().__init__()
+        self.function_code = function
+        self._code = code
+
+    async def datastore_update(self, context: Any, device_id: int) -> ModbusPDU:
+        return ExceptionResponse(self.function_code & ~EXCEPTION, self._code)
+
+
+class _WholeFrame(ModbusPDU):
+    """A request on a serial line whose length only its end tells."""
+
+    @classmethod
+    def calculateRtuFrameSize(cls, data: bytes) -> int:
+        return len(data)
+
+
+class RequestDecoder(DecodePDU):
+    """Every request comes out: as itself, or as the refusal that answers it."""
+
+    def decode(self, frame: bytes) -> ModbusPDU:
+        function, kind = frame[0], frame[1:2]
+        if function not in FUNCTIONS or (function == IDENTIFY and kind != READ_IDENTITY):
+            return Refusal(function, ExcCodes.ILLEGAL_FUNCTION)
+        request = super().decode(frame)
+        if request is None or not _same(request, frame):  # count 0 or too large, bytes that are missing or too many
+            return Refusal(function, ExcCodes.ILLEGAL_VALUE)
+        return request
+
+    def lookupPduClass(self, data: bytes) -> type[ModbusPDU] | None:
+        known: type[ModbusPDU] | None = super().lookupPduClass(data)
+        if known is None and FramerRTU.check_CRC(data[:-2], int.from_bytes(data[-2:], "big")):
+            return _WholeFrame
+        return known
+
+
+class LineFramer(FramerRTU):
+    """Takes one frame at a time: a pseudo-terminal hands on what came after it without the pause between them."""
+
+    def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
+        used, unit, transaction, frame = super().decode(data)
+        if frame:
+            used = data.index(bytes([unit]) + frame) + len(frame) + UNIT_AND_CHECK
+            return used, unit, transaction, frame
+        return self._last(data) or (used, unit, transaction, frame)
+
+    def _last(self, data: bytes) -> tuple[int, int, int, bytes] | None:
+        """The whole request at the end of what is none: what was broken off and the next may be heard at once."""
+        for at in range(max(1, len(data) - LONGEST_REQUEST), len(data) - UNIT_AND_CHECK):
+            tail, check = data[at:], int.from_bytes(data[-2:], "big")
+            kind = self.decoder.lookupPduClass(tail) if tail[1] in FUNCTIONS else None
+            if kind and kind.calculateRtuFrameSize(tail) == len(tail) and self.check_CRC(tail[:-2], check):
+                return len(data), tail[0], 0, tail[1:-2]
+        return None
+
+
+def _same(request: ModbusPDU, frame: bytes) -> bool:
+    """Whether nothing but this request gives these bytes."""
+    try:
+        return frame == bytes([request.function_code]) + request.encode()
+    except (ModbusException, ValueError):
+        return False
+
+
+def alien(data: bytes) -> bool:
+    """Whether no request on TCP begins like this."""
+    return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
+
+
+def whole_frame(data: bytes) -> bytes:
+    """The first whole request on TCP; empty: there is none. What cannot be one is handed on with all that follows."""
+    if alien(data):
+        return data
+    size = HEADER + int.from_bytes(data[4:HEADER], "big")
+    return data[:size] if HEADER < size <= len(data) else b""
