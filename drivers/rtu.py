@@ -91,7 +91,7 @@ class RtuClient(ModbusSerialClient):
         try:
             unasked = 0
             while unasked < LARGEST_REPLY and self._ready(0.0):
-                unasked += len(self._read())
+                unasked += len(self._heard())
             self.replies.request = request
             self.too_soon = 0
             self._earliest = self._now() + reply_begins(len(request), self.comm_params.baudrate, self._bits)

@@ -20,7 +20,7 @@ from drivers.rtu import ReplyFramer
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import SerialLine
 from instrument.contract import PROBE
-from instrument.errors import DeviceError, LinkTimeout
+from instrument.errors import DeviceError, LinkError, LinkTimeout
 from instrument.serial_line import FASTEST, reply_begins
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
@@ -234,3 +234,13 @@ def test_a_simulated_line_answers_no_sooner_than_a_wire_of_its_clients_baud_rate
     positioner = Positioner(link, sim.description.positioner.unit, sim.clock)
     assert [positioner.get("probe") for _ in range(3)] == [PROBE] * 3
     link.close()
+
+
+def test_a_line_that_is_unplugged_is_a_link_error_before_anything_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An adapter that is gone can always be read, and gives nothing."""
+    driver, client = line(Positioner, lambda _: [])
+    monkeypatch.setattr(client, "_ready", lambda _within: True)
+    monkeypatch.setattr(client, "_read", lambda: b"")
+    monkeypatch.setattr(client, "_write", lambda _request: pytest.fail("something was sent"))
+    with pytest.raises(LinkError, match="the connection to virtual line is lost; check cable and power"):
+        read(driver)
