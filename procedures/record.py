@@ -1,7 +1,7 @@
 """Writing a run to disk: a point is durable before it is reported.
 
 What is added is one write and one sync of `run.record`, then one of its head `run.head`, which tells that it is there.
-`procedures/chain.py` does both, `procedures/record_file.py` has the format, `procedures/run.py` reads it.
+`procedures/chain_writer.py` does both, `procedures/record_file.py` has the format, `procedures/run.py` reads it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Recorder:
     """
 
     def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
-        """Keeps every other writer out; with a `header` a run is begun in `folder`, else one is there to `go_on`.
+        """Keeps every other writer out; with a `header` a run is begun in `folder`, else one is there to go on with.
 
         Raises:
             UsageError: another process is writing this run, or there is one where one was to be begun.
