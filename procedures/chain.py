@@ -29,6 +29,7 @@ FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flag
 _HEAD = struct.Struct("<8s16sQQQQ32s")  # magic, chain, frames, length, points, events, hash of the last frame
 HASH = 32  # bytes
 AROUND = FRAME.size + HASH  # bytes of a frame beside its content
+MOST_IN_VAIN = 4_000_000_000  # bytes that are hashed for frames that are none: a forged file could ask for any number
 SECTOR = 512  # bytes; a disk writes one whole or not at all
 AT_A_TIME = 1_000_000  # bytes that are looked through
 READINGS = 3  # of a head that is not whole: it may have been under the writer's pen
@@ -170,13 +171,16 @@ class ChainFile:
             at, number, before, chain = frame.end, number + 1, frame.hash, frame.chain
 
     def scan(self) -> Iterator[Frame]:
-        """Every whole frame, wherever it lies."""
-        at = 0
-        while (at := self._find(MAGIC, at)) >= 0:
+        """Every whole frame, wherever it lies; up to a limit on what only says of itself to be one."""
+        at, in_vain = 0, 0
+        while (at := self._find(MAGIC, at)) >= 0 and in_vain < MOST_IN_VAIN:
             frame = self.frame(at)
-            at = at + 1 if frame is None or self.content(frame) is None else frame.end
-            if frame is not None and at == frame.end:
+            if frame is not None and self.content(frame) is not None:
                 yield frame
+                at = frame.end
+            else:
+                in_vain += 0 if frame is None else frame.length
+                at += 1
 
     def only_zeros(self, at: int) -> bool:
         """Whether nothing but zeros follows."""

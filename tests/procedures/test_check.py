@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from instrument.errors import RecordError, UsageError
+from procedures import chain
+from procedures.chain import FRAME, ChainFile, Frame
 from procedures.check import check
 from procedures.encoding import row_crc32
 from procedures.format3 import DATABASE
@@ -262,6 +264,19 @@ def test_where_no_row_is_whole_nothing_is_salvaged(run: Path, tmp_path: Path) ->
     with pytest.raises(RecordError, match=r"nothing can be salvaged: .* has no whole row"):
         repair(run, tmp_path / "mended")
     assert not (tmp_path / "mended").exists()
+
+
+def test_a_forged_record_cannot_keep_a_repair_for_ever(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = (run / RECORD).read_bytes()[: FRAME.size]
+    fields = list(FRAME.unpack(start))
+    fields[6] = 50_000  # each says to be as long
+    (run / RECORD).write_bytes(FRAME.pack(*fields) * 2000)
+    monkeypatch.setattr(chain, "MOST_IN_VAIN", 1_000_000)
+    tried: list[Frame] = []
+    content = ChainFile.content
+    monkeypatch.setattr(ChainFile, "content", lambda file, frame: tried.append(frame) or content(file, frame))
+    assert check(run).faults
+    assert 20 <= len(tried) <= 25
 
 
 def test_a_repair_writes_into_no_run(run: Path) -> None:
