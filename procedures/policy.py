@@ -64,22 +64,12 @@ POLICIES = (
     Policy("emergency, heartbeat gone, error frames: a node or its bus tells of itself", "after a step", NOTE),
     Policy("films clipped, not finite, unsettled; emergency in a dwell; load drifted", "of a point", MARK, ATTEMPTS),
     Policy(
-<<<<<<< Updated upstream
         "films and load cell tell of two forces, films and generator of two frequencies "
         "(4 standard uncertainties apart)",
         "of a point", MARK, ATTEMPTS,
     ),
     Policy("hum, or the noise that prevails, cannot be told in so short a record (`hum`, `short`)", "of a point", USE),
 )  # fmt: skip
-=======
-        "films and load cell tell of two forces, films and generator of two frequencies (4 uncertainties apart)",
-        "of a point",
-        MARK,
-        ATTEMPTS,
-    ),
-    Policy("hum, or the noise that prevails, cannot be told in so short a record (`hum`, `short`)", "of a point", USE),
-)
->>>>>>> Stashed changes
 
 
 def policy_for(error: BenchError) -> Policy:
