@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -15,6 +16,12 @@ MESHES = [Judged(0.4, (0.2, 0.1), Energies(1e-3, 200.0)), Judged(0.4, (0.21, 0.1
 
 def test_the_greatest_change_of_a_voltage_counts_for_every_film() -> None:
     assert bounds(MESHES, closed_gap=False).voltage == pytest.approx(4 * 0.01)
+
+
+def test_where_all_voltages_of_two_meshes_agree_the_estimate_is_not_nothing() -> None:
+    """The error of one of 62 sensors was nine times the greatest change: 3.5e-4 of the voltage."""
+    agreeing = [replace(mesh, voltages=(0.2, 0.1)) for mesh in MESHES]
+    assert bounds(agreeing, closed_gap=False).voltage == pytest.approx(0.1 * 0.2 * math.sqrt(1e-5 / 1.01e-3))
 
 
 def test_under_a_point_load_changes_alone_count() -> None:
