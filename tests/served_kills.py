@@ -17,7 +17,7 @@ import socket
 import subprocess
 import sys
 import threading
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -133,8 +133,8 @@ class Truth:
         sim.rig._lay = told  # type: ignore[method-assign]
 
     def during(self, start_ns: int, end_ns: int) -> set[str]:
-        """All that lay there from one time to another."""
-        first, last = bisect_right(self.times, start_ns) - 1, bisect_right(self.times, end_ns)
+        """All that lay there from one time to another; what changed at its end came after it."""
+        first, last = bisect_right(self.times, start_ns) - 1, bisect_left(self.times, end_ns)
         return set(self.names[first:last])
 
 
