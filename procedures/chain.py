@@ -5,7 +5,7 @@ of the frame before, then its content and the SHA-256 over all of that. So whate
 magic bytes, and whatever is changed, left out or moved breaks the chain. A chain that has lost its end would still be a
 chain: therefore the head, a file of its own, tells how far the chain had come. It is synced after the frames, so that
 it never tells of what is not on disk. Each of its two entries fills a sector; they are written in turn, so that one is
-whole whenever the power fails.
+whole whenever the power fails, and counted, so that one that is overwritten by the other or by an older one is noticed.
 
 Behind the frames the file holds zeros until it is closed: to write over them costs a sync less than to grow.
 """
@@ -19,14 +19,14 @@ import os
 import stat
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from procedures.encoding import LARGEST_ROW
 
 MAGIC = b"\x89PALPATE"
 FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flags, length of the content, hash before
-_HEAD = struct.Struct("<8s16sQQQQ32s")  # magic, chain, frames, length, points, events, hash of the last frame
+_HEAD = struct.Struct("<8s16sQQQQQ32s")  # magic, chain, turn, frames, length, points, events, hash of the last frame
 HASH = 32  # bytes
 AROUND = FRAME.size + HASH  # bytes of a frame beside its content
 MOST_IN_VAIN = 4_000_000_000  # bytes that are hashed for frames that are none: a forged file could ask for any number
@@ -61,9 +61,13 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """How far a chain had come: its frames, their bytes, how many points and events they hold, and the last hash."""
+    """How far a chain had come: its frames, their bytes, how many points and events they hold, and the last hash.
+
+    `turn` counts the entries of the head's file from 0; the even ones are written to its first sector.
+    """
 
     chain: bytes
+    turn: int
     frames: int
     length: int
     points: int
@@ -72,8 +76,13 @@ class Head:
 
     def packed(self) -> bytes:
         """An entry of the head's file."""
-        content = _HEAD.pack(MAGIC, self.chain, self.frames, self.length, self.points, self.events, self.hash)
+        told = (self.turn, self.frames, self.length, self.points, self.events, self.hash)
+        content = _HEAD.pack(MAGIC, self.chain, *told)
         return (content + hashlib.sha256(content).digest()).ljust(SECTOR, b"\0")
+
+    def again(self) -> Head:
+        """The same, as the next entry."""
+        return replace(self, turn=self.turn + 1)
 
 
 def head_of(entry: bytes) -> Head | None:
@@ -101,11 +110,13 @@ def read_head(path: Path) -> tuple[Head | None, str]:
 
 def _newer(content: bytes, name: str) -> tuple[Head | None, str]:
     entries = [head_of(content[:SECTOR]), head_of(content[SECTOR : 2 * SECTOR])]
-    whole = [head for head in entries if head is not None]
-    fault = ""
-    if len(whole) < 2 or len(content) != 2 * SECTOR or whole[0].chain != whole[1].chain:
-        fault = f"{name} is not as it was written; whether the last points are there cannot be told"
-    return max(whole, key=lambda head: head.frames, default=None), fault
+    whole = sorted((head for head in entries if head is not None), key=lambda head: head.turn)
+    newer = whole[-1] if whole else None
+    match whole:
+        case [one, two] if len(content) == 2 * SECTOR and one.chain == two.chain and one.turn + 1 == two.turn:
+            if entries[two.turn % 2] == two:
+                return newer, ""
+    return newer, f"{name} is not as it was written; whether the last points are there cannot be told"
 
 
 class ChainFile:

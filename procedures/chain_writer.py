@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from procedures.chain import AROUND, FRAME, LAST, MAGIC, NOTHING, SECTOR, Bytes, Head
@@ -66,8 +67,7 @@ class ChainWriter:
         """Leaves the file without zeros, and both entries of the head with what the last one said."""
         os.ftruncate(self._file, self.head.length)
         self._sync(self._file)
-        self._write(self._head_file, [self.head.packed()], SECTOR * ((self.head.frames + 1) % 2))
-        self._sync(self._head_file)
+        self._tell(self.head)
 
     def _grow(self, length: int) -> None:
         """Behind frames that end there are zeros, as far as there is space for them."""
@@ -76,9 +76,10 @@ class ChainWriter:
                 self._write(self._file, [bytes(AHEAD)], length)
             self._size = os.fstat(self._file).st_size
 
-    def _tell(self, head: Head) -> None:
+    def _tell(self, so_far: Head) -> None:
+        head = replace(so_far, turn=self.head.turn + 1)
         try:
-            self._write(self._head_file, [head.packed()], SECTOR * (head.frames % 2))
+            self._write(self._head_file, [head.packed()], SECTOR * (head.turn % 2))
         except OSError:
             self._broken = True  # it may tell of these frames by now, which must not be written over
             raise
@@ -114,7 +115,8 @@ def packed(
         before = total.digest()
         parts += [start, *content, before]
         number, length = number + 1, length + AROUND + size
-    return parts, Head(head.chain, number, length, head.points + points, head.events + events, before)
+    points, events = head.points + points, head.events + events
+    return parts, replace(head, frames=number, length=length, points=points, events=events, hash=before)
 
 
 def create(path: Path, head_path: Path, chain: bytes, frames: Sequence[Content], flags: int) -> None:
@@ -123,11 +125,11 @@ def create(path: Path, head_path: Path, chain: bytes, frames: Sequence[Content],
     The head tells of nothing yet: one that tells of something, and has no chain beside it, has lost it.
     """
     aside = path.with_name(f"{path.name}.new")
-    head = Head(chain, 0, 0, 0, 0, NOTHING)
+    head = Head(chain, 0, 0, 0, 0, 0, NOTHING)
     parts, _ = packed(head, frames, flags)
     try:
         aside.write_bytes(b"".join(parts))
-        head_path.write_bytes(2 * head.packed())
+        head_path.write_bytes(head.packed() + head.again().packed())
         for file in (aside, head_path):
             sync(file)
         aside.replace(path)

@@ -18,6 +18,7 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,8 @@ class Record:
         # Waveforms at the end have no point: the writer was killed between them.
         last = max(n for n, frame in enumerate(self.frames) if frame.kind != WAVE or n < self.head.frames)
         end = self.frames[last]
-        return Head(end.chain, last + 1, end.end, len(self._points), len(self._events), end.hash)
+        points, events = len(self._points), len(self._events)
+        return replace(self.head, frames=last + 1, length=end.end, points=points, events=events, hash=end.hash)
 
     def tail(self) -> bytes:
         """What is whole behind that of which the head tells, as it lies in the file."""

@@ -51,11 +51,11 @@ def rehash(
         for event_id, event in enumerate(events, 1):
             frames.append(event_frame(event_id, event["kind"], event["message"], event["bench_ns"]))
         frames.append(status_frame(stored.status if status is None else status, stored.summary))
-        start = Head(chain_of(stored_header), 0, 0, 0, 0, NOTHING)
+        start = Head(chain_of(stored_header), 0, 0, 0, 0, 0, NOTHING)
         flags = SIMULATED if stored_header["simulated"] else 0
         parts, head = packed(start, frames, flags, stored.count(), len(events))
     (folder / RECORD).write_bytes(b"".join(parts))
-    (folder / HEAD_FILE).write_bytes(2 * head.packed())
+    (folder / HEAD_FILE).write_bytes(head.packed() + head.again().packed())
 
 
 def as_format3(folder: Path, *, killed: bool = False) -> None:

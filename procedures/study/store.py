@@ -16,14 +16,14 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from instrument.errors import RecordError, UsageError
 from procedures import chain
-from procedures.chain import Chain, Frame, Head
+from procedures.chain import Chain, Frame
 from procedures.chain_writer import ChainWriter, create
 from procedures.run import storing
 
@@ -82,7 +82,8 @@ class Store:
                 _refuse_other(folder, _asked(found), asked)
                 self.done = {outcome.cell for outcome in _outcomes(found)}
                 head, end = found.head, found.frames[-1]
-                at_end = Head(end.chain, len(found.frames), end.end, len(self.done), 0, end.hash)
+                frames, cells = len(found.frames), len(self.done)
+                at_end = replace(head, frames=frames, length=end.end, points=cells, hash=end.hash)
                 tail = found.file.read(head.length, end.end - head.length)
             with storing(path):
                 self._writer = ChainWriter(path, head_path, head, 0)

@@ -12,8 +12,10 @@ import pytest
 
 from instrument.errors import RecordError
 from procedures import chain_writer
+from procedures.chain import SECTOR
 from procedures.check import check
 from procedures.record import Recorder
+from procedures.record_file import HEAD_FILE, RECORD
 from procedures.run import Run
 from tests.procedures.conftest import HEADER
 
@@ -26,7 +28,8 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     live, folder = (tmp_path_factory.mktemp("store") / name for name in ("live", "killed"))
     with patch.object(chain_writer, "AHEAD", 1000), Recorder.create(live, HEADER) as record:
         for n in range(1, POINTS + 1):
-            record.point({"load_N": 0.5 * n}, {"rigid": (250.0, np.sin(0.1 * n * np.arange(40)))}, n)
+            films = dict.fromkeys(("rigid", "total"), (250.0, np.sin(0.1 * n * np.arange(40))))
+            record.point({"load_N": 0.5 * n}, films, n)
         shutil.copytree(live, folder)
     return folder
 
@@ -67,3 +70,20 @@ def test_no_damage_to_a_file_of_a_killed_run_costs_points_unnoticed(killed: Path
             silent += [folder.name] * is_silent(folder)
     assert tried > 40
     assert silent == []
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_an_entry_of_the_head_that_is_overwritten_by_the_other_is_noticed(
+    killed: Path, tmp_path: Path, lost: int
+) -> None:
+    """Else the last row, damaged too, would pass for one that the power failed on."""
+    folder = tmp_path / "run"
+    shutil.copytree(killed, folder)
+    head, record = folder / HEAD_FILE, folder / RECORD
+    entries = [head.read_bytes()[:SECTOR], head.read_bytes()[SECTOR:]]
+    entries[lost] = entries[1 - lost]
+    head.write_bytes(b"".join(entries))
+    used = record.read_bytes().rstrip(b"\0")
+    record.write_bytes(used[:-100] + bytes([used[-100] ^ 1]) + used[-99:])
+    assert check(folder).faults
+    assert not is_silent(folder)
