@@ -31,9 +31,13 @@ class SignalGenerator(SimulatedDevice):
             raise Refused(ILLEGAL_VALUE)
         now = self.clock.now_ns()
         phase = 0 if values.get("phase_reset") else int(self._waveform.phase(np.array([now]))[0])
-        self.settings = {**new, "phase_reset": 0.0, "error": 0.0}
+        self.settings = {**new, "phase_reset": 0.0, "error": 0.0, "writes": new["writes"] + 1}
         self._waveform = self._formed(phase)
         self._changed()
+
+    def reset(self) -> None:
+        super().reset()
+        self.settings["writes"] = 0.0
 
     def out_of_range(self) -> None:
         self.settings["error"] = self.contract["error"].choices["range"]

@@ -1,5 +1,6 @@
 """Signal generator, Modbus TCP. Our own map, after generators that take a u32 frequency with FC16
-(Waveshare) so that a frequency change is atomic: frequency, amplitude and offset stand side by side.
+(Waveshare) so that a frequency change is atomic: frequency, amplitude and offset stand side by side. It has no owner,
+but counts what it is told, so that a client notices that another one writes.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ CONTRACT = Contract(
     identity=Identity("Palpate", "SG-1", "1.0"),
     fields=(
         probe(0x00),
+        Field("writes", 0x0E, "uint32", "writes that were taken since power-on, from anybody or at the front panel; "
+              "refused ones do not count"),
         Field("frequency", 0x10, "uint32", "frequency of the waveform", "Hz", 1e-3, "rw", 0, 20_000, 10),
         Field("amplitude", 0x12, "uint32", "peak amplitude", "V", 1e-6, "rw", 0, 10),
         Field("offset", 0x14, "int32", "DC offset; amplitude + |offset| is at most 10 V", "V", 1e-6, "rw", -10, 10),

@@ -11,12 +11,14 @@ import pytest
 
 from drivers.bench import Bench
 from drivers.modbus_device import ModbusDevice
-from instrument.errors import RangeError
+from drivers.signal_generator import SignalGenerator
+from instrument.errors import LinkTimeout, RangeError, SettingsLost
 from simulators.bench import SimulatedBench
 from simulators.device import SimulatedDevice
 from simulators.signal_generator import SignalGenerator as SimulatedGenerator
 from tests.conformance import ModbusConformance
-from tests.drivers.wire import listen
+from tests.drivers.benches import drive
+from tests.drivers.wire import impatient, listen
 
 
 class TestSignalGenerator(ModbusConformance):
@@ -118,3 +120,55 @@ def test_a_waveform_has_the_harmonics_of_its_shape(
     for k in range(1, 30):
         expected = -3j * harmonic(k) if k % 2 and k <= 25 else 0.0
         assert spectrum[k] == pytest.approx(expected, abs=1e-9), k
+
+
+# --- a stranger ----------------------------------------------------------------------------------------
+
+
+def as_a_stranger(generator: SignalGenerator, microvolts: int) -> None:
+    """Writes an amplitude that our driver does not know of."""
+    reply = generator.link._client.write_registers(
+        generator.contract["amplitude"].address, [microvolts >> 16, microvolts & 0xFFFF], device_id=generator.unit
+    )
+    assert not reply.isError()
+
+
+def test_a_setting_that_a_stranger_has_changed_and_taken_back_is_noticed_once(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    drive(bench)
+    bench.check_settings()
+    as_a_stranger(bench.generator, 3_000_000)
+    as_a_stranger(bench.generator, 1_000_000)
+    with pytest.raises(SettingsLost, match=r"signal generator at .*: counts \d+ writes, should count \d+"):
+        bench.check_settings()
+    bench.recover()
+    bench.check_settings()
+
+
+def test_a_generator_that_was_off_meanwhile_is_noticed_though_it_holds_its_settings(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    before = {name: sim.generator.settings[name] for name in bench.generator._settings}
+    sim.generator.reset()
+    sim.generator.turn(before)
+    with pytest.raises(SettingsLost, match=r"counts 1 writes, should count \d+"):
+        bench.check_settings()
+
+
+@pytest.mark.parametrize("carried_out", [False, True])
+def test_a_write_that_was_not_confirmed_may_have_been_taken_or_not(
+    carried_out: bool, bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.generator.sine(10.0, 0.0)
+    with impatient(bench.generator.link), monkeypatch.context() as patch:
+        if not carried_out:
+            patch.setattr(sim.generator, "write", lambda _values: None)
+        with sim.clock.lock, pytest.raises(LinkTimeout):
+            bench.generator.sine(10.0, 0.0)
+        bench.generator.link.open()
+        bench.generator.get("probe")
+    bench.check_settings()
+    as_a_stranger(bench.generator, 0)
+    with pytest.raises(SettingsLost, match="writes, should count"):
+        bench.check_settings()

@@ -71,6 +71,23 @@ def test_every_error_of_the_bench_has_one_policy(error: type[BenchError], does: 
 # --- steps ---------------------------------------------------------------------------------------------
 
 
+def test_a_step_in_which_a_stranger_drove_for_a_moment_is_repeated() -> None:
+    with attended() as (sim, bench, told):
+        bench.drive()
+        bench.generator.sine(10.0, 1.0)
+        strangers = iter((2.0, None))
+
+        def step() -> float:
+            if amplitude := next(strangers):
+                sim.generator.write({"amplitude": amplitude})
+                sim.generator.write({"amplitude": 1.0})
+            return sim.generator.settings["amplitude"]
+
+        assert carry_out(bench, "point 1", step, lambda: bench.generator.sine(10.0, 1.0)) == 1.0
+        assert len(told) == 1 and RESTORE in told[0]
+        assert "somebody else writes there" in told[0]
+
+
 def test_a_step_is_repeated_on_a_bench_that_was_put_right_and_each_attempt_is_told() -> None:
     with attended() as (sim, bench, told):
         bench.drive()
