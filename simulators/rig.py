@@ -57,6 +57,7 @@ class Rig:
         self.changes = 0  # so often anything has changed
         self.exchanges = 0  # so often what lies under the probe has
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
+        self._gains: tuple[object, ...] = ()  # that the films' signals are of
         self._settings: tuple[object, ...] = ()  # that the last chain is of
         self._last = chain = self._chain()
         mode = chain.mode(Touch(contact=(False, False), drag=(0,) * chain.plays))
@@ -194,6 +195,11 @@ class Rig:
         forcing = system.b[:, 0] * voltage.amplitude[0] + system.b[:, 2] * rate.amplitude[0]
         return system, path.state(path.start_ns), forcing
 
+    @property
+    def path(self) -> Path:
+        """What follows from the present settings."""
+        return self._paths[-1]
+
     def touch(self) -> Touch:
         """What touched as the present settings began."""
         path = self._paths[-1]
@@ -243,7 +249,10 @@ class Rig:
 
     def _chain(self) -> Chain:
         """Of the present settings; where they are as they were, the last one, which knows its modes."""
-        signals = self._film_signals()
+        gains = (self._mounted, self._set_at_ns, self._ambient)
+        if gains != self._gains:
+            self._gains, self._signals = gains, self._film_signals()
+        signals = self._signals
         settings = (self._mounted, self._leakage(), self.position, self._bridge_tau, self._weight)
         matrices = tuple(matrix.tobytes() for matrix in (signals.a, signals.b, signals.c, signals.d))
         if (settings, matrices) == self._settings:

@@ -159,6 +159,14 @@ class Path:
             modes += cycle.modes(max(first_ns, cycle.start_ns), time_ns)
         return [modes[0], *(after for before, after in pairwise(modes) if after is not before)]
 
+    def modes_met(self, time_ns: int) -> list[Mode]:
+        """All modes from the change up to a time; of those that recur, two periods."""
+        cycle = self._recurring(time_ns)
+        if cycle is None:
+            return [stay.mode for stay in self._between(self.start_ns, time_ns)]
+        modes = [stay.mode for stay in self._between(self.start_ns, cycle.start_ns - 1)]
+        return modes + cycle.modes(cycle.start_ns, min(time_ns, cycle.start_ns + 2 * self._period))
+
     def _collect(
         self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int
     ) -> Floats:

@@ -51,7 +51,7 @@ def bound_of_limit(case: Case, nearer: Effect, name: str) -> Bound:
     """Of a limit: nothing where one that is `NEARER` is never met, from the beginning of the drive on."""
     rig = case.driven(deterministic({**case.effects, name_of(nearer): nearer}))
     end_ns = round(1e9 * (case.settled + case.dwell))
-    acts = any(met(touched(rig, end_ns), (name,)) for _ in begun(rig, LOOKED_AT))
+    acts = any(met(touched(path, end_ns), (name,)) for path in begun(rig, LOOKED_AT))
     return BEYOND if acts else Bound(0.0, 0.0)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from simulators.linear.lti import Floats, Times
+from simulators.linear.path import Path
 from simulators.linear.periodic import CYCLE, HERTZ, SECOND
 from simulators.physics.chain import Touch
 from simulators.rig import Rig
@@ -19,6 +19,8 @@ PHASES = 12 * STARTS
 GONE = 30.0  # time constants, after which it does not matter how something began
 LIMITS = ("contact", "rail", "current", "stop")
 
+Seen = Callable[[Path, Times, slice], Floats]  # of a path at some times: its outputs, or their rates (films, n)
+
 
 @dataclass(frozen=True, eq=False)
 class Dwell:
@@ -26,53 +28,68 @@ class Dwell:
 
     Attributes:
         times: of the samples (n,) [ns].
+        films: how many.
+        period: of the drive [ns].
+        starts: what follows where the drive begins in each of some phases.
         linear: nothing changes state up to the dwell's end: not even a play operator moves.
         limited: contact is lost, or a limit acts.
-        kept: what was followed, voltages and rates (2, phases, films, n) [V, V/s].
     """
 
-    rig: Rig
     times: Times
+    films: int
+    period: int
+    starts: Sequence[Path]
     linear: bool
     limited: bool
-    kept: Floats
+    _known: dict[tuple[Seen, bool], Floats] = field(default_factory=dict, init=False)
 
     def volts(self, linear: bool) -> Floats:
         """Voltages in each phase of the drive (phases, films, n) [V]; `linear`: by superposition."""
-        volts: Floats = (self.kept if linear else self._followed)[0]
-        return volts
+        return self._seen(Path.outputs, linear)
 
     def rates(self, linear: bool) -> Floats:
         """Rates of the same [V/s]."""
-        rates: Floats = (self.kept if linear else self._followed)[1]
-        return rates
+        return self._seen(Path.rates, linear)
 
-    @functools.cached_property
-    def _followed(self) -> Floats:
-        """Where the chain is linear, for a comparison with another that is not."""
-        if not self.linear:
-            return self.kept
-        starts = [_shifted(self.rig, self.times, PHASES // STARTS) for _ in begun(self.rig, STARTS)]
-        return np.concatenate(starts, axis=1)
+    def _seen(self, what: Seen, linear: bool) -> Floats:
+        if (what, linear) not in self._known:
+            self._known[what, linear] = self._superposed(what) if linear else self._shifted(what)
+        return self._known[what, linear]
+
+    def _superposed(self, what: Seen) -> Floats:
+        """From what begins in each of some phases: a constant, and what turns with the phase."""
+        starts = np.stack([what(path, self.times, slice(0, self.films)) for path in self.starts])
+        apart = np.arange(PHASES)[:, np.newaxis] / PHASES - np.arange(len(starts)) / len(starts)
+        weights = (1 + 2 * np.cos(2 * math.pi * apart)) / len(starts)
+        return np.asarray(np.tensordot(weights, starts, 1))
+
+    def _shifted(self, what: Seen) -> Floats:
+        """Other phases are what follows a little later."""
+        count = PHASES // len(self.starts)
+        later = self.times + np.arange(count)[:, np.newaxis] * (self.period // PHASES)
+        order = np.argsort(later.ravel(), kind="stable")
+        found = np.empty((len(self.starts), self.films, later.size))
+        for each, path in zip(found, self.starts, strict=True):
+            each[:, order] = what(path, later.ravel()[order], slice(0, self.films))
+        by_phase = found.reshape(len(self.starts), self.films, *later.shape).swapaxes(1, 2)
+        return by_phase.reshape(PHASES, self.films, len(self.times))
 
 
 def dwell_of(rig: Rig, settled: float, dwell: float, rate: float) -> Dwell:
     """`settled` s after the drive was set, for `dwell` s, `rate` samples a second."""
     times = (round(settled * rate) + np.arange(max(1, round(dwell * rate)))) * round(1e9 / rate)
     end_ns = round(1e9 * (settled + dwell))
-    starts: list[Floats] = []
-    for _ in begun(rig, STARTS):
-        if _moved(touched(rig, end_ns)):
+    frequency = rig.coil_voltage().frequency
+    period = SECOND * HERTZ // frequency if frequency else 0
+    linear, starts, touches = True, [], []
+    for path in begun(rig, STARTS):
+        starts.append(path)
+        touches.append(touched(path, end_ns))
+        linear = linear and not _moved(touches[-1])
+        if not linear and _settled(rig, settled):
+            del starts[1:], touches[1:]  # all other phases come later
             break
-        starts.append(_seen(rig, times))
-    else:
-        return Dwell(rig, times, True, False, _superposed(np.stack(starts)))
-    limited, starts = False, []
-    count = 1 if _settled(rig, settled) else STARTS
-    for _ in begun(rig, count):
-        limited = limited or met(touched(rig, end_ns), LIMITS)
-        starts.append(_shifted(rig, times, PHASES // count))
-    return Dwell(rig, times, False, limited, np.concatenate(starts, axis=1))
+    return Dwell(times, len(rig.scene.design.films), period, starts, linear, any(met(each, LIMITS) for each in touches))
 
 
 def _moved(found: Sequence[Touch]) -> bool:
@@ -102,31 +119,20 @@ def _shifted(rig: Rig, times: Times, count: int) -> Floats:
     return found.reshape(2, -1, *later.shape).swapaxes(1, 2)
 
 
-def begun(rig: Rig, starts: int) -> Iterator[None]:
-    """The drive that was just set, begun in each of some phases."""
+def begun(rig: Rig, starts: int) -> Iterator[Path]:
+    """What follows where the drive that was just set begins in each of some phases."""
     voltage = rig.coil_voltage()
-    try:
-        yield
-        for start in range(1, starts):
-            rig.set_voltage(replace(voltage, start_phase=(voltage.start_phase + CYCLE * start // starts) % CYCLE))
-            yield
-    finally:
-        if rig.coil_voltage() is not voltage:
-            rig.set_voltage(voltage)
+    yield rig.path
+    for start in range(1, starts):
+        rig.set_voltage(replace(voltage, start_phase=(voltage.start_phase + CYCLE * start // starts) % CYCLE))
+        yield rig.path
 
 
-def touched(rig: Rig, end_ns: int) -> list[Touch]:
-    """What touches as the drive begins, and after each transition up to a time."""
-    return [rig.touch(), *(after for _, after in rig.transitions(end_ns))]
+def touched(path: Path, end_ns: int) -> list[Touch]:
+    """All that touches from the beginning up to a time."""
+    return [mode.touch for mode in path.modes_met(end_ns)]
 
 
 def met(touches: Sequence[Touch], names: Sequence[str]) -> bool:
     """Whether any of these limits is met, or contact lost."""
     return any(getattr(touch, name) != getattr(Touch(), name) for touch in touches for name in names)
-
-
-def _superposed(starts: Floats) -> Floats:
-    """By phase, from (starts, ...): a constant, and what turns with the phase."""
-    apart = np.arange(PHASES)[:, np.newaxis] / PHASES - np.arange(len(starts)) / len(starts)
-    weights = (1 + 2 * np.cos(2 * math.pi * apart)) / len(starts)
-    return np.asarray(np.tensordot(weights, starts, 1)).swapaxes(0, 1)

@@ -220,8 +220,9 @@ def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -
     def states(effects: Mapping[str, Effect]) -> int:
         return Rig(replace(scene, effects=effects), VirtualClock()).without_limits()[0].order
 
+    of_all = states(scene.effects)
     for name in scene.effects:
-        own = states(scene.effects) - states({k: v for k, v in scene.effects.items() if k != name})
+        own = of_all - states({k: v for k, v in scene.effects.items() if k != name})
         added = 0.0 if question.steady else ADDED.get(name, 0.0)
         met = sum(LIMITS.get(name) in moved for moved in found) / LOOKED_AT
         costs[name] = samples * (own * A_STATE + added) + met * over * A_TRANSITION
