@@ -200,12 +200,6 @@ class Rig:
         """What follows from the present settings."""
         return self._paths[-1]
 
-    def touch(self) -> Touch:
-        """What touched as the present settings began."""
-        path = self._paths[-1]
-        touch: Touch = path.mode_at(path.start_ns).touch
-        return touch
-
     def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
         """What touches before and after each transition since the present settings, up to a time."""
         modes = self._paths[-1].modes_until(time_ns)

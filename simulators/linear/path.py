@@ -118,7 +118,7 @@ class Path:
         self._cycle: Cycle | None = None
         self._crowd = (start_ns, 0)
         self._stretches: list[Stretch] = []
-        self._enter(mode, start_ns, state)
+        self._first = mode, start_ns, state  # entered when someone looks
 
     def outputs(self, time_ns: Times, rows: slice, step_ns: int = 0) -> Floats:
         """Some of the outputs (rows, n) at ascending times from the change on, all `step_ns` apart or 0."""
@@ -184,6 +184,8 @@ class Path:
 
     def _recurring(self, last_ns: int) -> Cycle | None:
         """What recurs at a time, if anything does then."""
+        if not self._stretches:
+            self._enter(*self._first)
         while self._cycle is None and self._stretches[-1].end_ns <= last_ns:
             self._follow()
         return self._cycle if self._cycle is not None and last_ns >= self._cycle.start_ns else None

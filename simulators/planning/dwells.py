@@ -97,26 +97,13 @@ def _moved(found: Sequence[Touch]) -> bool:
 
 
 def _settled(rig: Rig, settled: float) -> bool:
-    """Whether all but the plays, which forget in a period, has forgotten how the drive began."""
+    """Whether all that films see but the plays, which forget in a period, has forgotten how the drive began."""
     system, plays = rig.without_limits()
-    others = np.delete(np.delete(system.a, plays, axis=0), plays, axis=1)
-    return bool((np.linalg.eigvals(others).real * settled < -GONE).all())
-
-
-def _seen(rig: Rig, times: Times) -> Floats:
-    """Voltages and rates (2, films, n)."""
-    return np.stack([rig.film_voltages(times), rig.film_rates(times)])
-
-
-def _shifted(rig: Rig, times: Times, count: int) -> Floats:
-    """The same a little later, which is in another phase (2, count, films, n)."""
-    frequency = rig.coil_voltage().frequency
-    period = SECOND * HERTZ // frequency if frequency else 0
-    later = times + np.arange(count)[:, np.newaxis] * (period // PHASES)
-    order = np.argsort(later.ravel(), kind="stable")
-    found = np.empty((2, len(rig.scene.design.films), later.size))
-    found[..., order] = _seen(rig, later.ravel()[order])
-    return found.reshape(2, -1, *later.shape).swapaxes(1, 2)
+    seen = (system.c[: len(rig.scene.design.films)] != 0).any(axis=0)
+    for _ in range(system.order):
+        seen |= seen @ (system.a != 0)
+    seen[plays] = False
+    return bool((np.linalg.eigvals(system.a[np.ix_(seen, seen)]).real * settled < -GONE).all())
 
 
 def begun(rig: Rig, starts: int) -> Iterator[Path]:

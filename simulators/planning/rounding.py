@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import TYPE_CHECKING
 
@@ -55,7 +56,7 @@ def step_changes(
         return worst
     others = _tried(after, noise)
     if more:
-        others = others + more * Stream(0, "more").normal(0, others.size).reshape(others.shape)
+        others = others + more * _normal("more", others.size).reshape(others.shape)
     found = _errors(case, converter, others)
     found -= factor[np.round(_phases(before) * len(factor)).astype(int) % len(factor)] * _errors(
         case, converter, _tried(before, noise)
@@ -90,7 +91,13 @@ def _tried(volts: Floats, noise: float) -> Floats:
     known, asked = np.arange(len(volts)) / len(volts), _phases(volts)
     weights = 1 + 2 * np.cos(2 * math.pi * (asked[:, np.newaxis] - known))
     chosen = weights / len(volts) @ volts
-    return np.asarray(chosen + noise * Stream(0, "steps").normal(0, chosen.size).reshape(chosen.shape))
+    return np.asarray(chosen + noise * _normal("steps", chosen.size).reshape(chosen.shape)) if noise else chosen
+
+
+@functools.lru_cache(maxsize=2)
+def _normal(name: str, count: int) -> Floats:
+    """Standard normal numbers, always the same."""
+    return Stream(0, name).normal(0, count)
 
 
 def _errors(case: Case, converter: Adc, volts: Floats) -> Complexes:
