@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -56,6 +57,7 @@ class Bench:
         self.nodes = [SensorNode(can, node_id, self.clock) for node_id in description.can.nodes]
         self.incidents = Incidents(self.clock)
         self.attended = False
+        self.waits: Callable[[str], object] = lambda _why: None  # told before it has to wait for somebody else
         self._safe = True
         self._other_links: list[ModbusLink | CanLink] = [line, can]
         if (place := description.sample_changer) is not None:
@@ -122,7 +124,12 @@ class Bench:
         """
         if self.amplifier.claim():
             return
-        piece = self.amplifier.get("watchdog") / CLAIMS
+        watchdog = self.amplifier.get("watchdog")
+        self.waits(
+            f"{self.amplifier.name}: belongs to another program, or to one that was killed; waiting {watchdog:g} s, "
+            "after which a killed one's claim ends"
+        )
+        piece = watchdog / CLAIMS
         for _ in range(CLAIMS):
             self.clock.wait(piece)
             if self.amplifier.claim():

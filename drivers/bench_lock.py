@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import getpass
 import hashlib
@@ -9,6 +10,7 @@ import json
 import os
 import shlex
 import socket
+import stat
 import sys
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
@@ -87,29 +89,44 @@ def _take(folder: Path, address: str, stack: ExitStack) -> None:
             if _is(file, path):
                 break
             os.close(file)  # its last holder has just removed it: others lock the new one
-        stack.callback(_give_back, file, path)
-        os.ftruncate(file, 0)
-        os.pwrite(file, _ourselves(), 0)
-    except BenchInUse:
-        raise
     except OSError as error:
         raise BenchError(
-            f"{path}: the bench cannot be locked: {error.strerror or error}; make {folder} writable for all who use it"
+            f"{path}: the bench cannot be locked: {error.strerror or error}; remove what stands there, and see that "
+            f"{folder} is a folder in which all who use the bench can write"
         ) from None
+    stack.callback(_give_back, file, path)
+    with suppress(OSError):  # a full disk: whoever finds the bench in use is not told who has it
+        os.ftruncate(file, 0)
+        os.pwrite(file, _ourselves(), 0)
 
 
 def _open(path: Path) -> int:
-    """The file of a lock; a new one is made only where there is none, since Linux refuses that for another user's."""
+    """The file of a lock; a new one is made only where there is none, since Linux refuses that for another user's.
+
+    Raises OSError: it cannot be opened, or it is no file of ours: in a folder in which all may write, somebody may have
+    put a link there to a file that must not be overwritten.
+    """
     while True:
-        with suppress(FileNotFoundError):
-            return os.open(path, os.O_RDWR | os.O_NOFOLLOW)
         with suppress(FileExistsError):
             path.parent.mkdir()
             path.parent.chmod(0o1777)
+        if not stat.S_ISDIR(path.parent.lstat().st_mode):
+            raise NotADirectoryError(errno.ENOTDIR, f"{path.parent} is no folder")
+        with suppress(FileNotFoundError):
+            return _plain_file(os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK))
         with suppress(FileExistsError):
             file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW)
             os.fchmod(file, FOR_ALL)
             return file
+
+
+def _plain_file(file: int) -> int:
+    """The same, where it is a file that has one name, or none any more."""
+    found = os.fstat(file)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(file)
+        raise OSError(errno.EINVAL, "that is no lock, or it is a file with a second name")
+    return file
 
 
 def _is(file: int, path: Path) -> bool:
@@ -145,7 +162,7 @@ def _holder(file: int) -> str:
     try:
         said = json.loads(os.pread(file, 4096, 0))
         pid, user, command, since = (_plain(said[name]) for name in ("pid", "user", "command", "since"))
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return "another program"
     return f"process {pid} of {user} ({command}) since {since}"
 

@@ -143,6 +143,7 @@ def open_session(
         assert description is not None
         opening = stack.enter_context(ExitStack())
         opened = Bench(description, clock, operator)
+        opened.waits = lambda why: say(f"palpate: note: {why}", err=True)
         log = None
         if choice.log is not None:
             log = stack.enter_context(_logging(BusLog(opened, clock, choice.log, started), folder))

@@ -217,7 +217,10 @@ def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
     for link in (killed.amplifier.link, killed.generator.link, *killed._other_links):
         link.close()
     died = sim.clock.now_ns()
-    with open_bench(sim) as second:
+    second, told = open_bench(sim), []
+    second.waits = told.append
+    with second:
+        assert [f"waiting {WATCHDOG:g} s" in why for why in told] == [True]
         assert WATCHDOG <= 1e-9 * (sim.clock.now_ns() - died) <= 1.2 * WATCHDOG
         drive(second)
         killed.amplifier.link.open()  # it was stopped, and goes on

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -117,9 +118,10 @@ def test_a_lock_of_another_program_holds_until_it_is_killed_whatever_stands_in_i
     with another_program(first, says) as process:
         with pytest.raises(BenchInUse, match=r"held by process 7 of a \(palpate \?\[2J\?\) since noon"):
             BenchLock(description, tmp_path).__enter__()
-        first.write_text("[]")
-        with pytest.raises(BenchInUse, match="held by another program"):
-            BenchLock(description, tmp_path).__enter__()
+        for nonsense in ("[]", "[" * 4096):
+            first.write_text(nonsense)
+            with pytest.raises(BenchInUse, match="held by another program"):
+                BenchLock(description, tmp_path).__enter__()
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert first.exists()
@@ -147,6 +149,51 @@ def test_a_lock_that_was_removed_while_it_was_waited_for_is_taken_anew(
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(BenchError, match=r"file/.* cannot be locked"), BenchLock(described(), tmp_path / "file"):
+        pass
+
+
+@pytest.mark.parametrize("put", ["link", "second name", "link to nowhere", "folder", "pipe"])
+def test_what_somebody_has_put_in_the_place_of_a_lock_is_neither_followed_nor_overwritten(
+    put: str, tmp_path: Path
+) -> None:
+    """In a folder in which all may write."""
+    folder, precious = tmp_path / "locks", tmp_path / "precious"
+    precious.write_text("precious")
+    with BenchLock(described(), folder):
+        place = locks(folder)[0]
+    puts: dict[str, Callable[[], object]] = {
+        "link": lambda: place.symlink_to(precious),
+        "second name": lambda: os.link(precious, place),
+        "link to nowhere": lambda: place.symlink_to(tmp_path / "nowhere"),
+        "folder": place.mkdir,
+        "pipe": lambda: os.mkfifo(place),
+    }
+    puts[put]()
+    with pytest.raises(BenchError, match=f"{place}: the bench cannot be locked: .*; remove what stands there"):
+        BenchLock(described(), folder).__enter__()
+    assert precious.read_text() == "precious"
+    assert not (tmp_path / "nowhere").exists()
+    assert locks(folder) == [place]
+
+
+def test_a_link_in_the_place_of_the_folder_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "locks").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(BenchError, match="locks is no folder"), BenchLock(described(), tmp_path / "locks"):
+        pass
+    assert locks(tmp_path / "elsewhere") == []
+
+
+def test_on_a_full_disk_a_lock_holds_without_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", full)
+    with (
+        BenchLock(described(), tmp_path),
+        pytest.raises(BenchInUse, match="held by another program"),
+        BenchLock(described(), tmp_path),
+    ):
         pass
 
 
