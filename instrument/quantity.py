@@ -25,6 +25,7 @@ _QUANTITY = re.compile(
     re.ASCII,
 )
 LARGEST_TOLERANCE = 0.5  # a share; what may be wrong by more than half is not worth a measurement
+SHARE = "give a share such as '5 %' or 0.05"
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
 
@@ -65,17 +66,20 @@ def parse_tolerance(text: str) -> float:
     Raises:
         QuantityError: neither. RangeError: as `check_tolerance`; "5" is five hundred percent.
     """
-    return check_tolerance(parse(text, ""), f"--tolerance {text!r}")
+    try:
+        tolerance = parse(text, "")
+    except QuantityError as error:
+        raise QuantityError(f"--tolerance {text[:100]!r} is no share; {SHARE}") from error
+    return check_tolerance(tolerance, f"--tolerance {text!r}")
 
 
 def check_tolerance(tolerance: float, what: str) -> float:
     """It, if it is a share above 0 and at most a half; `what` names it. Raises RangeError: it is not."""
     if not tolerance > 0:
-        raise RangeError(f"{what} is not above 0; give a share such as '5 %' or 0.05")
+        raise RangeError(f"{what} is not above 0; {SHARE}")
     if not tolerance <= LARGEST_TOLERANCE:
         raise RangeError(
-            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that a tolerance may be; give"
-            " a share such as '5 %' or 0.05"
+            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that a tolerance may be; {SHARE}"
         )
     return tolerance
 

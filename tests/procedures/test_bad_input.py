@@ -60,6 +60,7 @@ def nothing_in_runs() -> bool:
         ("--tolerance", "-1 %", "--tolerance '-1 %' is not above 0"),
         ("--tolerance", "5", "--tolerance '5' is 500 %, above the 50 % that a tolerance may be; give a share such as"),
         ("--tolerance", "51 %", "is 51 %, above the 50 %"),
+        ("--tolerance", "nan", "--tolerance 'nan' is no share; give a share such as '5 %' or 0.05"),
         ("--frequency", "10 N", "'10 N' is in N where Hz belongs"),
         ("--frequency", "0 Hz", "outside 0.5 to 100 Hz"),
         ("--frequency", "1 kHz", "outside 0.5 to 100 Hz"),
