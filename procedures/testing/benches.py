@@ -83,6 +83,7 @@ def simulated_bench(scene: Scene) -> Iterator[Watch]:
 @contextmanager
 def real_bench(description: BenchDescription) -> Iterator[Watch]:
     bench = Bench(description, WallClock(), ConsoleOperator())
+    bench.waits = lambda why: click.echo(f"palpate: note: {why}", err=True)
     for caution in bench.cautions:
         click.echo(f"palpate: note: {caution}", err=True)
     yield Watch(bench, f"bench {description.name}", Traffic(bench))

@@ -89,7 +89,7 @@ STRANGERS: dict[str, Callable[[Scene, int], int]] = {
 }
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     strangers=st.lists(st.sampled_from(sorted(STRANGERS)), min_size=1, max_size=31),
     pauses=st.lists(st.integers(1, 1999), max_size=5),
