@@ -14,7 +14,7 @@ from instrument.models import axisymmetric, film, solid, solid_system
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import RoundParameters, SolidParameters
 from instrument.models.response import FilmLoad, response
-from instrument.models.solid import solve, solve_on
+from instrument.models.solid import solve_on
 from instrument.models.solid_forces import evaluate
 from instrument.models.solid_mesh import Resolution
 from instrument.models.solid_section import section
@@ -22,6 +22,7 @@ from instrument.models.solid_system import System
 from tests.instrument.coupled import coupled
 
 SMALLEST = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
+THREE_LAYERS = Resolution(layers=3, ratio=0.2, sectors=1, degree=2)
 APART = SolidParameters(cell_length=12e-3, cell_width=12e-3, columns=2, separate_bases=True)
 
 
@@ -46,15 +47,15 @@ def test_another_force_on_the_same_sensor_is_not_solved_again(one_layer: None, m
         assert film_load.plane_stress == pytest.approx([3 * s for s in one.films[name].plane_stress or ()])
 
 
-@pytest.mark.parametrize("plate_modulus, limit", [(70e6, 0.17), (3e9, 0.02)])
-def test_films_of_a_round_sensor_feel_what_the_round_model_says(plate_modulus: float, limit: float) -> None:
-    """Soft plates stretch the base film; stiff ones press it."""
-    ours = solve(SolidParameters(outline="round", plate_modulus=plate_modulus, film=PVDF.round()), 0)
+@pytest.mark.parametrize("plate_modulus", [70e6, 3e9])
+def test_films_of_a_round_sensor_feel_what_the_round_model_says(plate_modulus: float) -> None:
+    """Soft plates stretch the base film; stiff ones press it. With two layers it is off by 4 %, the tooth's by 7."""
+    ours = solve_on(SolidParameters(outline="round", plate_modulus=plate_modulus, film=PVDF.round()), THREE_LAYERS)
     films = axisymmetric.solve(RoundParameters(plate_modulus=plate_modulus), 1).films
-    assert ours.tooth_films[0] == pytest.approx((films["tooth"].plane_stress,) * 2, rel=limit)
-    assert ours.base_films[0] == pytest.approx((films["base"].plane_stress,) * 2, rel=0.05)
+    assert ours.tooth_films[0] == pytest.approx((films["tooth"].plane_stress,) * 2, rel=0.03)
+    assert ours.base_films[0] == pytest.approx((films["base"].plane_stress,) * 2, rel=0.03)
     for (voltage, charge), film_ in zip(ours.signals, films.values(), strict=True):
-        assert (voltage, charge) == pytest.approx((film_.voltage, film_.charge), rel=0.06)
+        assert (voltage, charge) == pytest.approx((film_.voltage, film_.charge), rel=0.03)
 
 
 def test_turning_the_load_turns_the_films_stresses() -> None:
