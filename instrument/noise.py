@@ -94,7 +94,8 @@ def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
     correlation = moments(np.concatenate([whitened.real, whitened.imag], axis=1), pink.size)[1]
     a, b, c = ((lines / density**2) @ slope**order for order in range(3))
     variance = (a - 2 * b + c) / (a * c - b**2) / (white + rising) ** 2
-    return Noise(np.sqrt(white + rising), correlation, int(2 / variance.mean()))
+    # Far below the first line the density is drawn on so far that it is all but unknown.
+    return Noise(np.sqrt(white + rising), correlation, max(int(2 / variance.mean()), 1))
 
 
 def _whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:

@@ -82,6 +82,14 @@ def test_degrees_of_freedom_are_those_that_the_noise_scatters_with() -> None:
     assert np.var(power) / power.mean() ** 2 == pytest.approx(2 / freedom, rel=0.25)
 
 
+def test_noise_far_below_the_first_line_keeps_a_degree_of_freedom() -> None:
+    """It is all but unknown there; with none there would be no interval at all."""
+    time = times(1.2)
+    fits = [fit_sine(time, tone(time, 1.0, 1.0) + some, 1.0) for some in white(time)[:20].reshape(-1, 2, time.size)]
+    assert min(fit.degrees_of_freedom for fit in fits) == 1
+    assert np.mean([held(fit, 1.0) for fit in fits]) >= LEAST
+
+
 def test_a_spectrum_of_another_shape_counts_by_the_lines_around_the_drive() -> None:
     time = times(4.0)
     hill = coloured(time, lambda line: 1 + 8 * np.exp(-(((line - 40) / 10) ** 2)))
