@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from simulators.effects import EFFECTS
+from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.effect import Bound, Effect
 from simulators.effects.frequency_error import FrequencyError
 from simulators.effects.gain_scatter import GainScatter
@@ -131,6 +132,16 @@ def test_what_jitter_takes_from_both_sides_alike_is_not_counted_twice() -> None:
     bound = bounded("off_axis", *beside({"jitter": Jitter(delay="1 ms")}, "off_axis", OffAxis()), question)
     assert bound.force == pytest.approx(1 - math.cos(math.radians(10)), rel=1e-9)
     assert bound.ratio < 1e-9
+
+
+@pytest.mark.slow
+def test_plays_are_followed_from_the_beginning_of_a_long_dwell() -> None:
+    """A slow drive has not repeated itself as a dwell begins, and its first transitions are long ago at the end."""
+    question = Question("2", 3.0, 0.1, dwell=25.0)
+    plays = Hysteresis(weights=(-0.3, 0.2), radii=("0.5 N", "0.05 N"), path="rigid")
+    without, with_it = beside({"charge_amplifier": ChargeAmplifier(time_constant="30 s")}, "hysteresis", plays)
+    (change,) = changes(without, with_it, question)
+    assert change[1] <= bounded("hysteresis", without, with_it, question).ratio < 1.2 * change[1]
 
 
 # --- limits, converters, transients ----------------------------------------------------------------------
