@@ -26,7 +26,7 @@ from simulators.effects.effect import (
 )
 from simulators.linear.lti import Floats, StateSpace
 from simulators.linear.path import KEPT_NS, Path, split
-from simulators.linear.periodic import HERTZ, Periodic, constant
+from simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
 from simulators.physics.assembly import chain_of, film_signals
 from simulators.physics.chain import Chain, Touch
 from simulators.physics.mounted import Mounted
@@ -199,6 +199,13 @@ class Rig:
     def path(self) -> Path:
         """What follows from the present settings."""
         return self._paths[-1]
+
+    def path_from(self, phase: int) -> Path:
+        """What would follow if the drive had begun so much later in its period [1/CYCLE], all else as it was."""
+        path = self._paths[-1]
+        voltage = replace(self._voltage, start_phase=(self._voltage.start_phase + phase) % CYCLE)
+        start_ns = path.start_ns
+        return Path(_inputs(voltage, start_ns), path.mode_at(start_ns), start_ns, path.state(start_ns))
 
     def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
         """What touches before and after each transition since the present settings, up to a time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -108,11 +108,9 @@ def _settled(rig: Rig, settled: float) -> bool:
 
 def begun(rig: Rig, starts: int) -> Iterator[Path]:
     """What follows where the drive that was just set begins in each of some phases."""
-    voltage = rig.coil_voltage()
     yield rig.path
     for start in range(1, starts):
-        rig.set_voltage(replace(voltage, start_phase=(voltage.start_phase + CYCLE * start // starts) % CYCLE))
-        yield rig.path
+        yield rig.path_from(CYCLE * start // starts)
 
 
 def touched(path: Path, end_ns: int) -> list[Touch]:

@@ -19,8 +19,11 @@ from simulators.effects.hysteresis import Hysteresis
 from simulators.effects.jitter import Jitter
 from simulators.effects.off_axis import OffAxis
 from simulators.effects.triboelectric import Triboelectric
+from simulators.effects.viscoelastic import Viscoelastic
 from simulators.effects.white_noise import WhiteNoise
-from simulators.planning.plan import Question, case_of
+from simulators.linear.periodic import CYCLE, SECOND
+from simulators.planning.dwells import begun, touched
+from simulators.planning.plan import Question, case_of, driven
 from simulators.scene import Scene, read_scene
 from tests.benchmarks.bounds import rows, tried
 from tests.simulators.measured import changes, force_and_ratio
@@ -132,6 +135,17 @@ def test_what_jitter_takes_from_both_sides_alike_is_not_counted_twice() -> None:
     bound = bounded("off_axis", *beside({"jitter": Jitter(delay="1 ms")}, "off_axis", OffAxis()), question)
     assert bound.force == pytest.approx(1 - math.cos(math.radians(10)), rel=1e-9)
     assert bound.ratio < 1e-9
+
+
+def test_no_beginning_of_the_drive_leaves_plays_moved_for_the_next() -> None:
+    """A drive that begins beside its zero jumps, and a play with it."""
+    question = Question("6", 2.22, 2.0, dwell=0.5)
+    plays = Hysteresis(weights=(0.03, -0.68), radii=("1.668 N", "4.26 N"), path="total")
+    _, scene = beside({"viscoelastic": Viscoelastic(material="soft_tissue")}, "hysteresis", plays)
+    for start, path in enumerate(begun(driven(scene, question), 4)):
+        rig = driven(scene, question)
+        rig.set_voltage(replace(rig.coil_voltage(), start_phase=CYCLE * start // 4))
+        assert touched(path, SECOND) == touched(rig.path, SECOND)
 
 
 @pytest.mark.slow
