@@ -79,7 +79,8 @@ def check_tolerance(tolerance: float, what: str) -> float:
         raise RangeError(f"{what} is not above 0; {SHARE}")
     if not tolerance <= LARGEST_TOLERANCE:
         raise RangeError(
-            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that a tolerance may be; {SHARE}"
+            f"{what} is {100 * tolerance:.4g} %, above the {100 * LARGEST_TOLERANCE:g} % that a tolerance may be;"
+            f" {SHARE}"
         )
     return tolerance
 

@@ -227,7 +227,7 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     time, volts = measured.record.time[good], measured.record.voltage[:, good]
     amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # of a film that clips all the time
     flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
-    known = np.sqrt(scatter_covariance(design).diagonal() + _calibration_variance(design))
+    known = _gain_u(design)
     lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
     return TemperaturePoint(
         temperature_K=step.temperature_K,
@@ -258,11 +258,12 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     )
 
 
-def _calibration_variance(design: Design) -> np.ndarray:
-    """Relative, of the films' sensitivities (films,)."""
-    if design.film_covariance is None:
-        return np.zeros(len(design.films))
-    return np.asarray(design.film_covariance).diagonal()
+def _gain_u(design: Design) -> np.ndarray:
+    """Relative standard uncertainty of the films' gains (films,): their scatter, and their calibration."""
+    variance = scatter_covariance(design).diagonal()
+    if design.film_covariance is not None:
+        variance = variance + np.asarray(design.film_covariance).diagonal()
+    return np.sqrt(variance)
 
 
 def _of_ratio(design: Design, read: np.ndarray) -> float:
@@ -283,11 +284,16 @@ def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureR
         line = interpolate(warmth, values, u)
         return float(line.coefficients[1]), math.sqrt(float(line.covariance[1, 1]))
 
+    def offset(i: int, gain_u: float) -> tuple[float, float]:
+        value, u = slope([point.films[i].offset_N for point in valid], 0.0)
+        return value, math.hypot(u, gain_u * value)  # all rows may share the film's gain: no residual tells of it
+
+    gains_u = _gain_u(design)
     mean = math.fsum(point.force_ratio for point in valid) / len(valid)
     u = max(point.force_ratio_u for point in valid) / mean
     return TemperatureResult(
         points=list(points),
-        offsets={film.name: slope([p.films[i].offset_N for p in valid], 0.0) for i, film in enumerate(design.films)},
+        offsets={film.name: offset(i, float(gains_u[i])) for i, film in enumerate(design.films)},
         ratio_per_K=slope([point.force_ratio / mean for point in valid], u),
         largest_lock_in=max((point.error_lock_in for point in valid), key=abs),
         largest_rms=max((point.error_rms for point in valid), key=abs),

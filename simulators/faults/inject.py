@@ -49,7 +49,8 @@ class Given:
             own["lasts"] = "until it is cleared"
         words = [f"{name}={value}" for name, value in own.items() if value is not None]
         struck = self.happening.begun if self.happening else self.trigger.struck
-        return f"{' '.join([self.fault.on, self.fault.kind, *words])}: has struck {struck} times"
+        often = "once" if struck == 1 else f"{struck} times"
+        return f"{' '.join([self.fault.on, self.fault.kind, *words])}: has struck {often}"
 
 
 class Injection:
@@ -101,8 +102,9 @@ class Injection:
         """
         found = [g for g in self.given if on in (ALL, g.fault.on) and kind in ("", g.fault.kind)]
         if not found:
-            there = ", ".join(f"{g.fault.on} {g.fault.kind}" for g in self.given) or "none"
-            raise UsageError(f"clear {f'{on} {kind}'.strip()!r}: there is no such fault; there are: {there}")
+            there = ", ".join(f"{g.fault.on} {g.fault.kind}" for g in self.given)
+            why = f"there is no such fault; there are: {there}" if there else "no fault is given"
+            raise UsageError(f"clear {f'{on} {kind}'.strip()!r}: {why}")
         for each in found:
             self._take(each)
         return found
