@@ -118,7 +118,7 @@ class Bench:
         stack.callback(link.close)
 
     def _claim(self) -> None:
-        """Become the amplifier's owner; of one that died the watchdog may have to run out first.
+        """Become the amplifier's owner; the claim of a program that was killed ends after the watchdog's time.
 
         Raises BenchInUse: another program owns it and is alive; nothing has been changed.
         """

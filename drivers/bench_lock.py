@@ -121,7 +121,10 @@ def _open(path: Path) -> int:
 
 
 def _plain_file(file: int) -> int:
-    """The same, where it is a file that has one name, or none any more."""
+    """Give back an open file if it is an ordinary one with one name, or with none since it was removed; else close it.
+
+    Raises OSError: it is something else.
+    """
     found = os.fstat(file)
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
         os.close(file)
@@ -158,7 +161,7 @@ def _user() -> str:
 
 
 def _holder(file: int) -> str:
-    """Who holds a lock, as he has written it; nothing of it is trusted."""
+    """Who holds a lock, as its file says; anybody may have written that, so it is made harmless."""
     try:
         said = json.loads(os.pread(file, 4096, 0))
         pid, user, command, since = (_plain(said[name]) for name in ("pid", "user", "command", "since"))
@@ -168,5 +171,5 @@ def _holder(file: int) -> str:
 
 
 def _plain(text: object) -> str:
-    """Without what would move the cursor of a terminal."""
+    """A short text without control characters, which could move a terminal's cursor."""
     return "".join(character if character.isprintable() else "?" for character in str(text))[:LONGEST]

@@ -1,4 +1,4 @@
-"""Says that the program is alive, from a thread of its own, while time goes on by itself."""
+"""A thread that tells a device at regular intervals that the program is alive."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from typing import Self
 
 from instrument.errors import LinkError
 
-PATIENCE = 20.0  # s that who drives the bench may compute, write or be kept waiting for a processor
+PATIENCE = 20.0  # s for which the thread that drives the bench may compute, write to disk, or have no processor
 
 
 class Heartbeat:
     """A context manager: inside it `say` is called every `interval` s of the wall.
 
-    It speaks for the thread that drives the bench, which says how soon it will be heard of again: if it is not, and not
-    within `PATIENCE` more, it hangs, and nothing is said any more. A program that is killed or stopped says nothing.
+    It speaks for another thread, the one that drives the bench. That one calls `expect` with the time until its next
+    call; where that is late by more than `PATIENCE`, the program is taken to hang, and `say` is not called any more.
+    A program that is killed or stopped calls nothing.
     """
 
     def __init__(self, say: Callable[[], object], interval: float) -> None:
@@ -37,16 +38,16 @@ class Heartbeat:
         self._thread.join()
 
     def expect(self, within: float) -> None:
-        """Who drives the bench is alive now, and will be heard of `within` s; infinity: nothing is driven."""
+        """Called by the thread that drives the bench: it will call again `within` s; infinity: it drives nothing."""
         self._until = time.monotonic() + within + PATIENCE
 
     def failure(self) -> Exception | None:
-        """What went wrong since the last call, but for a link that failed, which whoever uses it meets, too."""
+        """What `say` raised since the last call, but no LinkError: the next request on that link raises it, too."""
         failure, self._failure = self._failure, None
         return failure
 
     def turn(self, now: float) -> None:
-        """What is done at each interval; `now` is of the wall [s]."""
+        """Done at each interval; `now`: the time of `time.monotonic` [s]."""
         if now > self._until:
             return
         try:

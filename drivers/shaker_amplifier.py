@@ -32,7 +32,10 @@ class AmplifierState:
 
 
 class ShakerAmplifier(ModbusDevice):
-    """An amplifier that is `owned` obeys whoever has claimed it, and his signs of life alone feed its watchdog."""
+    """An amplifier that is `owned` takes settings from the program that has claimed it; that alone feeds its watchdog.
+
+    One that is not `owned` takes settings from anybody, and any request feeds its watchdog.
+    """
 
     contract = shaker_amplifier.CONTRACT
 
@@ -40,11 +43,11 @@ class ShakerAmplifier(ModbusDevice):
         super().__init__(link, unit)
         self.owned = owned
         self._token = 0
-        self._counters = {False: 0, True: 0}  # of signs of life, and of orders: these do not depend on the time
-        self._turn = threading.Lock()  # the counter rises in the order in which it is sent
+        self._counters = {False: 0, True: 0}  # False: of signs of life, which depend on the time; True: of orders
+        self._turn = threading.Lock()  # heartbeat and driving thread send by turns, so that counters rise on the wire
 
     def claim(self) -> bool:
-        """Become the owner, or stay it; False where another owner's watchdog is being fed.
+        """Become the owner, or stay it. False: another program owns it and was heard of within the watchdog's time.
 
         Raises:
             DeviceError: it has no owners. LinkError: it cannot be asked.
@@ -84,7 +87,7 @@ class ShakerAmplifier(ModbusDevice):
         self._asked(self.live)
 
     def live(self) -> None:
-        """As `feed`, said once."""
+        """As `feed`, but not said again where it is not confirmed."""
         if self._token:
             self._told(lambda: self._as_owner({}))
         else:
@@ -104,7 +107,7 @@ class ShakerAmplifier(ModbusDevice):
             self._as_owner({"order": name, "order_value": register}, {name: values[name]})
 
     def _as_owner(self, order: Mapping[str, Value], meant: Mapping[str, Value] | None = None) -> None:
-        """Token and counter, and a setting that is `meant`."""
+        """Write token and counter, and behind them an `order`; errors name the setting that is `meant` by it."""
         with self._turn:
             self._counters[bool(order)] += 1
             block = {"token": self._token, "counter": self._counters[bool(order)], **order}
@@ -162,9 +165,14 @@ class ShakerAmplifier(ModbusDevice):
         """
         state = self.read()
         if state.faults_latched:
+            remedy = "Remove the cause, then clear the faults"
+            if state.faults_latched == {"watchdog"}:
+                remedy = (
+                    "It heard nothing of this program for too long: was that stopped (Ctrl-Z), did this machine sleep, "
+                    "was a cable out? The next run clears the fault"
+                )
             raise SafetyError(
-                f"{self.name}: tripped on {', '.join(sorted(state.faults_latched))}; the output is off. "
-                "Remove the cause, then clear the faults"
+                f"{self.name}: tripped on {', '.join(sorted(state.faults_latched))}; the output is off. {remedy}"
             )
         limit = float(self._settings.get("current_limit", math.inf))
         if state.temperature > HOTTEST or math.sqrt(2) * state.current > limit:

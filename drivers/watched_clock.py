@@ -14,8 +14,9 @@ from drivers.shaker_amplifier import ShakerAmplifier
 class WatchedClock:
     """Waits are cut into pieces of half the watchdog's time, and after each the amplifier is looked at.
 
-    Where time passes in waits and requests alone, the watchdog is fed after those, as soon as a quarter of its time is
-    over. Where it goes on by itself, what is done between two waits may take longer: there a heartbeat feeds it.
+    A virtual clock moves in waits and requests alone: there the watchdog is fed after one of those, once a quarter of
+    its time is over. A clock that goes on by itself moves while the program computes, too: there a heartbeat, which is
+    a thread, feeds the watchdog.
     """
 
     def __init__(self, clock: BenchClock, amplifier: ShakerAmplifier, watchdog: float) -> None:
@@ -32,7 +33,7 @@ class WatchedClock:
         self._heard = heard
 
     def beating(self) -> AbstractContextManager[object]:
-        """Inside, the owner of the amplifier is alive, whether it drives or not."""
+        """A context: inside it the heartbeat runs, where there is one, whether the bench drives or not."""
         return self._heartbeat or nullcontext()
 
     @property
@@ -80,7 +81,10 @@ class WatchedClock:
         self._amplifier.check()
 
     def feed_in_time(self) -> None:
-        """Called after whatever takes time: a slow line's requests do. Raises as `ShakerAmplifier.feed`."""
+        """Feed the watchdog if it is time. Called after waits and requests, which on a virtual clock alone take time.
+
+        Raises as `ShakerAmplifier.feed`.
+        """
         if self.watching and not self._heartbeat:
             now = self._clock.now_ns()
             if 2e-9 * (now - self._fed_ns) >= self._longest:

@@ -12,9 +12,11 @@ SPREAD = 2_654_435_761  # odd, so that no ticket comes twice; neighbours differ 
 
 
 class Owner:
-    """`token`: of the owner, 0 for none; he stays it until another takes his place.
+    """Whoever has claimed the amplifier by a ticket, until he releases it or another claims it.
 
-    `fed_ns`: when the watchdog was fed.
+    Attributes:
+        token: the owner's ticket; 0: there is no owner.
+        fed_ns: when the watchdog was last fed, on the bench's clock.
     """
 
     def __init__(self) -> None:
@@ -25,7 +27,7 @@ class Owner:
         self._tickets: deque[int] = deque(maxlen=TICKETS)
 
     def ticket(self) -> int:
-        """One that nobody has had; always the same ones in the same order."""
+        """A number that was not given before. Each run gives the same numbers in the same order."""
         self._given += 1
         ticket = self._given * SPREAD % 2**32
         self._tickets.append(ticket)
