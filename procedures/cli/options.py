@@ -191,7 +191,9 @@ def bench_options(command: F) -> F:
             help="Record all traffic there (.pcapng), or CAN (.blf, .asc) and all beside it.",
         ),
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
-        click.option("--scene", metavar="NAME|FILE", help="Scene to simulate (default: thesis_single)."),
+        click.option(
+            "--scene", metavar="NAME|FILE", help="Scene to simulate (default: the one named above, else thesis_single)."
+        ),
         click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
         OUT,
     ):

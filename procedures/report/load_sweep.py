@@ -54,7 +54,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         points,
         *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
-        f"softness order, hard to soft: {' > '.join(result.softness_order)}{compared}",
+        f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
         *(["* outside the load cell's calibrated range"] if any(p.extrapolated for p in result.points) else []),
         _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),

@@ -47,6 +47,8 @@ class Given:
         own = self.fault.model_dump(mode="json", exclude={"kind", "on"}, exclude_defaults=True)
         if own.get("lasts") == FOREVER:
             own["lasts"] = "until it is cleared"
+        if self.fault.at is not None:
+            own["at"] = f"{self.fault.at:.9g} s"
         words = [f"{name}={value}" for name, value in own.items() if value is not None]
         struck = self.happening.begun if self.happening else self.trigger.struck
         often = "once" if struck == 1 else f"{struck} times"

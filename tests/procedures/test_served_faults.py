@@ -110,7 +110,7 @@ def test_several_are_told_apart_and_cleared_by_place_or_all_at_once(sim: Simulat
     assert answer(person, "faults").splitlines() == [
         "line bit_error probability=0.5: has struck 0 times",
         "positioner silence transaction=9: has struck 0 times",
-        "can error_frame at=0.0 s lasts=until it is cleared: has struck 0 times",
+        "can error_frame at=0 s lasts=until it is cleared: has struck 0 times",
     ]
     person.do("clear positioner")
     assert len(answer(person, "faults").splitlines()) == 2
@@ -121,7 +121,7 @@ def test_several_are_told_apart_and_cleared_by_place_or_all_at_once(sim: Simulat
 def test_those_of_the_scene_are_listed_and_can_be_cleared(scene: Scene, nothing_left_behind: None) -> None:
     with SimulatedBench(scene.with_faults([{"kind": "bridge_open", "on": "strain_indicator", "at": "1 s"}])) as sim:
         person = Person(sim)
-        assert person.do("faults") == "strain_indicator bridge_open at=1.0 s: has struck 0 times"
+        assert person.do("faults") == "strain_indicator bridge_open at=1 s: has struck 0 times"
         sim.clock.wait(2.0)
         assert answer(person, "clear strain_indicator").endswith("has struck once")
         assert "read" not in vars(sim.indicator)
