@@ -49,8 +49,7 @@ class SignalGenerator(ModbusDevice):
         if found or least <= count <= most:
             return found
         return [
-            f"{self.name}: counts {count} writes, should count {most}: somebody else writes there, or it was off "
-            "meanwhile; its settings are as they should be now"
+            f"{self.name}: counts {count} writes, should count {most}: somebody else writes there, or it was off meanwhile"
         ]
 
     def restore(self) -> None:
