@@ -49,7 +49,8 @@ class SignalGenerator(ModbusDevice):
         if found or least <= count <= most:
             return found
         return [
-            f"{self.name}: counts {count} writes, should count {most}: somebody else writes there, or it was off meanwhile"
+            f"{self.name}: counts {count} writes, should count {most}: somebody else writes there, or it was off "
+            "meanwhile"
         ]
 
     def restore(self) -> None:
