@@ -141,6 +141,9 @@ def opened(folder: Path) -> Iterator[Database]:
         RecordError: it is none of a run, or of another format. Else as `Stored`.
     """
     path = folder / DATABASE
+    for file in (path, folder / LOG):
+        if file.exists() and not file.is_file():  # a pipe would be waited for
+            raise RecordError(f"cannot read {file}: It is no file; restore it")
     with contextlib.ExitStack() as stack:
         try:
             database = _snapshot(path, "ro", stack)

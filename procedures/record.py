@@ -233,6 +233,17 @@ def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
     return store / (stem + suffix)
 
 
+def put_file(path: Path, text: str) -> None:
+    """Writes a text file beside a record, in the place of another: a link is not followed, a pipe not waited for.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    with storing(path):
+        path.unlink(missing_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Keeps every other writer out of a folder; a kill lets it go."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from instrument.errors import RecordError
 from procedures.record import Recorder
-from procedures.run import is_format4
+from procedures.run import is_format4, last_modified
 from procedures.salvage import Left, salvaging
 
 ENDED = ("complete", "stopped", "failed")
@@ -63,11 +62,10 @@ def repair(folder: Path, out: Path) -> Repaired:
 def _header(left: Left, folder: Path) -> dict[str, Any]:
     """What is left of the header; what a run cannot do without is made up, and told as gone."""
     header = dict(left.header)
-    started = datetime.fromtimestamp(max(path.stat().st_mtime for path in folder.iterdir()), UTC)
     made_up = {
         "procedure": UNKNOWN,
         "simulated": left.simulated is not False,  # a simulated run must not pass for a real one
-        "started": started.isoformat(timespec="seconds"),
+        "started": last_modified(folder).isoformat(timespec="seconds"),
     }
     for key, value in made_up.items():
         if key not in header:

@@ -129,21 +129,41 @@ class Run:
 
 def is_run(folder: Path) -> bool:
     """Whether a folder holds a run, or what is left of one; a start that was killed is none."""
-    return (folder / format3.DATABASE).exists() or is_format4(folder)
+    return _is_there(folder / format3.DATABASE) or is_format4(folder)
 
 
 def is_format4(folder: Path) -> bool:
     """Whether it has a record, or a head that tells of one; a database beside it is what it has gone on from."""
-    if (folder / RECORD).exists():
+    if _is_there(folder / RECORD):
         return True
     head = read_head(folder / HEAD_FILE)[0]
     return head is not None and head.frames > 0
 
 
+def _is_there(path: Path) -> bool:
+    """Also a link that leads nowhere, and what may not be looked at: whoever reads it says what is wrong."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def last_modified(folder: Path) -> datetime:
+    """When one of the files in a folder was last written; of the folder itself, where they may not be looked at."""
+    times = [0.0]
+    with contextlib.suppress(OSError):
+        times = [folder.lstat().st_mtime]
+        times = [path.lstat().st_mtime for path in folder.iterdir()] or times
+    return datetime.fromtimestamp(max(times), UTC)
+
+
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[Stored]:
     """One snapshot of a run. Raises RecordError, also for what turns out to be damaged inside."""
-    if (folder / format3.DATABASE).exists() and not is_format4(folder):
+    if _is_there(folder / format3.DATABASE) and not is_format4(folder):
         with _reading(folder / format3.DATABASE), format3.opened(folder) as database:
             yield database
     else:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
 from instrument.errors import RecordError, UnknownName
-from procedures.run import Run, is_run, reading
+from procedures.run import Run, is_run, last_modified, reading
 from procedures.stored import Status
 
 
@@ -39,8 +39,7 @@ def _summary(folder: Path) -> RunSummary:
         with reading(run.folder) as stored:
             points = stored.count()
     except RecordError as error:
-        modified = datetime.fromtimestamp(max(path.stat().st_mtime for path in folder.iterdir()), UTC)
-        return RunSummary(folder, modified, fault=str(error))
+        return RunSummary(folder, last_modified(folder), fault=str(error))
     return RunSummary(folder, run.started, run.procedure, run.simulated, run.status, points, hashed=run.hashed)
 
 

@@ -130,8 +130,7 @@ def _of_chain(file: ChainFile, head_file: Path) -> Left:
 
 def _of_pages(folder: Path) -> Left:
     path, log = folder / format3.DATABASE, folder / format3.LOG
-    with _reading(path):
-        pages = read_pages(path.read_bytes(), log.read_bytes() if log.exists() else b"")
+    pages = read_pages(_content(path), _content(log) if log.exists() else b"")
     header: dict[str, tuple[int, Any]] = {}
     waves: dict[int, dict[str, tuple[int, float, np.ndarray]]] = {}
     left = Left()
@@ -180,6 +179,11 @@ def _reading(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}; make it readable or restore it") from error
+
+
+def _content(path: Path) -> bytes:
+    with _reading(path), ChainFile(path) as file:
+        return file.read(0, file.size)
 
 
 def _text(value: object) -> str:

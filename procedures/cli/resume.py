@@ -96,13 +96,12 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
 
 def _choice(run: Run, bench: Path | None, assume: bool) -> Choice:
     """The bench of a run: its own files, which a run that was killed at its start may lack."""
-    from procedures.run import storing
+    from procedures.record import put_file
 
     scene: Any = run.header["scene"]
     path = run.folder / ("scene.toml" if scene else "bench.toml")
     if not path.exists():
-        with storing(path):
-            path.write_text(scene["toml"] if scene else str(run.header["bench"]), encoding="utf-8")
+        put_file(path, scene["toml"] if scene else str(run.header["bench"]))
     if scene:
         return Choice(None, str(path), None, None, assume_mounted=assume)
     return Choice(bench or path, None, None, None, assume_mounted=assume)

@@ -27,10 +27,9 @@ from procedures.cli.operator import ASSUME, ConsoleOperator, Mounting, assume, c
 from procedures.cli.options import Choice, result_folder
 from procedures.cli.software import commit, versions
 from procedures.encoding import as_json
-from procedures.record import Recorder
+from procedures.record import Recorder, put_file
 from procedures.report.terminal import say
 from procedures.resume import Resumed
-from procedures.run import storing
 from simulators.bench import SimulatedBench
 from simulators.scene import Scene, read_scene
 
@@ -190,10 +189,9 @@ def open_session(
         for caution in opened.cautions:
             say(f"palpate: note: {caution}", err=True)
             record.event("caution", caution, opened.clock.now_ns())
-        with storing(folder):
-            (folder / "bench.toml").write_text(str(header["bench"]), encoding="utf-8")
-            if chosen is not None:
-                (folder / "scene.toml").write_text(chosen.to_toml(), encoding="utf-8")
+        put_file(folder / "bench.toml", str(header["bench"]))
+        if chosen is not None:
+            put_file(folder / "scene.toml", chosen.to_toml())
         if films is not None:
             design = films.apply(design)
         try:

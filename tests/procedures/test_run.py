@@ -19,7 +19,8 @@ from instrument.errors import RecordError, UnknownName, UsageError
 from procedures import chain
 from procedures.chain import Head
 from procedures.export import export
-from procedures.record import Recorder
+from procedures.record import Recorder, put_file
+from procedures.repair import repair
 from procedures.run import Run
 from procedures.run_list import find_run, list_runs
 from tests.runs import as_format3, rehash
@@ -259,6 +260,22 @@ def test_a_file_that_is_no_record_and_one_that_is_absent_are_named(tmp_path: Pat
     (tmp_path / "run.sqlite").write_bytes(b"x" * 4096)
     with pytest.raises(RecordError, match=r"run\.sqlite is damaged \(file is not a database\); restore"):
         Run.open(tmp_path)
+    (tmp_path / "run.sqlite").unlink()
+    os.mkfifo(tmp_path / "run.sqlite")  # would be waited for
+    for read in (Run.open, lambda folder: repair(folder, tmp_path / "mended")):
+        with pytest.raises(RecordError, match=r"cannot read .*run\.sqlite: It is no file"):
+            read(tmp_path)
+
+
+def test_a_file_beside_a_record_takes_the_place_of_a_pipe_or_a_link(tmp_path: Path) -> None:
+    other, link, pipe = (tmp_path / name for name in ("other", "scene.toml", "bench.toml"))
+    other.write_text("somebody's")
+    link.symlink_to(other)
+    os.mkfifo(pipe)
+    for path in (link, pipe):
+        put_file(path, "ours")
+        assert path.read_text() == "ours"
+    assert other.read_text() == "somebody's"
 
 
 def test_the_digest_sees_values_names_rates_and_samples(tmp_path: Path) -> None:
@@ -292,7 +309,15 @@ def test_runs_are_listed_newest_first_with_the_damaged_ones(tmp_path: Path) -> N
         os.utime(tmp_path / "damaged" / name, (0, 0))
     (tmp_path / "plots").mkdir()
     (tmp_path / "file").touch()
+    for name in ("run.record", "run.sqlite"):  # their disk is not there
+        (tmp_path / f"link to {name}").mkdir()
+        (tmp_path / f"link to {name}" / name).symlink_to("/absent/file")
     runs = list_runs(tmp_path)
+    linked, runs = runs[:2], runs[2:]
+    assert {run.folder.name: run.status for run in linked} == {
+        "link to run.record": "damaged",
+        "link to run.sqlite": "damaged",
+    }
     assert [run.folder.name for run in runs] == ["a", "b", "c", "damaged"]
     assert (runs[0].status, runs[0].points, runs[0].simulated) == ("complete", 0, True)
     assert runs[0].started.isoformat() == "2025-03-14T16:00:00+00:00"
