@@ -64,8 +64,8 @@ POLICIES = (
     Policy("emergency, heartbeat gone, error frames: a node or its bus tells of itself", "after a step", NOTE),
     Policy("films clipped, not finite, unsettled; emergency in a dwell; load drifted", "of a point", MARK, ATTEMPTS),
     Policy(
-        "films and load cell tell of two forces, films and generator of two frequencies "
-        "(4 standard uncertainties apart)",
+        "films and load cell tell of two forces (`force`), films and generator of two frequencies (`frequency`): "
+        "4 standard uncertainties apart",
         "of a point", MARK, ATTEMPTS,
     ),
     Policy("hum, or the noise that prevails, cannot be told in so short a record (`hum`, `short`)", "of a point", USE),
