@@ -1,4 +1,4 @@
-"""Sweeps on a served bench while forty other programs want the processor: does the watchdog trip on a living one?"""
+"""Sweeps on served benches while forty other programs want the processor: does the watchdog trip on a living one?"""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +16,7 @@ from tests.benchmarks.row import Row
 
 BUSY = 40
 SWEEPS = 20
+AT_ONCE = 4  # each adds to the load
 LONGEST = 3600  # s, after which a busy program ends, whatever became of the one that started it
 PALPATE = (sys.executable, "-c", "from procedures.cli import main; main()")
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--quiet")
@@ -28,28 +30,35 @@ while os.getppid() == parent and time.monotonic() < end:
 
 
 def measure(sweeps: int = SWEEPS, busy: int = BUSY) -> Iterator[Row]:
-    """How many sweeps end well, each on the same bench of another process."""
-    with TemporaryDirectory() as folder, _served(Path(folder)) as bench, _busy(busy):
-        took, failures = [], []
-        for number in range(sweeps):
-            start = time.monotonic()
-            done = subprocess.run(
-                [*PALPATE, *SWEEP, "--bench", str(bench), "--out", str(Path(folder) / str(number))],
-                input="\n",
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            took.append(time.monotonic() - start)
-            failures += [done.stderr.strip()] if done.returncode else []
+    """How many sweeps end well, several at once, each on a bench of another process."""
+    with TemporaryDirectory() as place, _busy(busy), ThreadPoolExecutor(AT_ONCE) as pool:
+        folders = [Path(place) / str(number) for number in range(sweeps)]
+        results = list(pool.map(_swept, folders))
         load = os.getloadavg()[0]
-    well = sweeps - len(failures)
+    failures = [said for _, said in results if said]
+    well, longest = sweeps - len(failures), max(took for took, _ in results)
     yield Row(
-        f"served sweeps that end well beside {busy} busy programs, load {load:.0f}, {max(took):.0f} s at most",
+        f"served sweeps that end well, {AT_ONCE} at once beside {busy} busy programs, load {load:.0f},"
+        f" {longest:.0f} s at most",
         f"{well} of {sweeps}" + (f": {failures[0]}" if failures else ""),
         f"{sweeps} of {sweeps}",
         well == sweeps,
     )
+
+
+def _swept(folder: Path) -> tuple[float, str]:
+    """How long one sweep took [s], and what it said where it failed."""
+    folder.mkdir()
+    with _served(folder) as bench:
+        start = time.monotonic()
+        done = subprocess.run(
+            [*PALPATE, *SWEEP, "--bench", str(bench), "--out", str(folder / "run")],
+            input="\n",
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    return time.monotonic() - start, (done.stderr.strip() or "failed") if done.returncode else ""
 
 
 @contextmanager
