@@ -2,9 +2,11 @@
 
     read_table("A2.1").values("force_rigid_N")      # repaired, [N]
     read_table("A2.1").columns["force_rigid_N"][14].printed
+    contents()["Figure 4.13"].shows                 # every table and figure of the thesis, by its number
 
 `table_*.csv` hold what is printed; where the scan is not readable, what it must be. `repairs.csv` holds each cell
-that is doubtful: as printed, its best value, and why.
+that is doubtful: as printed, its best value, and why. `contents.csv` lists every numbered table and figure: what it
+shows, and which part of palpate stands beside it.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from types import MappingProxyType
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +25,10 @@ from numpy.typing import NDArray
 from instrument.errors import UnknownName
 
 Array = NDArray[np.float64]
+
+# What palpate has beside a table or figure: the table cell by cell, a drawing from data, a part of palpate that is what
+# a schematic, photograph or definition shows, or nothing.
+Ours = Literal["compared", "drawn", "part", "none"]
 
 MODULUS, LOAD = "sensed_modulus_Pa", "load_nominal_N"
 EVERY_ROW = "*"
@@ -189,6 +196,39 @@ def read_table(number: str) -> Table:
         name: tuple(cell(name, row[key], row[name]) for row in printed) for name in printed[0] if name != key
     }  # fmt: skip
     return Table(number, title, key, rows, MappingProxyType(columns), doubt)
+
+
+@dataclass(frozen=True, slots=True)
+class Content:
+    """A numbered table or figure of the thesis.
+
+    Attributes:
+        number: such as "Table 4.2" or "Figure 4.13".
+        section: where it stands, or is cited.
+        shows: in our words.
+        ours: what palpate has beside it.
+        part: which model, command, design or module that is; of `none`, why there is none.
+        doubt: what is wrong or lost in the thesis or its scan; empty where nothing is.
+    """
+
+    number: str
+    section: str
+    shows: str
+    ours: Ours
+    part: str
+    doubt: str
+
+
+@cache
+def contents() -> Mapping[str, Content]:
+    """Every numbered table and figure by its number, in the order of the thesis; also those that it only announces."""
+    listed = {}
+    for row in _read("contents.csv"):
+        number, ours = row["number"], row["ours"]
+        if ours not in get_args(Ours):
+            raise UnknownName(f"kind of {number} in contents.csv", ours, get_args(Ours))
+        listed[number] = Content(number, row["section"], row["shows"], cast(Ours, ours), row["part"], row["doubt"])
+    return MappingProxyType(listed)
 
 
 def _read(name: str) -> list[dict[str, str]]:
