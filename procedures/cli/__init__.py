@@ -41,8 +41,8 @@ def palpate() -> None:
 
     Without --bench the bench is simulated: no hardware is needed. Results lie in runs/, stamped SIMULATED.
 
-    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 129 the terminal was closed,
-    130 interrupted by Ctrl-C, 143 terminated.
+    Exit status: 0 done, 1 the bench or the disk could not or no point is valid, 2 what was asked for cannot be, 129 the
+    terminal was closed, 130 interrupted by Ctrl-C, 143 terminated.
     """
 
 
@@ -56,8 +56,8 @@ for group in (
 def main() -> None:
     """Run, and turn every mistake of the user's or the bench's into one message and an exit status.
 
-    Exit status: 0 done, 1 the bench or the disk could not, 2 what was asked for cannot be, 129 hung up (the terminal
-    was closed), 130 interrupted (Ctrl-C), 143 terminated.
+    Exit status: 0 done, 1 the bench or the disk could not or no point is valid, 2 what was asked for cannot be, 129
+    hung up (the terminal was closed), 130 interrupted (Ctrl-C), 143 terminated.
     """
     from instrument.errors import PalpateError
     from procedures.arithmetic import same_everywhere

@@ -51,6 +51,7 @@ def dwell_command(
     One long record of a settled load is cut into pieces. The floor that no dwell beats is the scatter of the films'
     gains from one load set to the next, and what moves in step with the drive.
     """
+    from instrument.errors import EstimateError
     from instrument.quantity import parse
 
     output = Output(as_json, quiet)
@@ -73,6 +74,8 @@ def dwell_command(
         from procedures.report.dwell import print_dwell
 
         print_dwell(prices, title, plot)
+    if prices.saturated:
+        raise EstimateError(f"scene {scene}: a film is over-ranged, so no figure is of use; take a smaller --load")
 
 
 def price(

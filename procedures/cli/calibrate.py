@@ -50,8 +50,8 @@ def calibrate() -> None:
 )
 @click.option("--creep", is_flag=True, help="Watch the greatest load for 300 s.")
 @click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
-@budget_option
 @bench_options
+@budget_option
 def load_cell(
     loads: str,
     runs: int,
@@ -59,7 +59,6 @@ def load_cell(
     degree: str,
     creep: bool,
     valid_days: int,
-    budget: bool,
     choice: Choice,
     output: Output,
 ) -> None:
@@ -72,7 +71,6 @@ def load_cell(
     from procedures import load_cell as procedure
     from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
-    from procedures.report.budget import print_budgets
 
     settings = procedure.LoadCellSettings(
         parse_loads(loads),
@@ -82,16 +80,14 @@ def load_cell(
         creep,
         valid_days,
     )
-    result, outcome = conduct(of_load_cell(), settings, choice, output)
-    if budget and output.for_people:
-        print_budgets(result.budgets(), outcome["simulated"])
+    conduct(of_load_cell(), settings, choice, output)
 
 
 def of_load_cell() -> Procedure[Any, Any]:
     from procedures import load_cell as procedure
     from procedures.certificate import write_certificate
     from procedures.cli.calibrations import keep, load_cell_path
-    from procedures.cli.conduct import Procedure
+    from procedures.cli.conduct import Procedure, tell_result
     from procedures.report.load_cell import plot_load_cell, print_load_cell
 
     def tell(session: Session, result: procedure.LoadCellResult, outcome: dict[str, Any], output: Output) -> None:
@@ -106,11 +102,8 @@ def of_load_cell() -> Procedure[Any, Any]:
             "calibration_file": str(path),
             "certificate": str(certificate),
         }
-        if output.as_json:
-            budgets = [entry.summary() for entry in result.budgets()]
-            output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
-        elif output.for_people:
-            print_load_cell(result, outcome, plot)
+        found = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
+        tell_result(output, found, lambda: print_load_cell(result, outcome, plot), result.budgets())
 
     return Procedure(
         procedure.PROCEDURE,
@@ -136,15 +129,14 @@ def of_load_cell() -> Procedure[Any, Any]:
 @dwell_option
 @click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
 @extrapolate_option
-@budget_option
 @bench_options
+@budget_option
 def films(
     loads: str,
     frequencies: str,
     dwell: str,
     valid_days: int,
     extrapolate: bool,
-    budget: bool,
     choice: Choice,
     output: Output,
 ) -> None:
@@ -158,7 +150,6 @@ def films(
     from procedures import film_calibration as procedure
     from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
-    from procedures.report.budget import print_budgets
 
     settings = procedure.FilmSettings(
         parse_loads(loads),
@@ -167,9 +158,7 @@ def films(
         valid_days,
         extrapolate,
     )
-    result, outcome = conduct(of_films(), settings, choice, output)
-    if budget and output.for_people:
-        print_budgets(result.calibration.budgets(), outcome["simulated"])
+    conduct(of_films(), settings, choice, output)
 
 
 @calibrate.command(epilog="Examples:\n\n  palpate calibrate accept runs/calibrations/load_cell-SI-0042.toml")
@@ -196,7 +185,7 @@ def accept(file: Path, as_json: bool, quiet: bool) -> None:
 def of_films() -> Procedure[Any, Any]:
     from procedures import film_calibration as procedure
     from procedures.cli.calibrations import films_path, keep
-    from procedures.cli.conduct import Procedure
+    from procedures.cli.conduct import Procedure, tell_result
     from procedures.report.film_calibration import plot_films, print_films
 
     def tell(session: Session, result: procedure.FilmResult, outcome: dict[str, Any], output: Output) -> None:
@@ -205,11 +194,8 @@ def of_films() -> Procedure[Any, Any]:
         keep(found, session, path)
         plot = plot_films(result, session.design, folder)
         outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
-        if output.as_json:
-            budgets = [entry.summary() for entry in found.budgets()]
-            output.json({**outcome, "points": result.points, **result.summary(), "budgets": budgets, "plot": str(plot)})
-        elif output.for_people:
-            print_films(result, session.design, outcome, plot)
+        told = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
+        tell_result(output, told, lambda: print_films(result, session.design, outcome, plot), found.budgets())
 
     return Procedure(
         procedure.PROCEDURE,

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 @dwell_option
 @frequency_option
 @click.option("--drift-time", default="5 min", show_default=True, help="How long one load is held to see drift.")
-@budget_option
 @bench_options
+@budget_option
 def characterise(
-    sample: str, loads: str, dwell: str, frequency: str, drift_time: str, budget: bool, choice: Choice, output: Output
+    sample: str, loads: str, dwell: str, frequency: str, drift_time: str, choice: Choice, output: Output
 ) -> None:
     """Find what the sensor can do (thesis 2.1), each figure with its standard uncertainty.
 
@@ -40,29 +40,24 @@ def characterise(
     from procedures import characterise as procedure
     from procedures.cli.conduct import conduct
     from procedures.load_plan import parse_loads
-    from procedures.report.budget import print_budgets
 
     settings = procedure.CharacteriseSettings(
         sample, parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz"), parse(drift_time, "s")
     )
-    result, outcome = conduct(of_characterise(), settings, choice, output)
-    if budget and output.for_people:
-        print_budgets(result.budgets, outcome["simulated"])
+    conduct(of_characterise(), settings, choice, output)
 
 
 def of_characterise() -> Procedure[Any, Any]:
     from procedures import characterise as procedure
     from procedures.characteristics import CharacteriseResult
-    from procedures.cli.conduct import Procedure
+    from procedures.cli.conduct import Procedure, tell_result
     from procedures.report.characterise import plot_characteristics, print_characteristics
 
     def tell(session: Session, result: CharacteriseResult, outcome: dict[str, Any], output: Output) -> None:
         plot = plot_characteristics(result, session.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
-        if output.as_json:
-            output.json({**outcome, "points": points, **result.summary(), "plot": str(plot)})
-        elif output.for_people:
-            print_characteristics(result, outcome, plot)
+        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
+        tell_result(output, found, lambda: print_characteristics(result, outcome, plot), result.budgets)
 
     return Procedure(
         procedure.PROCEDURE,

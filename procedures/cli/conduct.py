@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from instrument.errors import PalpateError, RecordError
+from instrument.errors import EstimateError, PalpateError, RecordError
 from procedures.cli.calibrations import check_store
 from procedures.cli.options import Choice, Output, Progress
 from procedures.cli.session import Calibrating, Session, Target, open_session
@@ -15,6 +16,8 @@ from procedures.pause import NOBODY, Pause
 from procedures.resume import PausedAgain, Resumed
 
 if TYPE_CHECKING:
+    from instrument.propagation import Propagated
+    from instrument.uncertainty import Budget
     from procedures.cli.replay import Replay
 
 
@@ -118,3 +121,39 @@ def conduct(
             "look at it with palpate runs show"
         ) from error
     return result, outcome
+
+
+def tell_result(
+    output: Output, found: dict[str, Any], show: Callable[[], None], budgets: Sequence[Budget | Propagated] = ()
+) -> None:
+    """Tell what a run found: as JSON, or by `show` for people; its budgets where they are asked for."""
+    if output.as_json:
+        told = {name: value for name, value in found.items() if name != "budgets"}
+        output.json({**told, "budgets": [each.summary() for each in budgets]} if output.budgets else told)
+    elif output.for_people:
+        from instrument.uncertainty import Budget
+        from procedures.report.budget import print_budgets
+
+        show()
+        if output.budgets:
+            print_budgets((each if isinstance(each, Budget) else each.budget for each in budgets), found["simulated"])
+
+
+class Judged(Protocol):
+    """A point that may be used, or not: `flags` say why."""
+
+    @property
+    def valid(self) -> bool: ...
+    @property
+    def flags(self) -> Sequence[str]: ...
+
+
+def check_some_valid(points: Sequence[Judged]) -> None:
+    """Refuse to call a run done that has not one valid point. Raises EstimateError, which says why they are not."""
+    if any(point.valid for point in points):
+        return
+    from procedures.report.marks import FLAGS
+
+    reasons = Counter(flag for point in points for flag in point.flags)
+    said = "; ".join(f"{flag} ({count}): {FLAGS[flag]}" for flag, count in reasons.most_common())
+    raise EstimateError(f"none of the {len(points)} points is valid, so there is no result. {said}")

@@ -125,8 +125,14 @@ assume_option = click.option(
 
 
 def budget_option(command: F) -> F:
-    """--budget: the command gets it as `budget`, and prints with `procedures.report.budget.print_budgets`."""
-    return click.option("--budget", is_flag=True, help="Print the uncertainty budget of each result.")(command)
+    """--budget, of a command with `bench_options` above it: `output` then has `budgets`."""
+
+    @functools.wraps(command)
+    def gathered(*, budget: bool, output: Output, **own: object) -> object:
+        return command(output=replace(output, budgets=budget), **own)
+
+    text = "Print the uncertainty budget of each result; with --json it has them as budgets."
+    return cast("F", click.option("--budget", is_flag=True, help=text)(gathered))
 
 
 class _FileName(click.Path):
@@ -203,10 +209,11 @@ def bench_options(command: F) -> F:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """How to speak."""
+    """How to speak. `budgets`: with the uncertainty budget of each result."""
 
     as_json: bool
     quiet: bool
+    budgets: bool = False
 
     @property
     def for_people(self) -> bool:

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 @dwell_option
 @frequency_option
 @click.option("--model", metavar="NAME", help="That answers: experiment, auto, column, ... (default: experiment).")
-@budget_option
 @bench_options
+@budget_option
 def softness(
     samples: str | None,
     modulus: str | None,
@@ -38,7 +38,6 @@ def softness(
     dwell: str,
     frequency: str,
     model: str | None,
-    budget: bool,
     choice: Choice,
     output: Output,
 ) -> None:
@@ -53,7 +52,6 @@ def softness(
     from procedures.cli.conduct import conduct
     from procedures.cli.session import target_of
     from procedures.load_plan import parse_loads
-    from procedures.report.budget import print_budgets
 
     target = target_of(choice)
     settings = procedure.SoftnessSettings(
@@ -63,25 +61,22 @@ def softness(
         parse(frequency, "Hz"),
         model or procedure.default_model(target.design),
     )
-    result, outcome = conduct(of_softness(), settings, choice, output)
-    if budget and output.for_people:
-        print_budgets(result.budgets, outcome["simulated"])
+    conduct(of_softness(), settings, choice, output)
 
 
 def of_softness() -> Procedure[Any, Any]:
     from instrument.load import Load
     from instrument.models.response import response
     from procedures import softness as procedure
-    from procedures.cli.conduct import Procedure
+    from procedures.cli.conduct import Procedure, check_some_valid, tell_result
     from procedures.report.softness import plot_softness, print_softness
 
     def tell(session: Session, result: procedure.SoftnessResult, outcome: dict[str, Any], output: Output) -> None:
         plot = plot_softness(result, session.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
-        if output.as_json:
-            output.json({**outcome, "points": points, **result.summary(), "plot": str(plot)})
-        elif output.for_people:
-            print_softness(result, outcome, plot)
+        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
+        tell_result(output, found, lambda: print_softness(result, outcome, plot), result.budgets)
+        check_some_valid(result.points)
 
     def check(settings: procedure.SoftnessSettings, target: Target) -> None:
         procedure.check(settings, target.design, target.force_limit)

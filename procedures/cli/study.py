@@ -34,7 +34,7 @@ def study(
     from dataclasses import asdict
     from importlib import metadata
 
-    from instrument.errors import UsageError
+    from instrument.errors import EstimateError, UsageError
     from procedures.cli.executors import executor_of
     from procedures.cli.study_cell import Sweep
     from procedures.report.study import plot_study, print_study
@@ -60,6 +60,7 @@ def study(
             with output.progress("starting") as progress, executor_of(workers, dask) as (executor, count):
                 run(asked, sweep, executor, opened, progress, AHEAD * count)
         results = read_results(folder)
+        means = results.means()
         failed = [{"cell": each.cell, "reason": each.reason} for each in results.outcomes if each.reason]
         outcome = {
             "simulated": True,
@@ -74,7 +75,12 @@ def study(
             "plot": str(plot_study(results, folder)),
         }
     if output.as_json:
-        output.json({**outcome, "results": [asdict(mean) for mean in results.means()]})
+        output.json({**outcome, "results": [asdict(mean) for mean in means]})
     elif output.for_people:
         print_study(results, outcome)
+    if not failed and not any(mean.valid_points for mean in means):
+        raise EstimateError(
+            f"none of the points of the {len(means)} cells is valid, so there is no result; their flags are in "
+            f"{outcome['points']}"
+        )
     return 1 if failed else 0

@@ -45,9 +45,9 @@ def sweep() -> None:
 @frequency_option
 @MODEL
 @extrapolate_option
-@budget_option
 @DRY_RUN
 @bench_options
+@budget_option
 def loads(
     samples: str,
     loads: str,
@@ -56,7 +56,6 @@ def loads(
     frequency: str,
     model: str | None,
     extrapolate: bool,
-    budget: bool,
     dry_run: bool,
     choice: Choice,
     output: Output,
@@ -82,12 +81,7 @@ def loads(
         None if tolerance is None else parse_tolerance(tolerance),
         extrapolate,
     )
-    result = _sweep(of_loads(), load_plan, settings, choice, output, dry_run, model)
-    if budget and result is not None and output.for_people:
-        from procedures.report.budget import print_budgets
-
-        found, simulated = result
-        print_budgets(found.budgets, simulated)
+    _sweep(of_loads(), load_plan, settings, choice, output, dry_run, model)
 
 
 @sweep.command(
@@ -231,11 +225,8 @@ def _sweep(
     output: Output,
     dry_run: bool,
     model: str | None,
-) -> tuple[Any, bool] | None:
-    """Plan a sweep by `planned`, or conduct it.
-
-    Returns the result, and whether it is simulated; None of a dry run.
-    """
+) -> None:
+    """Plan a sweep by `planned`, or conduct it."""
     from datetime import UTC, datetime
 
     from procedures.cli.conduct import conduct, refuse
@@ -255,7 +246,6 @@ def _sweep(
             print_plan(plan)
         if doubt and not output.quiet:
             say(f"palpate: note: {doubt}", err=True)
-        return None
+        return
     with keyboard() as pause:
-        result, outcome = conduct(conducted, settings, choice, output, model=model, pause=pause)
-    return result, outcome["simulated"]
+        conduct(conducted, settings, choice, output, model=model, pause=pause)

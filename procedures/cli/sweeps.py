@@ -6,7 +6,7 @@ from dataclasses import asdict
 from types import ModuleType
 from typing import Any
 
-from procedures.cli.conduct import Procedure
+from procedures.cli.conduct import Procedure, check_some_valid, tell_result
 from procedures.cli.options import Output
 from procedures.cli.session import Session
 
@@ -57,10 +57,10 @@ def sweep_of(
     def tell(session: Session, result: Any, outcome: dict[str, Any], output: Output) -> None:
         plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
-        if output.as_json:
-            output.json({**outcome, "points": points, **result.summary(), "plot": str(plot)})
-        elif output.for_people:
-            report.print_sweep(result, session.design, outcome, plot)
+        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
+        budgets = getattr(result, "budgets", ())
+        tell_result(output, found, lambda: report.print_sweep(result, session.design, outcome, plot), budgets)
+        check_some_valid(result.points)
 
     return Procedure(
         planned.PROCEDURE,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from procedures.cli.options import Choice, Group, Output, bench_options, extrapolate_option
+from procedures.cli.options import Choice, Group, Output, bench_options, budget_option, extrapolate_option
 
 if TYPE_CHECKING:
     from procedures.cli.conduct import Procedure
@@ -27,11 +27,9 @@ def test() -> None:
 @click.option("--strain", default="30 %", show_default=True, help="Largest strain.")
 @click.option("--steps", default=10, show_default=True, help="Equal steps to it, and back.")
 @extrapolate_option
-@click.option("--budget", is_flag=True, help="Print the uncertainty budgets.")
 @bench_options
-def modulus(
-    sample: str, strain: str, steps: int, extrapolate: bool, budget: bool, choice: Choice, output: Output
-) -> None:
+@budget_option
+def modulus(sample: str, strain: str, steps: int, extrapolate: bool, choice: Choice, output: Output) -> None:
     """Compress a sample with the micro-positioner and find its Young modulus (thesis 5.3, Tables 5.2 and 5.3).
 
     A rigid support takes the sensor's place. Pressed bare it gives what suspension and load cell yield, which is
@@ -41,27 +39,21 @@ def modulus(
     from instrument.quantity import parse
     from procedures import modulus as procedure
     from procedures.cli.conduct import conduct
-    from procedures.report.budget import print_budgets
 
     settings = procedure.ModulusSettings(sample, parse(strain, ""), steps, extrapolate)
-    result, outcome = conduct(of_modulus(), settings, choice, output)
-    if budget and output.for_people:
-        print_budgets((found.budget for found in result.results()), outcome["simulated"])
+    conduct(of_modulus(), settings, choice, output)
 
 
 def of_modulus() -> Procedure[Any, Any]:
     from procedures import modulus as procedure
-    from procedures.cli.conduct import Procedure
+    from procedures.cli.conduct import Procedure, tell_result
     from procedures.report.modulus import plot_modulus, print_modulus
 
     def tell(session: Session, result: procedure.ModulusResult, outcome: dict[str, Any], output: Output) -> None:
         plot = plot_modulus(result, session.bench.simulated, session.record.folder)
-        if output.as_json:
-            points = [asdict(p) for p in result.compression.points]
-            budgets = [found.summary() for found in result.results()]
-            output.json({**outcome, "points": points, **result.summary(), "budgets": budgets, "plot": str(plot)})
-        elif output.for_people:
-            print_modulus(result, outcome, plot)
+        points = [asdict(p) for p in result.compression.points]
+        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
+        tell_result(output, found, lambda: print_modulus(result, outcome, plot), result.results())
 
     return Procedure(
         procedure.PROCEDURE,

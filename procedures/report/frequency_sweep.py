@@ -10,6 +10,7 @@ from instrument.design import Design
 from instrument.frequency_response import TACTILE
 from procedures.frequency_sweep import FrequencyResult
 from procedures.report.figure import MARKERS, new_figure, save
+from procedures.report.marks import legend, verdict
 from procedures.report.text import STAMP, new_table, print_all, stamped, where
 
 
@@ -25,7 +26,7 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: dict[str, Any]
         cells = ((f"{1e3 * f.gain_V_per_N:.3g}", f"{f.phase_deg:+.2f}") for f in p.films)
         points.add_row(
             f"{p.frequency_Hz:g}", "yes" if p.tactile else "", f"{p.load_measured_N:.2f}", f"{p.response_N_per_V:.3f}",
-            *itertools.chain(*cells), " ".join(("yes" if p.valid else "NO", *p.flags)),
+            *itertools.chain(*cells), verdict(p.valid, p.flags),
         )  # fmt: skip
     corners = new_table(
         stamped(outcome["simulated"], "Charge amplifiers: corner of each film"),
@@ -45,7 +46,12 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: dict[str, Any]
         if r is None
         else f"resonance      {r.frequency_Hz:.1f} Hz, u = {r.frequency_u:.1f} Hz, damping ratio {r.damping:.2f}"
     )
-    print_all(points, corners, said, *where(outcome, plot))
+    touch = f"touch          within the band of touch, to {TACTILE:g} Hz"
+    unseen = {"not seen": "the sweep does not reach low enough, or has too few valid points"}
+    print_all(
+        points, *legend(points), *([touch] if any(p.tactile for p in result.points) else []), corners,
+        *legend(corners, marks=unseen), said, *where(outcome, plot),
+    )  # fmt: skip
 
 
 def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder: Path) -> Path:

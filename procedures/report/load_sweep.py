@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from instrument.design import Design
 from procedures.load_sweep import LoadPoint, SweepResult
 from procedures.report.figure import MARKERS, new_figure, save
+from procedures.report.marks import legend, verdict
 from procedures.report.text import STAMP, new_table, number, percent, print_all, stamped, where
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
             f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}",
             *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
-            " ".join(("yes" if p.valid else "NO", *p.flags)),
+            verdict(p.valid, p.flags),
         )  # fmt: skip
     means = new_table(
         stamped(outcome["simulated"], "Mean force ratio"),
@@ -55,7 +56,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
-        *(["* outside the load cell's calibrated range"] if any(p.extrapolated for p in result.points) else []),
+        *legend(points, means),
         _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from instrument.quantity import show
+from procedures.report.marks import NO_VALUE, legend
 from procedures.report.text import new_table, number, print_all, short, stamped
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def print_ratios(design: str, answers: list[Answer]) -> None:
         given = a.response
         errors = [short(error) for error in (given.error_estimate, a.model_error)]
         table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", *errors, f"{a.seconds:.2g}")
-    print_all(table, *dict.fromkeys(a.response.why for a in answers if a.response.why))
+    print_all(table, *legend(table, marks=NO_VALUE), *dict.fromkeys(a.response.why for a in answers if a.response.why))
 
 
 def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
@@ -43,7 +44,7 @@ def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
             number(p["sensitivity"]),
             ": ".join(text for text in (p["kind"], p["note"]) if text),
         )  # fmt: skip
-    print_all(table)
+    print_all(table, *legend(table, marks=NO_VALUE))
 
 
 def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> None:
@@ -65,7 +66,7 @@ def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> No
             if p.failure:
                 failures.append(f"{p.model}, {p.refinement}: {p.failure}")
         how = [f"reference: {r.how}" for r in prices.references if r.design == design]
-        print_all(table, *how, *failures, "")
+        print_all(table, *legend(table, marks=NO_VALUE), *how, *failures, "")
     print_all(f"measured on {prices.machine.described}, {prices.machine.date}")
     if plot is not None:
         print_all(f"plot           {plot}")

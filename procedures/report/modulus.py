@@ -10,6 +10,7 @@ from instrument.quantity import show
 from instrument.thesis import COMPRESSION_TABLES, Table, read_table
 from procedures.modulus import ModulusResult
 from procedures.report.figure import new_figure, save
+from procedures.report.marks import MARKS, OUTSIDE, legend
 from procedures.report.text import STAMP, new_table, print_all, stamped, where
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def print_modulus(result: ModulusResult, outcome: dict[str, Any], plot: Path) ->
     thesis, loss = _thesis(sample.name), c.energy_loss
     print_all(
         steps,
+        *legend(steps, marks={"no": MARKS[OUTSIDE]}),
         *(() if thesis is None else (_printed(thesis),)),
         f"tangent modulus    {_value(c.tangent)}   (thesis: {show(sample.modulus, 'Pa')}, {sample.source})",
         f"secant modulus     {_value(c.secant)}, at the largest strain",

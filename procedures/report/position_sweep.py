@@ -10,6 +10,7 @@ from instrument.design import Design
 from instrument.models.influence import ERROR
 from procedures.position_sweep import DOUBT, PositionResult
 from procedures.report.figure import new_figure, save
+from procedures.report.marks import legend, verdict
 from procedures.report.text import STAMP, new_table, number, print_all, stamped, where
 
 
@@ -26,7 +27,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: dict[str, Any],
             f"{p.model_share_left:.3f}", number(p.thesis_share_left), f"{p.share_right:.3f}", f"{p.share_right_u:.3f}",
             f"{p.model_share_right:.3f}", number(p.thesis_share_right), f"{p.found_mm:.2f}", f"{p.found_u:.2f}",
             f"{p.found_low_mm:.1f} to {p.found_high_mm:.1f}", f"{p.found_force_N:.2f}", f"{p.found_force_u:.2f}",
-            " ".join(("yes" if p.valid else "NO", *p.flags)),
+            verdict(p.valid, p.flags),
         )  # fmt: skip
     said = [
         f"model          solid, stored; error of a share {ERROR:g} at most, of its mesh alone",
@@ -36,7 +37,7 @@ def print_sweep(result: PositionResult, design: Design, outcome: dict[str, Any],
         said.append(
             f"position       {result.rms_mm:.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
         )
-    print_all(points, *said, *where(outcome, plot))
+    print_all(points, *legend(points), *said, *where(outcome, plot))
 
 
 def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: Path) -> Path:

@@ -8,6 +8,7 @@ from typing import Any
 
 from procedures.check import Found
 from procedures.repair import Repaired
+from procedures.report.marks import FLAGS, legend
 from procedures.report.text import MOUNTING, STAMP, new_table, number, print_all, stamped
 from procedures.run import Run
 from procedures.run_list import RunSummary
@@ -27,7 +28,8 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
         table.add_row(
             run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points), " ".join(marks)
         )
-    print_all(f"Runs in {folder}", table, *(f"damaged: {run.fault}" for run in found if run.fault))
+    old = unhashed(False if any(run.hashed is False for run in found) else None)
+    print_all(f"Runs in {folder}", table, *old, *(f"damaged: {run.fault}" for run in found if run.fault))
 
 
 def unhashed(hashed: bool | None) -> list[str]:
@@ -72,9 +74,10 @@ def print_run(run: Run, digest: str) -> None:
     mounting = run.header.get("mounting")
     arithmetic = run.header.get("arithmetic")
     kernels = arithmetic.get("blas") if isinstance(arithmetic, dict) else None
-    points = run.points()
+    points = [_flagged(point) for point in run.points()]
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
     same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
+    same = [k for k in same if k != "flags" or points[0][k] is None]
     columns = [k for k in columns if k not in same]
     table = new_table(stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
     for point in points:
@@ -91,8 +94,15 @@ def print_run(run: Run, digest: str) -> None:
         *unhashed(run.hashed),
         f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
         table,
+        *legend(table, marks=FLAGS),
         *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
     )
+
+
+def _flagged(point: dict[str, Any]) -> dict[str, Any]:
+    """A point with its flags as one text."""
+    flags = point.get("flags")
+    return {**point, "flags": " ".join(map(str, flags)) or None} if isinstance(flags, list) else point
 
 
 def check_object(found: Found) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 from instrument.quantity import show
 from instrument.softness import AT_LEAST, AT_MOST, INTERVAL
 from procedures.report.figure import new_figure, save
+from procedures.report.marks import MARKS, legend
 from procedures.report.text import STAMP, new_table, number, print_all, stamped, where
 from procedures.softness import Softness, SoftnessResult
 
@@ -19,7 +20,9 @@ def print_softness(result: SoftnessResult, outcome: dict[str, Any], plot: Path) 
         "object", "force ratio", "u", "modulus", "95 % interval", "valid", "note",
     )  # fmt: skip
     for each in result.objects:
+        flags = dict.fromkeys(f for p in result.points if p.object == each.object and not p.valid for f in p.flags)
         notes = [
+            *([f"not used: {' '.join(flags)}"] if flags else []),
             *(["a film is saturated: take a smaller load"] if each.saturated else []),
             *([each.note] * bool(each.note)),
         ]
@@ -31,7 +34,8 @@ def print_softness(result: SoftnessResult, outcome: dict[str, Any], plot: Path) 
     alike = ", ".join(f"{one} and {other}" for one, other in result.alike)
     print_all(
         table,
-        f"softness order, hard to soft: {' > '.join(result.softness_order)}",
+        *legend(table, marks={**MARKS, "any": "every modulus agrees with the ratio"}),
+        f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}",
         *([f"not told apart by 95 %: {alike}"] if alike else []),
         f"price          {result.price}",
         *where(outcome, plot),

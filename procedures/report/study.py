@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.report.figure import new_figure, save
+from procedures.report.marks import MARKS, legend
 from procedures.report.text import STAMP, new_table, number, print_all, stamped
 from procedures.study.results import Results, coordinate
 
@@ -26,7 +27,7 @@ def print_study(results: Results, outcome: dict[str, Any]) -> None:
             *(str(group.axes[name]) for name in names), str(group.cells), str(group.failed or ""),
             *map(number, (group.force_ratio, group.spread, group.force_ratio_u, group.model_force_ratio)),
         )  # fmt: skip
-    lines = []
+    lines = legend(table, marks=MARKS)
     if len(groups) > MOST_LINES:
         lines.append(f"and {len(groups) - MOST_LINES} lines more in {outcome['points']}")
     failed = outcome["failed"]

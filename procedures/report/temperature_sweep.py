@@ -8,6 +8,7 @@ from typing import Any
 
 from instrument.design import Design
 from procedures.report.figure import MARKERS, new_figure, save
+from procedures.report.marks import legend, verdict
 from procedures.report.text import STAMP, new_table, print_all, stamped, where
 from procedures.temperature_sweep import TemperatureResult
 
@@ -25,7 +26,7 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, An
         points.add_row(
             f"{p.temperature_K:g}", f"{p.step_K:+g}", *offsets,
             f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", f"{100 * p.error_lock_in:+.3f}",
-            f"{100 * p.error_rms:+.2f}", " ".join(("yes" if p.valid else "NO", *p.flags)),
+            f"{100 * p.error_rms:+.2f}", verdict(p.valid, p.flags),
         )  # fmt: skip
     said = [
         f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+.4f} N/K, u = {found[1]:.4f} N/K")
@@ -34,7 +35,7 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, An
     if result.ratio_per_K is not None:
         slope, u = (100 * value for value in result.ratio_per_K)
         said.append(f"force ratio, with trend  {slope:+.3f} %/K, u = {u:.3f} %/K")
-    print_all(points, *said, *where(outcome, plot))
+    print_all(points, *legend(points), *said, *where(outcome, plot))
 
 
 def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:

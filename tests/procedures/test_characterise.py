@@ -129,7 +129,7 @@ def test_the_command_measures_each_film_and_gives_the_public_names(
 ) -> None:
     monkeypatch.setattr(characterise, "DRIFT_POINTS", 3)
     arguments = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--drift-time", "2 s")
-    result = palpate("characterise", *arguments, "--json").object
+    result = palpate("characterise", *arguments, "--json", "--budget").object
     assert result.keys() >= {"films", "rows", "points", "plot", "run", "simulated"}
     assert [(row["film"], row["quantity"]) for row in result["rows"]] == [
         *((film, name) for film in ("rigid", "total") for name in QUANTITIES),

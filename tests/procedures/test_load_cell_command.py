@@ -20,7 +20,6 @@ RESULT = {
     "simulated", "run", "seed", "bench_seconds", "wall_seconds", "sensitivity_mV_per_N", "sensitivity_u", "zero_mV",
     "linearity", "reversibility", "resolution", "points", "repeatability", "reproducibility", "zero_return", "creep",
     "interpolation", "least_N", "greatest_N", "expires", "lower_limit_factor_N", "astm_e74", "iso_376", "certificate",
-    "budgets",
 }  # fmt: skip
 
 

@@ -144,7 +144,7 @@ def test_a_load_that_cannot_be_read_is_refused(
 
 
 def test_the_command_gives_the_public_names(palpate: Palpate) -> None:
-    result = palpate("test", "modulus", "--sample", "6", "--steps", "3", "--json").object
+    result = palpate("test", "modulus", "--sample", "6", "--steps", "3", "--budget", "--json").object
     assert result.keys() >= RESULT
     assert result["thesis_modulus_Pa"] == get_sample("6").modulus
     assert {b["budget"]["quantity"] for b in result["budgets"]} >= {"tangent modulus", "secant modulus", "thickness"}

@@ -1,0 +1,69 @@
+"""A run without a valid point has no result: it says so, with the reason, and every mark is explained where it is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.table import Table
+
+from procedures.report.marks import FLAGS, MARKS, legend
+from tests.procedures.conftest import IDEAL_SCENE, Palpate
+
+OFF = IDEAL_SCENE + "\n[effects.frequency_error]\nbits = 28\n"  # 10 Hz comes as 9.965 Hz
+LOADS = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")
+SLOW = [
+    ("softness", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s"),
+    ("sweep", "frequency", "--frequencies", "8 Hz, 9 Hz, 10 Hz", "--dwell", "0.4 s"),
+    ("sweep", "temperature", "--temperatures", "0 K, 5 K, 15 K, 10 K", "--soak", "60 s", "--dwell", "0.2 s"),
+]
+
+
+@pytest.fixture
+def off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr("procedures.film_point.ATTEMPTS", 1)
+    scene = tmp_path / "off.toml"
+    scene.write_text(OFF)
+    return str(scene)
+
+
+def test_a_sweep_without_a_valid_point_fails_with_the_reason_and_where_the_points_are(
+    palpate: Palpate, off: str
+) -> None:
+    said = palpate(*LOADS, "--scene", off, "--json")
+    found = json.loads(said.out)
+    assert said.status == 1
+    assert [point["valid"] for point in found["points"]] == [False]
+    error, kept = said.err.splitlines()
+    assert error.startswith("palpate: error: none of the 1 points is valid, so there is no result. frequency (1): ")
+    assert found["run"] in kept
+    shown = palpate("runs", "show", found["run"])
+    assert shown.status == 0
+    assert f"frequency      {FLAGS['frequency']}" in " ".join(shown.out.split("\n"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", SLOW, ids=" ".join)
+def test_so_does_every_procedure_that_judges_its_points(palpate: Palpate, off: str, command: tuple[str]) -> None:
+    said = palpate(*command, "--scene", off)
+    assert said.status == 1
+    assert "is valid, so there is no result. frequency" in said.err
+    assert f"frequency      {FLAGS['frequency']}" in said.out
+
+
+@pytest.mark.parametrize("mark", MARKS)
+def test_a_mark_is_explained_below_the_table_in_which_it_stands_and_no_other(mark: str) -> None:
+    table, clean = Table("sample", "load", "valid"), Table("sample", "load", "valid")
+    cells: dict[str, Any] = {"*": ("1", "2*", "yes"), "-": ("1", "-", "yes"), "NO": ("1", "2", "NO")}
+    table.add_row(*cells.get(mark, ("1", "2", f"yes {mark}")))
+    clean.add_row("1", "2", "yes")
+    assert legend(table) == [f"{mark:<14} {MARKS[mark]}"]
+    assert legend(clean) == []
+
+
+def test_json_has_budgets_where_they_are_asked_for(palpate: Palpate) -> None:
+    assert "budgets" not in palpate(*LOADS, "--json").object
+    (budget,) = palpate(*LOADS, "--json", "--budget").object["budgets"]
+    assert budget["quantity"] == "force ratio of sample 1"
