@@ -24,6 +24,7 @@ class ParameterSet:
         sensed_thickness, sensed_poisson, interface: of the object.
         compliant_poisson, ring_outline, support, disc_radius: see `instrument.design`.
         source: where the numbers come from.
+        fitted_to: tables of the thesis whose force ratios they were chosen to meet.
     """
 
     source: str
@@ -34,6 +35,7 @@ class ParameterSet:
     ring_outline: str | None = None
     support: str | None = None
     disc_radius: float | None = None
+    fitted_to: tuple[str, ...] = ()
 
     def design(self, design: Design) -> Design:
         """The design with what the set replaces."""
@@ -79,6 +81,7 @@ IDENTIFIED_ROUND = ParameterSet(
     compliant_poisson=0.095,
     support="rigid",
     disc_radius=5.64e-3,  # the area of the 10 x 10 mm plate
+    fitted_to=("A2.1",),
 )
 IDENTIFIED_SOLID = ParameterSet(
     # Round rings fit A2.1 alone, and miss A2.3 by up to 0.22.
@@ -89,6 +92,7 @@ IDENTIFIED_SOLID = ParameterSet(
     compliant_poisson=0.455,
     ring_outline="square",
     support="rigid",
+    fitted_to=("A2.1", "A2.3"),
 )
 
 PARAMETER_SETS = ("thesis", "physical", "identified")

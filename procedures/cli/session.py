@@ -71,6 +71,11 @@ class Session:
     mounting: Mounting
     replayed: bool = False
 
+    @property
+    def model(self) -> str | None:
+        """The sensor model that the scene's force ratios come from; None: nothing is simulated."""
+        return self.scene.model if self.scene else None
+
     def outcome(self) -> dict[str, Any]:
         """What every result says of itself."""
         return {
@@ -78,7 +83,7 @@ class Session:
             "run": str(self.record.folder),
             "design": self.design.name,
             "scene": self.scene.name if self.scene else None,
-            "model": self.scene.model if self.scene else None,
+            "model": self.model,
             "seed": self.scene.seed if self.scene else None,
             "calibration": f"{self.calibration.source}{self.calibration.marks()}",
             "film_calibration": f"{self.films.source}{self.films.marks()}" if self.films else None,

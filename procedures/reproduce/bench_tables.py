@@ -9,6 +9,7 @@ import numpy as np
 
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.compression import LOADING
+from instrument.evidence import GIVEN
 from instrument.sample import SAMPLES
 from instrument.thesis import Cell, read_table
 from procedures.load_cell import LoadCellResult
@@ -16,6 +17,7 @@ from procedures.modulus import ModulusResult
 from procedures.reproduce.rows import Row, RowTable
 
 DIGIT_U = math.sqrt(2 / 3)  # mV: Table 5.1 knows each reading to ±1 digit, and so do we
+WENT_IN = GIVEN.evidence(())  # load cell and rubbers are simulated by the thesis' own line and moduli
 
 
 def calibration(found: LoadCellResult) -> RowTable:
@@ -23,7 +25,7 @@ def calibration(found: LoadCellResult) -> RowTable:
     table = read_table("5.1")
     ours = {(p["direction"], round(p["load_gf"])): p["reading_mV"] for p in found.points if p["direction"] != "creep"}
     rows = [
-        Row(row, column, table.columns[column][index], ours[direction, round(float(row))], DIGIT_U)
+        Row(row, column, table.columns[column][index], ours[direction, round(float(row))], DIGIT_U, WENT_IN)
         for index, row in enumerate(table.rows)
         for direction, column in (("loading", "reading_loading_mV"), ("unloading", "reading_unloading_mV"))
     ]
@@ -33,7 +35,7 @@ def calibration(found: LoadCellResult) -> RowTable:
         ("zero_mV", "", line.zero_mV, line.zero_u, thesis.zero_u),
     ):
         cell = Cell(printed, float(getattr(thesis, name)), "not printed: the line through the readings")
-        rows.append(Row("line", name, cell, value, math.hypot(u, value_u)))
+        rows.append(Row("line", name, cell, value, math.hypot(u, value_u), WENT_IN))
     said = (
         f"sensitivity {thesis.sensitivity_mV_per_N:.3f} mV/N by the line; the printed 0.1053 mV/N is mV per gram-force,"
         f" {0.1053 / 9.80665e-3:.2f} mV/N, and takes no zero into account",
@@ -53,11 +55,11 @@ def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
         strain = table.columns["strain"][index].value
         u = math.hypot(spread, tangent_u)
         rows += [
-            Row(row, "stress_Pa", table.columns["stress_Pa"][index], tangent * strain, u * strain),
-            Row(row, "modulus_Pa", table.columns["modulus_Pa"][index], tangent, u),
+            Row(row, "stress_Pa", table.columns["stress_Pa"][index], tangent * strain, u * strain, WENT_IN),
+            Row(row, "modulus_Pa", table.columns["modulus_Pa"][index], tangent, u, WENT_IN),
         ]
     mean = float(printed.mean())
-    rows.append(Row("mean", "modulus_Pa", Cell(f"{mean:.1f}", mean), tangent, math.hypot(spread, tangent_u)))
+    rows.append(Row("mean", "modulus_Pa", Cell(f"{mean:.1f}", mean), tangent, math.hypot(spread, tangent_u), WENT_IN))
     said = (
         f"sample {sample}: ours up to a strain of {max(p.strain for p in points):.2f}, by the face of 1 cm2 and the"
         " calibration of Table 5.1; the scatter stated is that of the thesis' moduli, and our standard uncertainty",
@@ -75,6 +77,6 @@ def catalogue(tested: Mapping[str, ModulusResult]) -> RowTable:
         ours = tested[row].compression.tangent.value if row in tested else SAMPLES[row].modulus
         cell = Cell(f"{low[index]:g} to {high[index]:g}", float(np.mean([low[index], high[index]])))
         # Twice the standard uncertainty is half the range: inside it is within.
-        rows.append(Row(row, "modulus_Pa", cell, ours, float(high[index] - low[index]) / 4))
+        rows.append(Row(row, "modulus_Pa", cell, ours, float(high[index] - low[index]) / 4, WENT_IN))
     said = ("thesis: the middle of the catalogue's range; half the range counts as two standard uncertainties",)
     return RowTable("5.4", table.title, table.doubt, tuple(rows), said)

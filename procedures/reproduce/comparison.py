@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instrument.evidence import Evidence, of_model, ratio_by
 from instrument.thesis import Cell, Table
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ class Deviation:
         rms: of the differences.
         factor: median of ours over the thesis'.
         cells: that were compared; `within` of them differ by `goal` at most (None: no goal).
+        evidence: what a match is worth, by what the model was fitted to.
     """
 
     quantity: str
@@ -52,6 +54,11 @@ class Deviation:
     cells: int
     goal: float | None
     within: int | None
+    evidence: Evidence
+
+    def record(self) -> dict[str, Any]:
+        """Under public names."""
+        return {**asdict(self), "evidence": self.evidence.value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +70,14 @@ class Column:
         cells: the thesis', by row.
         ours: of models and parameter sets.
         goal: greatest difference that is aimed at; None: none.
+        holds: tables of the thesis that its numbers follow from, beside the one that it stands in.
     """
 
     quantity: str
     cells: tuple[Cell, ...]
     ours: tuple[Series, ...]
     goal: float | None = None
+    holds: tuple[str, ...] = ()
 
     @property
     def thesis(self) -> Array:
@@ -80,8 +89,8 @@ class Column:
         difference: Array = series.values - self.thesis
         return difference
 
-    def deviation(self, series: Series, rows: tuple[str, ...]) -> Deviation:
-        """Over the cells that the model answers for, which must be one at least."""
+    def deviation(self, series: Series, table: Table) -> Deviation:
+        """Over the cells of the table that the model answers for, which must be one at least."""
         difference = self.difference(series)
         answered = np.isfinite(difference)
         at = int(np.nanargmax(np.abs(difference)))
@@ -91,13 +100,18 @@ class Column:
             parameters=series.parameters,
             model=series.model,
             worst=float(difference[at]),
-            worst_at=rows[at],
+            worst_at=table.rows[at],
             rms=float(np.sqrt(np.mean(difference[answered] ** 2))),
             factor=float(np.median((series.values / self.thesis)[answered])),
             cells=int(answered.sum()),
             goal=self.goal,
             within=inside,
+            evidence=self.evidence(series, table),
         )
+
+    def evidence(self, series: Series, table: Table) -> Evidence:
+        """What a match of the model with this column is worth."""
+        return of_model(self.quantity, ratio_by(series.model, series.parameters), table.number, *self.holds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +130,7 @@ class Comparison:
 
     def deviations(self) -> list[Deviation]:
         """Of every column and series."""
-        return [column.deviation(series, self.table.rows) for column in self.columns for series in column.ours]
+        return [column.deviation(series, self.table) for column in self.columns for series in column.ours]
 
     def records(self) -> Iterable[dict[str, Any]]:
         """One for each cell: the thesis' as printed and as it should be, then ours with both differences."""
@@ -131,6 +145,7 @@ class Comparison:
                     ours = float(series.values[index])
                     answered = math.isfinite(ours)
                     record[series.name] = ours if answered else None
+                    record[f"{series.name}_evidence"] = column.evidence(series, self.table).value
                     record[f"{series.name}_difference"] = ours - thesis if answered else None
                     # Both definitions of an error: as a share of the thesis' value, and of ours.
                     record[f"{series.name}_relative_difference"] = ours / thesis - 1 if answered and thesis else None

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from drivers.bench import Bench
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.designs import get_design
+from instrument.evidence import Evidence, ratio_by
 from instrument.sample import SAMPLES
 from instrument.thesis import COMPRESSION_TABLES
 from procedures import load_cell, load_plan, load_sweep, modulus
@@ -24,7 +25,6 @@ from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable, by_chance, cou
 from procedures.reproduce.slips import write_slips
 
 PROCEDURE = "reproduce"
-GOAL_SET = "identified"  # of the models: fitted to the thesis, and judged by it
 DWELL, FREQUENCY = 1.0, 10.0  # s, Hz
 STRAIN, STEPS = 0.3, 10
 CREATED = datetime(2026, 1, 1, tzinfo=UTC)
@@ -38,6 +38,10 @@ class Recorded(Protocol):
 
     @property
     def record(self) -> Recorder: ...
+
+    @property
+    def model(self) -> str | None:
+        """The sensor model that its force ratios come from; None: nothing is simulated."""
 
 
 # Scene and procedure -> such a bench; on the way out its run is complete.
@@ -68,7 +72,7 @@ class Everything:
         tables = [table for table, _ in self.tables]
         cells, inside = counted(table for table in tables if table.experimental)
         others = [row.within for table in tables if not table.experimental for row in table.judged]
-        others += [row.within for _, row in _goals(self.models)]
+        others += [row.within for _, row in _goals(self.models) if row.evidence is not Evidence.PREDICTED]
         of_experiments, of_others = inside >= LEAST_SHARE * cells, sum(map(bool, others)) >= LEAST_SHARE * len(others)
         return of_experiments and of_others and all(self.orders.values())
 
@@ -108,8 +112,10 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
             swept = load_sweep.run(
                 session.bench, get_design(arrangement.design), THESIS_LOAD_CELL, settings, session.record, progress
             )
+            assert session.model is not None  # of a scene
+            ratio = ratio_by(session.model)
         done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))
-        add(experiments.compare(arrangement, swept))
+        add(experiments.compare(arrangement, swept, ratio))
     with open_bench("thesis_single", load_cell.PROCEDURE) as session:
         weighed = load_cell.run(session.bench, load_cell.LoadCellSettings(), session.record, progress, CREATED)
     add([bench_tables.calibration(weighed)])
@@ -132,12 +138,11 @@ def _goals(reproduction: Reproduction) -> Iterable[tuple[str, Row]]:
             if column.goal is None:
                 continue
             for series in column.ours:
-                if series.parameters != GOAL_SET:
-                    continue
+                evidence = column.evidence(series, comparison.table)
                 for row, cell, ours in zip(comparison.table.rows, column.cells, series.values, strict=True):
-                    name = f"{column.quantity} by {series.model}"
+                    name = f"{column.quantity} by {series.model}, {series.parameters}"
                     magnitude = type(cell)(cell.printed, abs(cell.value), cell.reason)
                     yield (
                         comparison.table.number,
-                        Row(row, name, magnitude, float(ours), column.goal / 2, measured=False),
+                        Row(row, name, magnitude, float(ours), column.goal / 2, evidence, measured=False),
                     )

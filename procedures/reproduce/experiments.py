@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from instrument.design import FILM_KINDS, Design
 from instrument.designs import get_design
+from instrument.evidence import Part, of_experiment
 from instrument.mean_ratio import apart
 from instrument.sample import SAMPLES
 from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, Table, read_table
@@ -113,20 +114,22 @@ def _load_of(table: Table, design: Design) -> Iterator[str]:
     )
 
 
-def compare(arrangement: Arrangement, swept: SweepResult) -> Iterator[RowTable]:
-    """Every table of an arrangement."""
+def compare(arrangement: Arrangement, swept: SweepResult, ratio: Part) -> Iterator[RowTable]:
+    """Every table of an arrangement, whose force ratios came from `ratio`."""
     design = get_design(arrangement.design)
     quantities = _quantities(design)
     for sample, number in arrangement.tables.items():
         table = read_table(number)
         points = {f"{p.load_N:g}": p for p in swept.points if p.sample == sample}
-        rows = list(_rows(table, {f"{float(key):g}": key for key in table.rows}, points, quantities, design))
-        yield RowTable(number, table.title, table.doubt, (*rows, _average(design, swept, sample)), experimental=True)
+        rows = list(_rows(table, {f"{float(key):g}": key for key in table.rows}, points, quantities, design, ratio))
+        yield RowTable(
+            number, table.title, table.doubt, (*rows, _average(design, swept, sample, ratio, number)), experimental=True
+        )
     number, table = arrangement.summary, read_table(arrangement.summary)
     at_3_N = {p.sample: p for p in swept.points if p.load_N == AT_3_N}
-    rows = list(_rows(table, {row: row for row in table.rows}, at_3_N, quantities, design))
+    rows = list(_rows(table, {row: row for row in table.rows}, at_3_N, quantities, design, ratio))
     if not arrangement.tables:
-        rows += [_average(design, swept, sample) for sample in at_3_N]
+        rows += [_average(design, swept, sample, ratio, number) for sample in at_3_N]
     ours = f"softness order of ours, hard to soft: {' > '.join(swept.softness_order)}: {_order(swept, design)}"
     found = RowTable(number, table.title, table.doubt, tuple(rows), (ours,), experimental=True)
     yield replace(found, said=(ours, *_load_of(table, design))) if found.biased else found
@@ -138,6 +141,7 @@ def _rows(
     points: Mapping[str, LoadPoint],
     quantities: Sequence[Quantity],
     design: Design,
+    ratio: Part,
 ) -> Iterator[Row]:
     """Cells of every row that we have a point for. What the oscilloscope showed is not simulated."""
     for name, row in keys.items():
@@ -146,7 +150,8 @@ def _rows(
             if quantity.column in table.columns:
                 cell, ours = table.columns[quantity.column][index], quantity.value(point)
                 u = quantity.scatter * math.hypot(cell.value, ours) if quantity.scatter else METER_U
-                found = Row(row, quantity.column, cell, ours, u)
+                evidence = of_experiment(quantity.column, ratio, table.number)
+                found = Row(row, quantity.column, cell, ours, u, evidence)
                 if found.within is False and quantity.scatter:
                     expected = quantity.expected(point.load_N, design.thesis_force_ratio[point.sample])
                     found = replace(found, because=_because(cell.value, ours, expected, quantity.scatter))
@@ -164,7 +169,7 @@ def _because(thesis: float, ours: float, expected: float, scatter: float) -> str
     )
 
 
-def _average(design: Design, swept: SweepResult, sample: str) -> Row:
+def _average(design: Design, swept: SweepResult, sample: str, ratio: Part, table: str) -> Row:
     """The mean ratio: the printed one is of all load sets, that of the different bases of one."""
     mean = next(mean for mean in swept.samples if mean.sample == sample)
     thesis = design.thesis_force_ratio[sample]
@@ -172,7 +177,7 @@ def _average(design: Design, swept: SweepResult, sample: str) -> Row:
     ours, ours_u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
     u = math.hypot(design.ratio_scatter * thesis / math.sqrt(sets), ours_u)
     row = "average" if sets > 1 else f"{sample} (ours: mean over loads)"
-    return Row(row, "force_ratio", Cell(f"{thesis:g}", thesis), ours, u)
+    return Row(row, "force_ratio", Cell(f"{thesis:g}", thesis), ours, u, of_experiment("force_ratio", ratio, table))
 
 
 def _quantities(design: Design) -> list[Quantity]:

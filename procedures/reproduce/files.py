@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +64,7 @@ def table_object(comparison: Comparison, file: Path) -> dict[str, Any]:
         "title": table.title,
         "doubt": table.doubt or None,
         "file": str(file),
-        "summary": [asdict(deviation) for deviation in comparison.deviations()],
+        "summary": [deviation.record() for deviation in comparison.deviations()],
         "said": list(comparison.said),
         "repaired": [
             {table.key: row, "column": column, "printed": cell.printed, "best": cell.value, "reason": cell.reason}
@@ -89,11 +88,11 @@ def _section(comparison: Comparison, file: Path) -> str:
 
 
 def _deviations(comparison: Comparison) -> list[tuple[str, ...]]:
-    header = ("quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal")
+    header = ("quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal", "evidence")
     rows = [
         (
             d.quantity, d.parameters, d.model, f"{d.worst:+.3g}", d.worst_at, f"{d.rms:.3g}", f"{d.factor:.3g}",
-            "-" if d.within is None else f"{d.within} of {d.cells} within {d.goal:g}",
+            "-" if d.within is None else f"{d.within} of {d.cells} within {d.goal:g}", d.evidence.value,
         )
         for d in comparison.deviations()
     ]  # fmt: skip

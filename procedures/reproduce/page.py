@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import astuple
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -110,8 +109,20 @@ def _row(row: Row) -> str:
 
 def _comparison(comparison: Comparison) -> str:
     table = comparison.table
-    header = ("quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "cells", "goal", "within goal")
-    rows = [[number(value) for value in astuple(deviation)] for deviation in comparison.deviations()]
+    header = (
+        "quantity",
+        "set",
+        "model",
+        "worst",
+        "at",
+        "rms",
+        "ours / thesis",
+        "cells",
+        "goal",
+        "within goal",
+        "evidence",
+    )
+    rows = [[number(value) for value in deviation.record().values()] for deviation in comparison.deviations()]
     repaired = [
         f"{row}, {column}: printed {c.printed}, is {c.value:g}: {c.reason}" for row, column, c in table.repaired()
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from instrument.designs import get_design
+from instrument.evidence import Evidence
 from instrument.thesis import read_table
 from procedures.reproduce.rows import Row, RowTable
 from procedures.reproduce.theory import COLUMNS, beam_ratios, sample_moduli, table_ratio
@@ -30,7 +31,7 @@ def errors() -> RowTable:
             misfit[definition] = float(np.sqrt(np.mean((percent - printed) ** 2)))
             with_average = [*percent, float(percent.mean())]
             rows += [
-                Row(row, f"{name}_percent_of_{definition}", cell, float(ours), None)
+                Row(row, f"{name}_percent_of_{definition}", cell, float(ours), None, Evidence.INPUT)
                 for row, cell, ours in zip(table.rows, cells, with_average, strict=True)
             ]
         best = min(misfit, key=lambda definition: misfit[definition])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from instrument.evidence import Evidence
 from instrument.thesis import Cell
 from procedures.run import storing
 
@@ -28,6 +29,7 @@ class Row:
         cell: the thesis'.
         ours: measured on the simulated bench, or calculated.
         u: standard uncertainty of the difference by the stated scatter of both; None: nothing is stated.
+        evidence: what a match is worth, by what went into ours.
         measured: the thesis' number is an experiment and ours stands for the theory, or the other way round.
         because: where the difference comes from, of a row outside; "" where nothing is known.
     """
@@ -37,6 +39,7 @@ class Row:
     cell: Cell
     ours: float
     u: float | None
+    evidence: Evidence
     measured: bool = True
     because: str = ""
 
@@ -69,6 +72,7 @@ class Row:
             "error_percent_of_theory": of_theory,
             "error_percent_of_experiment": of_experiment,
             "scatter_u": self.u,
+            "evidence": self.evidence.value,
             "within": self.within,
             "outside_because": self.because,
         }

@@ -13,7 +13,7 @@ def print_reproduction(done: Reproduction) -> None:
         table = comparison.table
         shown = new_table(
             stamped(False, f"Table {table.number}: {table.title}"),
-            "quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal",
+            "quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal", "evidence",
         )  # fmt: skip
         deviations = comparison.deviations()
         # Where there is a goal, the columns without one say the same again, or are the voltages of the sentences.
@@ -24,7 +24,7 @@ def print_reproduction(done: Reproduction) -> None:
             within = "-" if d.within is None else f"{d.within} of {d.cells} ({d.goal:g})"
             shown.add_row(
                 d.quantity, d.parameters, d.model, f"{d.worst:+.3g}", d.worst_at, f"{d.rms:.3g}", f"{d.factor:.3g}",
-                within,
+                within, d.evidence.value,
             )  # fmt: skip
         doubt = [f"doubtful as a whole: {table.doubt}"] if table.doubt else []
         repaired = f"repaired cells: {len(table.repaired())}; the CSV has them as printed, with the reason"

@@ -71,7 +71,7 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
         theories = implied(name)
         for definition, values in theories.items():
             cells = tuple(Cell(e.printed, float(v), e.reason) for e, v in zip(errors, values, strict=False))
-            columns.append(Column(f"{name}_{definition}", cells, ours))
+            columns.append(Column(f"{name}_{definition}", cells, ours, holds=() if source is None else (source,)))
         taken = OF_EXPERIMENT if of_experiment else OF_THEORY
         said.append(_definition(name, theories, taken, source, moduli))
     shown = {column.quantity: column.cells for column in columns}

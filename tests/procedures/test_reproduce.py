@@ -125,7 +125,19 @@ def test_json_has_the_tables_their_cells_and_where_everything_lies(palpate: Palp
         assert list(table) == ["table", "title", "doubt", "file", "summary", "said", "repaired", "rows"]
         assert table["said"] and table["rows"]
         assert [list(one) for one in table["summary"][:1]] == [
-            ["quantity", "parameters", "model", "worst", "worst_at", "rms", "factor", "cells", "goal", "within"]
+            [
+                "quantity",
+                "parameters",
+                "model",
+                "worst",
+                "worst_at",
+                "rms",
+                "factor",
+                "cells",
+                "goal",
+                "within",
+                "evidence",
+            ]
         ]
     assert said["figures"] == [
         {

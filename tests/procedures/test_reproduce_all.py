@@ -20,6 +20,7 @@ from instrument import propagation
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.compression import compress
 from instrument.designs import get_design
+from instrument.evidence import Evidence, ratio_by
 from instrument.film_forces import ToothPoint
 from instrument.sample import get_sample
 from instrument.thesis import Cell, read_table
@@ -39,6 +40,7 @@ from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate, silent
 
 SINGLE, COMMON, DIFFERENT = experiments.ARRANGEMENTS
+MEANS = ratio_by("experiment")
 
 
 @pytest.fixture(autouse=True)
@@ -48,8 +50,15 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: Path(path).touch())
 
 
-def row(thesis: float, ours: float, u: float | None, measured: bool = True, reason: str = "") -> Row:
-    return Row("1", "force_ratio", Cell(f"{thesis:g}", thesis, reason), ours, u, measured)
+def row(
+    thesis: float,
+    ours: float,
+    u: float | None,
+    measured: bool = True,
+    reason: str = "",
+    evidence: Evidence = Evidence.INPUT,
+) -> Row:
+    return Row("1", "force_ratio", Cell(f"{thesis:g}", thesis, reason), ours, u, evidence, measured)
 
 
 def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepResult:
@@ -117,7 +126,7 @@ def test_a_row_is_within_two_standard_uncertainties_and_without_any_it_is_not_ju
 def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
     arrangement: experiments.Arrangement, cells: int
 ) -> None:
-    tables = list(experiments.compare(arrangement, swept(arrangement)))
+    tables = list(experiments.compare(arrangement, swept(arrangement), MEANS))
     assert [table.number for table in tables] == [*arrangement.tables.values(), arrangement.summary]
     judged, inside = sum(len(t.judged) for t in tables), sum(t.inside for t in tables)
     assert judged == cells
@@ -126,7 +135,7 @@ def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
 
 
 def test_forces_that_are_wrong_by_a_third_lie_outside() -> None:
-    tables = list(experiments.compare(SINGLE, swept(SINGLE, 1.33)))
+    tables = list(experiments.compare(SINGLE, swept(SINGLE, 1.33), MEANS))
     forces = [r for table in tables for r in table.rows if r.quantity == "force_total_N"]
     assert sum(r.within is False for r in forces) > 0.8 * len(forces)
 
@@ -135,7 +144,7 @@ def test_a_row_outside_says_whose_scatter_it_is() -> None:
     """Forces of ours are 1.029 of the load, times the factor."""
     outside = {
         (table.number, r.row, r.quantity): r.because
-        for table in experiments.compare(SINGLE, swept(SINGLE, 1.33))
+        for table in experiments.compare(SINGLE, swept(SINGLE, 1.33), MEANS)
         for r in table.rows
         if r.within is False
     }
@@ -156,7 +165,7 @@ def test_rows_outside_are_counted_beside_what_chance_would_put_there() -> None:
 
 def test_a_wrong_order_of_softness_is_said() -> None:
     wrong = replace(swept(DIFFERENT), softness_order=["2", "1", "3", "4", "5", "6"])
-    (table,) = experiments.compare(DIFFERENT, wrong)
+    (table,) = experiments.compare(DIFFERENT, wrong, MEANS)
     assert table.said[0].endswith("WRONG: the thesis' figure has 1 > 6 > 4 > 3 > 5 > 2")
     assert not experiments.order_is_right(wrong, get_design("different_base"))
 
@@ -174,7 +183,7 @@ def test_the_order_of_figure_5_4_is_right_for_its_sensor() -> None:
 def test_forces_that_are_low_in_the_mean_are_said_though_most_cells_lie_within() -> None:
     """Under one load all cells move together: each within two of its scatter, and all of them low."""
     low, high, fair = (
-        list(experiments.compare(DIFFERENT, swept(DIFFERENT, factor)))[-1] for factor in (0.85, 1.2, 1.08)
+        list(experiments.compare(DIFFERENT, swept(DIFFERENT, factor), MEANS))[-1] for factor in (0.85, 1.2, 1.08)
     )
     assert low.bias is not None and low.biased and low.bias < -1
     assert "both bases tell of 3.33 N in the mean under 3 N" in low.said[1]
@@ -243,7 +252,7 @@ def test_everything_is_made_judged_and_on_one_page(tmp_path: Path, monkeypatch: 
     @contextmanager
     def open_bench(scene: str, procedure: str) -> Iterator[Any]:
         opened.append((scene, procedure))
-        yield SimpleNamespace(bench=None, record=None)
+        yield SimpleNamespace(bench=None, record=None, model="experiment")
 
     monkeypatch.setattr(
         load_sweep,

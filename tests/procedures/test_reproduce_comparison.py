@@ -30,7 +30,8 @@ def test_a_difference_is_ours_less_the_repaired_value_of_the_thesis() -> None:
     first, second = small([0.21, 0.37]).records()
     assert first == {
         "sample": "1", "quantity": "force_ratio", "printed": "0.2", "thesis": 0.2, "repaired": "",
-        "physical_solid": 0.21, "physical_solid_difference": pytest.approx(0.01),
+        "physical_solid": 0.21, "physical_solid_evidence": "predicted",
+        "physical_solid_difference": pytest.approx(0.01),
         "physical_solid_relative_difference": pytest.approx(0.05),
         "physical_solid_relative_to_ours": pytest.approx(0.05 / 1.05),
     }  # fmt: skip
