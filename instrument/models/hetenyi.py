@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.design import Design
-from instrument.models.beam import Stretch, bending, require_beam, stretches
+from instrument.models.beam import Stretch, beam_of, require_beam
 from instrument.sample import Sample
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def exact_force_ratio(design: Design, sensed: Sample) -> float:
     Raises:
         RangeError: the modulus or thickness of the object is not positive and finite.
     """
-    tooth, ring = exact_forces(bending(design), stretches(design, sensed.modulus, sensed.thickness))
+    tooth, ring = exact_forces(*beam_of(design, sensed.modulus, sensed.thickness))
     return tooth / (tooth + ring)
 
 

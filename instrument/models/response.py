@@ -16,7 +16,7 @@ from typing import Self
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
-from instrument.models import beam, experiment, hetenyi, springs
+from instrument.models import beam, beam_printed, experiment, hetenyi, springs
 from instrument.models.parameters import round_parameters, solid_parameters
 from instrument.quantity import check_tolerance
 from instrument.sample import Sample
@@ -228,7 +228,7 @@ AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-3
 MODELS: Mapping[str, Model] = MappingProxyType(
     {
         "column": _closed_form("column", springs.force_ratio),
-        "beam_printed": _closed_form("beam_printed", beam.printed_force_ratio),
+        "beam_printed": _closed_form("beam_printed", beam_printed.force_ratio),
         "beam": _closed_form("beam", beam.force_ratio),
         "beam_exact": _closed_form("beam_exact", hetenyi.exact_force_ratio),
         "experiment": _closed_form("experiment", experiment.force_ratio),

@@ -178,6 +178,4 @@ def _ask(design: Design, model: str, modulus: float) -> float:
 
 
 def _beam_ratio(design: Design, elements: int, modulus: float) -> float:
-    stretches = beam.stretches(design, modulus, PHYSICAL.sensed_thickness)
-    tooth, ring = beam.stretch_forces(beam.bending(design), stretches, elements)
-    return tooth / (tooth + ring)
+    return beam.ratio_of(*beam.beam_of(design, modulus, PHYSICAL.sensed_thickness), elements)

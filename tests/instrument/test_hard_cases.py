@@ -182,11 +182,10 @@ def test_equal_steps_in_the_logarithm_swing_at_the_ends_of_a_surface_where_cheby
 
 def test_every_model_hands_a_hard_object_to_the_tooth() -> None:
     hard, design = replace(get_sample("1"), modulus=1e15), get_design("single")
-    stiff = replace(design, plate=replace(design.plate, material=replace(design.plate.material, modulus=1e18)))
     for ratio in (
         springs.force_ratio(design, hard),
-        beam.force_ratio(stiff, hard),
-        hetenyi.exact_force_ratio(stiff, hard),
+        beam.force_ratio(design, hard),
+        hetenyi.exact_force_ratio(design, hard),
         solve(replace(RIGID, sensed_modulus=1e15), 1).force_ratio,
         solid.solve(SolidParameters(support="rigid", sensed_modulus=1e15), 0).force_ratio,
     ):
