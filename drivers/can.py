@@ -8,6 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import can
@@ -17,6 +18,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from drivers.sdo import LATE_ANSWERS, CheckedSdoClient
 from instrument.bench import CanBus
+from instrument.contracts.sensor_node import shortest_transfer
 from instrument.errors import DeviceError, LinkError, LinkTimeout
 from instrument.multicast import MULTICAST, keep_to_group
 
@@ -26,6 +28,13 @@ canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the def
 
 FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
+
+
+def _has_wire(bus: CanBus) -> bool:
+    """Whether its frames take their time: not those of a bus within this machine, which Linux lists as virtual too."""
+    if bus.interface == "socketcan":
+        return not Path("/sys/devices/virtual/net", bus.channel).exists()
+    return bus.interface not in ("virtual", MULTICAST)
 
 
 class _Listener(can.Listener):
@@ -138,6 +147,8 @@ class CanLink:
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout
+        if _has_wire(self._description):
+            node.sdo.shortest = shortest_transfer(self._description.bitrate)
         node.sdo_channels = [node.sdo]
         node.emcy.on_emcy = _unheard  # type: ignore[method-assign]  # canopen would keep them all, for ever; who wants them subscribes
         self.network.add_node(node)
@@ -168,12 +179,21 @@ class CanLink:
                 raise DeviceError(f"{who}: aborted the transfer: {error}") from error
             except SdoCommunicationError as error:
                 raise LinkTimeout(
-                    f"{who}: no valid answer within {self._description.timeout:g} s; check power, bit rate, node id"
+                    f"{who}: no valid answer within {self._description.timeout:g} s; {self._why_none(node)}"
                 ) from error
             except (can.CanError, OSError) as error:
                 raise LinkError(f"{who}: {self.name} failed: {error}; check adapter and termination") from error
             self._answers_due.discard(node)
             return result
+
+    def _why_none(self, node: canopen.RemoteNode) -> str:
+        """What may be the reason that no valid answer came."""
+        if node.sdo.too_soon:
+            return (
+                f"{node.sdo.too_soon} answers came sooner than {self._description.bitrate} bit/s can bring them; look "
+                "for a second node of that id, and give the bus its true bitrate"
+            )
+        return "check power, bit rate, node id"
 
     def _await_silence(self, who: str, node: canopen.RemoteNode) -> None:
         with suppress(queue.Empty):

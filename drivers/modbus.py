@@ -18,7 +18,6 @@ from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 from drivers.rtu import LARGEST_REPLY, RtuClient
 from instrument.bench import SerialLine, TcpAddress
 from instrument.errors import DeviceError, LinkError, LinkTimeout
-from instrument.serial_line import FASTEST
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
 
@@ -147,11 +146,9 @@ class ModbusLink:
         if not isinstance(client, RtuClient):
             return "check power, cable and unit id"
         if client.too_soon:
-            rate = client.comm_params.baudrate
-            no_line = f", or give a port that is no line (USB, pseudo-terminal) a baudrate of {FASTEST}"
             return (
-                f"{client.too_soon} bytes came sooner than {rate} bit/s can bring them; look for a device that talks "
-                f"unasked{no_line if rate < FASTEST else ''}"
+                f"{client.too_soon} bytes came sooner than {client.speed} bit/s can bring them; look for a device that "
+                "talks unasked, and give the line its true baudrate"
             )
         return "check power, cable, baud rate and unit id"
 

@@ -22,6 +22,7 @@ class Positioner(ModbusDevice):
         self._clock = clock
         self._limits = (0.0, 0.0)
         self._target: float | None = None  # where it was sent and came to stand
+        self._together = False
 
     def connect(self) -> None:
         super().connect()
@@ -33,6 +34,20 @@ class Positioner(ModbusDevice):
     def position(self) -> float:
         """Present position in m, counted downwards from home."""
         return self.get("position")
+
+    def _look(self) -> tuple[float, frozenset[str]]:
+        """Position in m, and what the status says of it or of a moment before.
+
+        Both stand alone in the contract, so that looks would be alike in length and a late reply could pass for the
+        next look. Every second time they are therefore asked for one by one, the status first: where it says that
+        nothing moves, the position is the last one.
+        """
+        self._together = not self._together
+        if self._together:
+            position, status = self.get_many("position", "status")
+        else:
+            status, position = self.get("status"), self.get("position")
+        return position, frozenset(self.contract.set_bits("status", status))
 
     def travel(self) -> float:
         """Upper soft limit in m."""
@@ -81,8 +96,8 @@ class Positioner(ModbusDevice):
         self._clock.wait(waited)
         polls, before = 1, math.inf
         while True:
-            position, status = self.get_many("position", "status")
-            if "moving" not in self.contract.set_bits("status", status):
+            position, status = self._look()
+            if "moving" not in status:
                 break
             if waited >= timeout:
                 self.stop()
@@ -99,8 +114,8 @@ class Positioner(ModbusDevice):
     def differences(self) -> list[str]:
         """As of every device; it must know its home, too, and stand where it was sent."""
         found = super().differences()
-        position, status = self.get_many("position", "status")
-        if "homed" not in self.contract.set_bits("status", status):
+        position, status = self._look()
+        if "homed" not in status:
             found.append(f"{self.name}: has lost its home")
         if self._target is not None and abs(position - self._target) > 2e-6:
             found.append(f"{self.name}: stands at {1e3 * position:g} mm, was sent to {1e3 * self._target:g} mm")

@@ -1,12 +1,18 @@
 """The client's end of a Modbus RTU line: which of the bytes that come are the reply to what was asked.
 
 Frames have no number, so a late reply, a repeated one or an adapter's echo must be told from the reply by what a wire
-can do: it cannot come before the request is sent, and it answers this unit, function and number of registers.
+can do: it cannot come before the request has been sent (`earliest_reply`), and it answers this unit, function and
+number of registers.
+
+Only a UART keeps the baud rate that it is given: the serial ports of a computer, and USB adapters with a UART in them,
+which Linux calls ttyUSB. A USB device of the class CDC (ttyACM) may ignore it, and so may a pseudo-terminal with a
+gateway behind it: their replies can be there at once. On such a port the bound is that of `FASTEST`.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import select
 import time
 from typing import Any
@@ -16,13 +22,14 @@ from pymodbus.exceptions import ConnectionException
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
 
-from instrument.serial_line import character_bits, reply_begins
+from instrument.serial_line import FASTEST, character_bits, earliest_reply
 
 READ, WRITE = 3, 16  # functions
 REFUSED = 0x80  # bit of a function
 LARGEST_REPLY = 4096  # bytes that may come for one request, late replies among them
 CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes
 HEAD = 3  # bytes of a reply to a read before its registers
+UART = re.compile(r"/dev/tty(S|USB|AMA|O|SC|THS|mxc|PS|UL|LP|HS|sWK|XRUSB)\d+")  # device files of Linux
 
 
 class ReplyFramer(FramerRTU):
@@ -73,8 +80,8 @@ class ReplyFramer(FramerRTU):
 class RtuClient(ModbusSerialClient):
     """pymodbus' serial client, which sleeps in steps of 1 ms to see whether a reply has come, woken by it.
 
-    `too_soon` counts the bytes that came for the last request before a wire could have brought its reply: they are
-    thrown away.
+    `too_soon` counts the bytes that came for the last request before a wire of `speed` bit/s could have brought its
+    reply: they are thrown away.
     """
 
     def __init__(self, port: str, **settings: Any) -> None:
@@ -85,6 +92,7 @@ class RtuClient(ModbusSerialClient):
         self._earliest = 0.0
         line = self.comm_params
         self._bits = character_bits(line.parity != "N", line.stopbits)
+        self.speed = line.baudrate if UART.fullmatch(os.path.realpath(port)) else FASTEST
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         """What has come unasked is thrown away. Once the system has taken the request there is nothing to wait for."""
@@ -94,7 +102,7 @@ class RtuClient(ModbusSerialClient):
                 unasked += len(self._heard())
             self.replies.request = request
             self.too_soon = 0
-            self._earliest = self._now() + reply_begins(len(request), self.comm_params.baudrate, self._bits)
+            self._earliest = self._now() + earliest_reply(len(request), self.speed, self._bits)
             return self._write(request)
         except OSError:
             raise self._lost() from None

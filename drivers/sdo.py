@@ -23,9 +23,17 @@ NO_OBJECT = bytes(3)
 class CheckedSdoClient(SdoClient):
     """canopen's SDO client, which takes the first answer that comes, of any length, and keeps those nobody asked for.
 
-    Answers have no number, so a late or repeated one is told by its object, or its toggle bit, and passed over.
+    Answers have no number. A late or repeated one is told by its object, by its toggle bit, or because it came before
+    request and answer could have been on the bus, and is passed over. A text, whose frames do not name their object, is
+    read twice: both must be the same.
+
+    Attributes:
+        shortest: what request and answer take on the bus at least [s]; 0 where there is no wire.
+        too_soon: how many answers came sooner to the last request.
     """
 
+    shortest = 0.0
+    too_soon = 0
     _object = NO_OBJECT  # index and subindex that are transferred
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
@@ -38,6 +46,8 @@ class CheckedSdoClient(SdoClient):
         if request[0] & SPECIFIER in (DOWNLOAD, UPLOAD):
             self._object = request[1:4]
         self._forget()
+        self.too_soon = 0
+        earliest = self._now() + self.shortest
         self.send_request(request)  # type: ignore[no-untyped-call]
         until = self._now() + self.RESPONSE_TIMEOUT
         for heard in itertools.count():
@@ -48,6 +58,9 @@ class CheckedSdoClient(SdoClient):
                 answer: bytes = self.responses.get(timeout=left)
             except queue.Empty:
                 break
+            if self._now() < earliest:
+                self.too_soon += 1
+                continue
             if answer[0] == ABORT and answer[1:4] in (self._object, NO_OBJECT):
                 raise SdoAbortedError(int.from_bytes(answer[4:], "little"))
             if self._answers(answer, request):
@@ -74,12 +87,21 @@ class CheckedSdoClient(SdoClient):
     def upload(self, index: int, subindex: int, size: int | None = None) -> bytes:
         """An object of the size that was announced, or, where none is in four bytes, the first `size` of them.
 
-        Raises SdoCommunicationError: of another size, or without end. SdoAbortedError.
+        Raises SdoCommunicationError: of another size, without end, or of several frames that say another thing when
+        they are read again. SdoAbortedError.
         """
+        data, in_segments = self._read(index, subindex, size)
+        if in_segments and self._read(index, subindex, size)[0] != data:
+            raise SdoCommunicationError("it said two things when it was read twice")
+        return data
+
+    def _read(self, index: int, subindex: int, size: int | None) -> tuple[bytes, bool]:
+        """An object, and whether it came in segments."""
         with self.open(index, subindex, "rb", buffering=0) as stream:  # type: ignore[no-untyped-call]
             segments = list(itertools.islice(iter(lambda: stream.read(SEGMENT), b""), LARGEST_OBJECT // SEGMENT))
             data = b"".join(segments)
             if not stream._done or stream.size not in (None, len(data)):
                 raise SdoCommunicationError(f"object of {len(data)} bytes, {stream.size} were announced")
             unsaid = stream.exp_data is not None and stream.size is None
-        return data[:size] if unsaid else data
+            in_segments = stream.exp_data is None
+        return data[:size] if unsaid else data, in_segments

@@ -21,20 +21,24 @@ from drivers.positioner import Positioner
 from drivers.sdo import CheckedSdoClient
 from drivers.strain_indicator import StrainIndicator
 from instrument.contracts import positioner, strain_indicator
+from instrument.contracts.sensor_node import shortest_transfer
 from instrument.errors import BenchError
 from tests.drivers.virtual_line import VirtualLine, checked
 
-UNIT, BAUDRATE, TIMEOUT = 2, 115200, 1.0
+UNIT, BAUDRATE, BITRATE, TIMEOUT = 2, 115200, 1e6, 1.0
 SLOWEST, AIM = 5e-3, 8e-3  # s: a device takes so long at most; a repetition is aimed at so much before it
 DISPLAY, LIMIT = strain_indicator.CONTRACT["status"].address, positioner.CONTRACT["limit_low"].address
+POSITION = positioner.CONTRACT["position"].address
 RENEWALS = 10  # of a display, a second
+UNLIKE = 3  # reads, after which a poll is asked for in the same number of registers again
 ROUND = 20_000  # of the number that a position tells
 READ, WRITE = 3, 16
-NONE = ("lengths differ: stale", "counter: stale", "other object: stale")  # of these there may be none
+NONE = ("lengths differ: stale", "polls: stale", "counter: stale", "other object: stale")  # of these there may be none
 TOLD = (
     "lengths alike: stale",
     "same object: stale",
     "segments: wrong",
+    "polls alike: stale",
     "writes alike: wrongly confirmed",
 )
 
@@ -48,6 +52,7 @@ class Line:
         self.link = ModbusLink("virtual line", self.line)
         self.asked = 0
         self.deaf = self.repeat = False
+        self.moves = False  # its position tells, too
         self.due = 0.0  # when the repetition comes
 
     def _answers(self, request: bytes) -> list[tuple[float, bytes]]:
@@ -73,6 +78,8 @@ class Line:
         reading = renewed % 1000
         display = struct.unpack(">8H", struct.pack(">HHifHH", 1, 0, reading, float(reading), renewed % 65536, 0))
         held |= {DISPLAY + at: value for at, value in enumerate(display)}
+        if self.moves:
+            held |= {POSITION: 0, POSITION + 1: self.asked % ROUND}
         return struct.pack(f">{count}H", *(held.get(at, 0) for at in range(address, address + count)))
 
     def end(self) -> None:
@@ -112,6 +119,29 @@ def read_lengths(chance: random.Random, tries: int) -> Counter[str]:
                 found["lengths differ: stale" if age % 2 else "lengths alike: stale"] += 1
         wire.end()
         found["lengths differ: tries"] += 1
+    return found
+
+
+def read_polls(chance: random.Random, tries: int) -> Counter[str]:
+    """Polls of position and status, which have no neighbour: of any three reads in a row no two are alike."""
+    found = Counter[str]()
+    wire = Line(chance)
+    wire.moves = True
+    driver = Positioner(wire.link, UNIT, wire)
+    for _ in range(tries):
+        wire.repeat = True
+        for again in range(chance.randint(2, 4)):
+            if again:
+                wire.pause()
+            try:
+                told = round(1e6 * driver._look()[0])
+            except BenchError:
+                found["polls: errors"] += 1
+                continue
+            if age := (wire.asked - told) % ROUND:
+                found["polls alike: stale" if age >= UNLIKE else "polls: stale"] += 1
+        wire.end()
+        found["polls: tries"] += 1
     return found
 
 
@@ -163,19 +193,20 @@ class Node:
     def __init__(self, chance: random.Random) -> None:
         self._chance = chance
         self.now = self.due = 0.0
-        self.asked = 0
+        self.asked = self.said = 0
         self.repeat = False
         self._coming: list[tuple[float, bytes]] = []
         self._left = b""
         self.sdo: Any = CheckedSdoClient(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         self.sdo.network, self.sdo.responses, self.sdo.RESPONSE_TIMEOUT = self, self, TIMEOUT
         self.sdo._now = lambda: self.now
+        self.sdo.shortest = shortest_transfer(BITRATE)
 
     def send_message(self, _cob_id: int, request: bytes) -> None:
         if request[0] == 0x80:
             return
         answer = self._answer(bytes(request))
-        at = self.now + self._chance.uniform(0.2e-3, SLOWEST)
+        at = self.now + shortest_transfer(BITRATE) + self._chance.uniform(0, SLOWEST)
         self._coming.append((at, answer))
         if self.repeat:
             self.repeat = False
@@ -189,7 +220,7 @@ class Node:
             last = not self._left
             return bytes([request[0] & 0x10 | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
         if request[1:3] == b"\x08\x10":
-            self._left = b"%020d" % self.asked
+            self._left = b"%020d" % self.said
             return b"\x41" + request[1:4] + (20).to_bytes(4, "little")
         return b"\x43" + request[1:4] + self.asked.to_bytes(4, "little")
 
@@ -231,11 +262,11 @@ def sdo_objects(chance: random.Random, tries: int) -> Counter[str]:
 
 
 def sdo_segments(chance: random.Random, tries: int) -> Counter[str]:
-    """A text in segments, any frame of which may come again in it or in the next text."""
+    """Two texts in segments, each read twice; any frame of the first may come again in it or in the second."""
     found = Counter[str]()
     node = Node(chance)
     for _ in range(tries):
-        repeated = chance.randrange(4)
+        repeated = chance.randrange(8)
         for _text in range(2):
             begun = node.asked + 1
             send = node.send_message
@@ -246,8 +277,9 @@ def sdo_segments(chance: random.Random, tries: int) -> Counter[str]:
 
             node.sdo.network = Sender(counted)
             try:
+                node.said += 1
                 told = node.sdo.upload(0x1008, 0)
-                found["segments: wrong"] += told != b"%020d" % begun
+                found["segments: wrong"] += told != b"%020d" % node.said
             except Exception:
                 found["segments: refused"] += 1
             node.sdo.network = node
@@ -264,7 +296,8 @@ class Sender:
 
 
 KINDS: dict[str, tuple[Callable[[random.Random, int], Counter[str]], float]] = {
-    "lengths differ": (read_lengths, 0.35),
+    "lengths differ": (read_lengths, 0.25),
+    "polls": (read_polls, 0.1),
     "counter": (read_counter, 0.2),
     "writes alike": (write_twice, 0.1),
     "objects": (sdo_objects, 0.25),

@@ -47,7 +47,7 @@ def measure() -> Iterator[Row]:
 
 def _tries(what: str) -> str:
     kind = what.partition(":")[0]
-    return f"{'lengths differ' if kind == 'lengths alike' else kind}: tries"
+    return f"{ {'lengths alike': 'lengths differ', 'polls alike': 'polls'}.get(kind, kind) }: tries"
 
 
 def _version() -> str:

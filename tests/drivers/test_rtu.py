@@ -16,15 +16,15 @@ from drivers.clock import WallClock
 from drivers.modbus import ModbusLink
 from drivers.modbus_device import ModbusDevice
 from drivers.positioner import Positioner
-from drivers.rtu import ReplyFramer
+from drivers.rtu import ReplyFramer, RtuClient
 from drivers.strain_indicator import StrainIndicator
 from instrument.bench import SerialLine
 from instrument.contract import PROBE
 from instrument.errors import DeviceError, LinkError, LinkTimeout
-from instrument.serial_line import FASTEST, reply_begins
+from instrument.serial_line import FASTEST, SILENCE, reply_begins
 from simulators.bench import SimulatedBench
 from simulators.clock import VirtualClock
-from tests.drivers.virtual_line import VirtualLine, checked
+from tests.drivers.virtual_line import BITS, VirtualLine, checked
 
 UNIT = 2
 LIMITS = 0x14
@@ -42,7 +42,7 @@ def answered(request: bytes) -> bytes:
 
 
 @contextmanager
-def terminal(says: Callable[[bytes], list[bytes]]) -> Iterator[Positioner]:
+def terminal(says: Callable[[bytes], list[bytes]], baudrate: int = FASTEST) -> Iterator[Positioner]:
     """A driver on a pseudo-terminal, at whose other end each request is answered with these pieces."""
     own, theirs = os.openpty()
     tty.setraw(theirs)
@@ -53,7 +53,7 @@ def terminal(says: Callable[[bytes], list[bytes]]) -> Iterator[Positioner]:
             for piece in says(request):
                 os.write(own, piece)
 
-    link = ModbusLink.rtu(SerialLine(port=os.ttyname(theirs), baudrate=FASTEST))
+    link = ModbusLink.rtu(SerialLine(port=os.ttyname(theirs), baudrate=baudrate))
     link.open()
     server = threading.Thread(target=serve, daemon=True)
     server.start()
@@ -143,7 +143,7 @@ def test_what_comes_sooner_than_the_wire_allows_is_refused(baudrate: int) -> Non
     """The repeated reply comes while the request is still being sent, the reply at the first moment that it can."""
 
     def device(request: bytes) -> list[tuple[float, bytes]]:
-        return [(-1e-6, registers(LIMITS, 4, 9)), (0.0, answered(request))]
+        return [(-SILENCE * BITS / baudrate, registers(LIMITS, 4, 9)), (0.0, answered(request))]
 
     driver, client = line(Positioner, device, baudrate=baudrate)
     assert read(driver) == HELD
@@ -151,9 +151,40 @@ def test_what_comes_sooner_than_the_wire_allows_is_refused(baudrate: int) -> Non
 
 
 def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
-    driver, _ = line(Positioner, lambda _: [(-1e-6, registers(LIMITS, 4))], baudrate=9600)
-    with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.*\(USB, .*\) a baudrate of 4000000"):
+    driver, _ = line(Positioner, lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
+    with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.* give the line its true baudrate"):
         read(driver)
+
+
+@pytest.mark.parametrize("baudrate", [1200, 9600, 115200])
+def test_a_device_that_keeps_no_silence_is_understood_byte_by_byte_or_all_at_once(baudrate: int) -> None:
+    """Its reply begins as the request ends, and its clock is 2 % fast."""
+    driver, client = line(Positioner, lambda request: [], baudrate=baudrate)
+    for pieces in (1, 13):
+
+        def device(request: bytes, pieces: int = pieces) -> list[tuple[float, bytes]]:
+            reply, character = answered(request), 0.98 * BITS / baudrate
+            step = -(-len(reply) // pieces)
+            sent = len(request) + SILENCE
+            return [
+                ((len(request) + at + step) * character - sent * BITS / baudrate, reply[at : at + step])
+                for at in range(0, len(reply), step)
+            ]
+
+        client.device = device
+        assert read(driver) == HELD
+    assert client.too_soon == 0
+
+
+@pytest.mark.parametrize(("port", "speed"), [("/dev/ttyS0", 9600), ("/dev/ttyUSB1", 9600), ("/dev/ttyACM0", FASTEST)])
+def test_only_a_uart_is_held_to_its_baud_rate(port: str, speed: int) -> None:
+    assert RtuClient(port, baudrate=9600).speed == speed
+
+
+def test_a_pseudo_terminal_answers_at_once_whatever_baud_rate_it_was_told() -> None:
+    """As a USB device does that has no UART, or a gateway behind a pseudo-terminal."""
+    with terminal(lambda request: [answered(request)], baudrate=1200) as driver:
+        assert read(driver) == HELD
 
 
 def test_a_reply_that_was_read_too_late_to_tell_is_used() -> None:

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import queue
 import random
+import struct
 from typing import Any
 
 import canopen
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from drivers.can import CanLink, _has_wire
+from drivers.modbus import ModbusLink
+from drivers.positioner import Positioner
 from drivers.sdo import CheckedSdoClient
+from instrument.bench import CanBus
+from instrument.contracts.sensor_node import shortest_transfer
+from instrument.errors import LinkTimeout
+from simulators.bench import SimulatedBench
+from simulators.clock import VirtualClock
+from simulators.scene import read_scene
+from tests.drivers.virtual_line import VirtualLine, checked
 from tests.stale import KINDS, NONE, TOLD, tried
 
 TRIES = 200
@@ -34,10 +45,11 @@ def test_the_tries_are_hard_late_replies_are_taken_where_nothing_tells_them(foun
     assert {kind for kind, _ in KINDS.values()} and set(TOLD).isdisjoint(NONE)
 
 
-@pytest.mark.parametrize("kind", ["lengths differ", "counter"])
+@pytest.mark.parametrize("kind", ["lengths differ", "polls", "counter"])
 def test_without_the_drivers_care_the_same_tries_find_late_replies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("instrument.contract.Contract.widened", lambda _contract, names: names)
+    monkeypatch.setattr("drivers.modbus.ModbusLink.serial", False)  # whose reads may be alike
     monkeypatch.setattr("drivers.strain_indicator.COUNTED_NS", 0)
+    monkeypatch.setattr(Positioner, "_look", lambda driver: driver.get_many("position", "status"))
     assert KINDS[kind][0](random.Random(1), 150)[f"{kind}: stale"] > 0
 
 
@@ -104,3 +116,87 @@ def test_a_node_that_never_stops_answering_is_a_time_out() -> None:
     answers.sdo.responses = Endless()
     with pytest.raises(SdoCommunicationError):
         answers.sdo.upload(0x2000, 0)
+
+
+# --- answers that no wire can bring so soon ------------------------------------------------------------------
+
+
+def node_that_answers_after(seconds: float, bitrate: float) -> CheckedSdoClient:
+    """Its client; a stale answer comes at once, the one to the request after so many s."""
+    now = [0.0]
+    stale, fresh = (bytes.fromhex(f"43 00 20 00 {data} 00 00 00") for data in ("01", "02"))
+    answers: queue.Queue[bytes] = queue.Queue()
+
+    class Answered(CheckedSdoClient):
+        def send_request(self, request: bytes) -> None:
+            if request[0] != 0x80:
+                self.responses.put(stale)
+                self.responses.put(fresh)
+
+        def _now(self) -> float:
+            now[0] += seconds if self.responses.qsize() == 0 else 0.0
+            return now[0]
+
+    node = Answered(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
+    node.responses, node.shortest, node.RESPONSE_TIMEOUT = answers, shortest_transfer(bitrate), 1.0
+    return node
+
+
+@pytest.mark.parametrize("bitrate", [10e3, 125e3, 1e6])
+def test_an_answer_that_comes_before_two_frames_can_pass_is_none(bitrate: float) -> None:
+    node = node_that_answers_after(1.01 * 2 * 108 / bitrate, bitrate)
+    assert node.upload(0x2000, 0, 4) == b"\2\0\0\0"
+    assert node.too_soon == 1
+
+
+@pytest.mark.parametrize(
+    ("bus", "wire"),
+    [
+        ({"interface": "pcan", "channel": "PCAN_USBBUS1"}, True),
+        ({"interface": "socketcan", "channel": "can0"}, True),
+        ({"interface": "socketcan", "channel": "lo"}, False),  # as vcan0 is: a device of Linux without hardware
+        ({"interface": "virtual", "channel": "here"}, False),
+        ({"interface": "udp_multicast", "channel": "239.74.0.1"}, False),
+    ],
+)
+def test_a_bus_within_the_machine_may_answer_at_once(bus: dict[str, Any], wire: bool) -> None:
+    assert _has_wire(CanBus(**bus, nodes=(1,))) is wire
+
+
+def test_where_all_answers_come_too_soon_the_message_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.can._has_wire", lambda _bus: True)
+    with SimulatedBench(read_scene("thesis_single")) as sim:
+        link = CanLink(sim.description.can.model_copy(update={"bitrate": 10_000, "timeout": 0.02}))
+        link.open()
+        try:
+            with pytest.raises(LinkTimeout, match=r"1 answers came sooner than 10000 bit/s.*its true bitrate"):
+                link.upload("node", link.add_node(1), 0x1000, 0)
+        finally:
+            link.close()
+
+
+def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None:
+    texts = iter(["41 08 10 00 02", "0B 61 62", "41 08 10 00 02", "0B 61 63"])
+
+    class Texts(CheckedSdoClient):
+        def send_request(self, request: bytes) -> None:
+            if request[0] != 0x80:
+                self.responses.put(bytes.fromhex(next(texts)).ljust(8, b"\0"))
+
+    node = Texts(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
+    with pytest.raises(SdoCommunicationError, match="twice"):
+        node.upload(0x1008, 0)
+
+
+def test_polls_of_the_positioner_that_follow_each_other_differ_in_length() -> None:
+    asked: list[tuple[int, int]] = []
+
+    def device(request: bytes) -> list[tuple[float, bytes]]:
+        start, count = struct.unpack(">HH", request[2:6])
+        asked.append((start, count))
+        return [(0.0, checked(bytes([2, 3, 2 * count]) + bytes(2 * count)))]
+
+    driver = Positioner(ModbusLink("line", VirtualLine(device)), 2, VirtualClock())
+    for _ in range(3):
+        assert driver._look() == (0.0, frozenset())
+    assert asked == [(0x20, 3), (0x22, 1), (0x20, 2), (0x20, 3)]

@@ -32,6 +32,7 @@ class VirtualLine(RtuClient):
     def __init__(self, device: Answers, baudrate: int = 115200, timeout: float = 1.0) -> None:
         super().__init__("virtual line", baudrate=baudrate, timeout=timeout)
         self.device = device
+        self.speed = baudrate
         self.now = 0.0
         self._timeout = timeout
         self._coming: list[tuple[float, int, bytes]] = []
