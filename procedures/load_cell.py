@@ -19,6 +19,7 @@ from instrument.quantity import show
 from instrument.uncertainty import Budget
 from procedures.policy import carry_out
 from procedures.record import Recorder
+from procedures.servo import steady
 
 PROCEDURE = "calibrate-load-cell"
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
@@ -259,7 +260,7 @@ def _read(bench: Bench) -> list[float]:
     for number in range(REPEATS):
         if number:
             bench.clock.wait(INTERVAL)
-        reading = bench.indicator.read()
+        reading = steady(bench)
         if not reading.valid:
             name = bench.indicator.name
             raise DeviceError(

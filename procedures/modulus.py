@@ -21,7 +21,7 @@ from instrument.quantity import show
 from instrument.sample import Sample, get_sample
 from procedures.policy import carry_out
 from procedures.record import Recorder
-from procedures.servo import READING_INTERVAL, TRACK_SETTLING, check_zero, finish, preload, withdraw
+from procedures.servo import READING_INTERVAL, TRACK_SETTLING, check_zero, finish, preload, steady, withdraw
 
 PROCEDURE = "test-modulus"
 TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
@@ -202,19 +202,23 @@ class _Measurement:
         for number in range(DISPLAYS):
             if number:
                 self.bench.clock.wait(READING_INTERVAL)
-            reading = self.bench.indicator.read()
+            reading = steady(self.bench, self._within_limit)
             if not reading.valid:
                 name = self.bench.indicator.name
                 self.bench.positioner.home()
                 raise DeviceError(f"{name}: no valid reading; check the bridge and the support", device=name)
-            if not self.calibration.load(reading.reading_mV)[0] <= self.bench.force_limit:
-                self.bench.positioner.home()
-                raise SafetyError(
-                    f"{reading.reading_mV:g} mV is more than the bench's force limit of {self.bench.force_limit:g} N;"
-                    " the probe is home again. Ask for a smaller strain"
-                )
+            self._within_limit(reading.reading_mV)
             shown.append(reading.reading_mV)
         return shown
+
+    def _within_limit(self, reading_mV: float) -> None:
+        """Raises SafetyError, with the probe home, where a display tells of more force than the bench may take."""
+        if not self.calibration.load(reading_mV)[0] <= self.bench.force_limit:
+            self.bench.positioner.home()
+            raise SafetyError(
+                f"{reading_mV:g} mV is more than the bench's force limit of {self.bench.force_limit:g} N;"
+                " the probe is home again. Ask for a smaller strain"
+            )
 
 
 def _force(sample: Sample, strain: float) -> float:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.bench import Bench
+from drivers.strain_indicator import IndicatorReading
 from instrument.calibration import LoadCellCalibration
 from instrument.contracts.signal_generator import LARGEST_PEAK
 from instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
@@ -15,6 +17,7 @@ from procedures.policy import carry_out
 
 READINGS = 4  # averaged: the display's own noise dithers its steps
 READING_INTERVAL = 0.1  # s, the display is renewed ten times a second
+PATIENCE = 50  # readings that are waited for a stable one: a bench on a busy machine is later than its filters say
 TRACK_FILTER = 0.1  # s
 TRACK_SETTLING = 0.8  # s, until a filtered reading counts as stable
 UNLOADING = 2.0  # s, until nothing of the last load is left in the filter
@@ -38,13 +41,31 @@ class IndicatorMean:
     valid: bool
 
 
-def read_indicator(bench: Bench, count: int = READINGS) -> IndicatorMean:
-    """Mean of `count` successive displays."""
+def steady(bench: Bench, watch: Callable[[float], None] = lambda _: None) -> IndicatorReading:
+    """The indicator's reading as soon as it is stable; the last one, where it is sick or never becomes stable.
+
+    Args:
+        watch: is called with each reading [mV] that is waited through, and raises where the force is too great.
+    """
+    reading = bench.indicator.read()
+    for _ in range(PATIENCE):
+        if reading.stable or reading.sick:
+            break
+        watch(reading.reading_mV)
+        bench.clock.wait(READING_INTERVAL)
+        reading = bench.indicator.read()
+    return reading
+
+
+def read_indicator(
+    bench: Bench, count: int = READINGS, watch: Callable[[float], None] = lambda _: None
+) -> IndicatorMean:
+    """Mean of `count` successive displays, each waited for as by `steady`."""
     readings = []
     for number in range(count):
         if number:
             bench.clock.wait(READING_INTERVAL)
-        readings.append(bench.indicator.read())
+        readings.append(steady(bench, watch))
     mean = math.fsum(r.reading_mV for r in readings) / count
     return IndicatorMean(mean, all(r.valid for r in readings))
 
@@ -108,6 +129,13 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
     bench.indicator.track(TRACK_FILTER)
     travel = bench.positioner.travel()
     position, load = 0.0, 0.0
+
+    def within_limit(reading_mV: float) -> None:
+        pressed = calibration.load(reading_mV)[0]
+        if not pressed <= bench.force_limit:
+            bench.positioner.home()
+            raise SafetyError(f"preload of {pressed:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
+
     before: tuple[float, float] | None = None
     for _ in range(PRELOAD_STEPS):
         step = APPROACH_STEP
@@ -120,14 +148,12 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         position += step
         bench.positioner.move(position)
         bench.clock.wait(TRACK_SETTLING)
-        reading = read_indicator(bench)
+        reading = read_indicator(bench, watch=within_limit)
         if not reading.valid:
             name = bench.indicator.name
             raise DeviceError(f"{name}: no valid reading at {1e3 * position:.3f} mm; check the bridge", device=name)
+        within_limit(reading.reading_mV)
         load = calibration.load(reading.reading_mV)[0]
-        if not load <= bench.force_limit:
-            bench.positioner.home()
-            raise SafetyError(f"preload of {load:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
         if abs(load - force) <= max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution()):
             return load
     raise UnreachableError(
@@ -201,7 +227,7 @@ class LoadServo:
         measured = math.nan
         for _ in range(SERVO_STEPS):
             self._step(load)
-            measured = self._checked(read_indicator(self._bench))
+            measured = self._checked(self._mean())
             if measured > max(3 * self.calibration.resolution(), 0.1 * load):
                 self._volts_per_newton = self._amplitude / measured
             if abs(measured - load) <= tolerance:
@@ -222,11 +248,11 @@ class LoadServo:
         Raises:
             SafetyError, DeviceError: the force passes the limit, or no valid reading; outputs are off.
         """
-        self._checked(read_indicator(self._bench, 1))
+        self._checked(self._mean(1))
 
     def read(self) -> IndicatorMean:
         """The indicator's reading under the load. Raises SafetyError, DeviceError as `watch`."""
-        reading = read_indicator(self._bench)
+        reading = self._mean()
         self._checked(reading)
         return reading
 
@@ -262,18 +288,15 @@ class LoadServo:
                 f"{self._current_limit:g} A; ask for a smaller load or mount a stiffer sample"
             )
 
+    def _mean(self, count: int = READINGS) -> IndicatorMean:
+        return read_indicator(self._bench, count, self._within_limit)
+
     def _checked(self, reading: IndicatorMean) -> float:
         """The load in N of a reading that is valid and within the force limit.
 
         Too much force is too much in a reading that is not stable, too.
         """
-        load = self.calibration.load(reading.reading_mV)[0] if math.isfinite(reading.reading_mV) else math.nan
-        if self._preloaded + load / 2 > self._bench.force_limit:
-            self._bench.rest()
-            raise SafetyError(
-                f"force of {self._preloaded + load / 2:.3g} N passes the bench's limit of "
-                f"{self._bench.force_limit:g} N; outputs are off. Check the mounting of the sample"
-            )
+        self._within_limit(reading.reading_mV)
         if not reading.valid:
             self._bench.rest()
             name = self._bench.indicator.name
@@ -282,4 +305,15 @@ class LoadServo:
                 "sample",
                 device=name,
             )
-        return load
+        return self.calibration.load(reading.reading_mV)[0]
+
+    def _within_limit(self, reading_mV: float) -> None:
+        if not math.isfinite(reading_mV):
+            return
+        greatest = self._preloaded + self.calibration.load(reading_mV)[0] / 2
+        if greatest > self._bench.force_limit:
+            self._bench.rest()
+            raise SafetyError(
+                f"force of {greatest:.3g} N passes the bench's limit of {self._bench.force_limit:g} N; outputs are off."
+                " Check the mounting of the sample"
+            )

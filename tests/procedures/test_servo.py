@@ -20,7 +20,7 @@ from procedures import films
 from procedures.films import SHORT_RECORD
 from procedures.point_by_point import Progress
 from procedures.run import Run
-from procedures.servo import LoadServo, preload
+from procedures.servo import PATIENCE, LoadServo, preload
 from simulators.bench import SimulatedBench
 from simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep
@@ -142,6 +142,53 @@ def test_an_open_bridge_ends_the_approach(sim: SimulatedBench, bench: Bench, mon
     open_bridge(sim, monkeypatch)
     with pytest.raises(DeviceError, match="no valid reading at 2"):
         preload(bench, THESIS_LOAD_CELL, PRELOAD)
+
+
+# --- a bench that is later than its filters say, as a served one is on a busy machine ---------------------
+
+
+def unstable(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, readings: int) -> list[int]:
+    """The indicator calls so many further readings unstable; returns when it was asked."""
+    asked: list[int] = []
+    stable = sim.indicator._stable
+
+    def late() -> bool:
+        asked.append(sim.clock.now_ns())
+        return len(asked) > readings and stable()
+
+    monkeypatch.setattr(sim.indicator, "_stable", late)
+    return asked
+
+
+def test_a_reading_that_is_not_stable_yet_is_waited_for(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo = mount(bench)
+    unstable(sim, monkeypatch, PATIENCE)
+    assert servo.set(2.0) == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_reading_that_never_becomes_stable_is_not_used(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo = mount(bench)
+    unstable(sim, monkeypatch, 10 * PATIENCE)
+    with pytest.raises(DeviceError, match="no valid reading while driving; outputs are off"):
+        servo.set(2.0)
+    assert outputs(sim) == OFF
+
+
+def test_too_much_force_is_not_waited_out_while_the_reading_is_unstable(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo = mount(bench)
+    servo.set(2.0)
+    stiffen(sim)
+    asked = unstable(sim, monkeypatch, 10 * PATIENCE)
+    with pytest.raises(SafetyError, match="passes the bench's limit"):
+        servo.set(4.0)
+    assert outputs(sim) == OFF
+    assert len(asked) <= 3
 
 
 # --- the dynamic load ----------------------------------------------------------------------------------
