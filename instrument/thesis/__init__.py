@@ -92,27 +92,31 @@ STRESS = (
     " times larger"
 )
 COPIED = "not independent readings: one film's millivolts are a constant times the other's"
+SINGLE = "single sensor, three-dimensional finite elements"
+COMMON = "two sensors on a common base, three-dimensional finite elements"
+DIFFERENT = "two sensors on different bases, three-dimensional finite elements"
+_HEADS_DIFFERENT = "The films are headed PVDF 3 and PVDF 4, and are PVDF 1 and PVDF 3"
+_HEADS_COMMON = "The films are headed PVDF 2 and PVDF 3, and are PVDF 1 and PVDF 2"
+_COPY = "agrees with Table {} cell for cell once repaired, down to slips: no result of its own"
 # By sample.
 COMPRESSION_TABLES = {"1": "5.2", "6": "5.3"}
 SINGLE_TABLES = {str(sample): f"A2.{8 + sample}" for sample in range(1, 7)}
 COMMON_BASE_TABLES = {str(sample): f"A2.{14 + sample}" for sample in range(1, 7)}
 
+
+def _powers(number: str) -> str:
+    return f"powers of ten of the moduli are not readable; they are those of Table {number}"
+
+
 # Number -> title, key, doubt.
 _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
-        "4.1": ("single sensor, three-dimensional finite elements, ring 24 kPa", MODULUS, ""),
-        "4.3": (
-            "two sensors on different bases, three-dimensional finite elements, ring 24 kPa",
-            MODULUS,
-            "powers of ten of the moduli are not readable; they are those of Table A2.5."
-            " The films are headed PVDF 3 and PVDF 4, and are PVDF 1 and PVDF 3",
-        ),
-        "4.5": (
-            "two sensors on a common base, three-dimensional finite elements, ring 24 kPa",
-            MODULUS,
-            "powers of ten of the moduli are not readable; they are those of Table A2.3."
-            " The films are headed PVDF 2 and PVDF 3, and are PVDF 1 and PVDF 2",
-        ),
+        "4.1": (f"{SINGLE}, ring 24 kPa", MODULUS, ""),
+        "4.2": (f"{SINGLE}, ring 33 kPa", MODULUS, ""),
+        "4.3": (f"{DIFFERENT}, ring 24 kPa", MODULUS, f"{_powers('A2.5')}. {_HEADS_DIFFERENT}"),
+        "4.4": (f"{DIFFERENT}, ring 33 kPa", MODULUS, _powers("A2.6")),
+        "4.5": (f"{COMMON}, ring 24 kPa", MODULUS, f"{_powers('A2.3')}. {_HEADS_COMMON}"),
+        "4.6": (f"{COMMON}, ring 33 kPa", MODULUS, f"{_powers('A2.4')}. {_HEADS_COMMON}"),
         "5.1": (
             "load cell under dead weights",
             "load_gf",
@@ -143,17 +147,12 @@ _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
             "sample",
             "the error is not defined, and the columns do not share one definition",
         ),
-        "A2.1": ("single sensor, three-dimensional finite elements, ring 24 kPa, 48 moduli", MODULUS, ""),
-        "A2.3": (
-            "two sensors on a common base, three-dimensional finite elements, ring 24 kPa, 48 moduli",
-            MODULUS,
-            "",
-        ),
-        "A2.5": (
-            "two sensors on different bases, three-dimensional finite elements, ring 24 kPa, 48 moduli",
-            MODULUS,
-            "",
-        ),
+        "A2.1": (f"{SINGLE}, ring 24 kPa, 48 moduli", MODULUS, ""),
+        "A2.2": (f"{SINGLE}, ring 33 kPa, 48 moduli", MODULUS, ""),
+        "A2.3": (f"{COMMON}, ring 24 kPa, 48 moduli", MODULUS, ""),
+        "A2.4": (f"{COMMON}, ring 33 kPa, 48 moduli", MODULUS, ""),
+        "A2.5": (f"{DIFFERENT}, ring 24 kPa, 48 moduli", MODULUS, _COPY.format("A2.3")),
+        "A2.6": (f"{DIFFERENT}, ring 33 kPa, 48 moduli", MODULUS, _COPY.format("A2.4")),
         "A2.7": (
             "common base under a load of 1 N along its length",
             "x_inferred_mm",

@@ -21,13 +21,14 @@ from instrument.designs import get_design
 from instrument.models.film import film_response
 from instrument.models.parameter_sets import ParameterSet, get_parameter_set
 from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from instrument.thesis import Table
 from procedures.reproduce.solutions import Solutions
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]
 
 # The thesis' two rings, 3.1.4.
-RING, STIFF_RING = 24e3, 33e3
+RINGS = RING, STIFF_RING = 24e3, 33e3
 # Moduli of the object over the ring's, around the 14.9 kPa to 140 GPa of Table A2.1 on both.
 LOWEST, HIGHEST = 0.4, 6e6
 NODES, LIKE_NODES, FINE_NODES = 15, 5, 3  # three and five are among the fifteen
@@ -35,6 +36,11 @@ ROUND_MESH, COARSE_MESH, FINE_MESH = 2, 0, 1
 TOOTH, BASE = "tooth", "base"
 Solved = tuple[float, float, float, float, float]
 QUANTITIES = 5
+
+
+def ring_of(table: Table) -> float:
+    """Young modulus of the ring that a table of finite elements is for [Pa]."""
+    return float(table.values("compliant_modulus_Pa")[0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from instrument.errors import UnknownName
 from procedures.reproduce import figures, pair, position, single, theory
 from procedures.reproduce.comparison import Comparison
-from procedures.reproduce.curves import Case, Curves, Progress
+from procedures.reproduce.curves import RINGS, Case, Curves, Progress
 from procedures.reproduce.figures import FIGURES, Picture
 from procedures.reproduce.files import write_summary, write_table
 from procedures.reproduce.solutions import Solutions
@@ -24,8 +24,11 @@ Compare = Callable[[Sequence[str], Curves], Comparison]
 # In the order in which they are made.
 TABLES: Mapping[str, Compare] = MappingProxyType(
     {
-        **{number: partial(single.compare, number) for number in ("A2.1", "4.1")},
-        **{number: partial(pair.compare, number) for number in ("A2.3", "4.5", "A2.5", "4.3")},
+        **{number: partial(single.compare, number) for number in ("A2.1", "4.1", "A2.2", "4.2")},
+        **{
+            number: partial(pair.compare, number)
+            for number in ("A2.3", "4.5", "A2.5", "4.3", "A2.4", "4.6", "A2.6", "4.4")
+        },
         "A2.7": position.compare,
         "5.8": theory.compare,
     }
@@ -55,8 +58,9 @@ def parameter_sets(name: str) -> tuple[str, ...]:
 
 def cases(parameters: Sequence[str]) -> list[Case]:
     """Every curve that tables and figures need."""
-    pairs = [pair.cases(parameters, design) for design in ("common_base", "different_base")]
-    wanted = [case for cases in (single.cases(parameters), *pairs) for case in cases.values()]
+    pairs = [pair.cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS]
+    singles = [single.cases(parameters, ring) for ring in RINGS]
+    wanted = [case for cases in (*singles, *pairs) for case in cases.values()]
     return [*wanted, *figures.cases(parameters)]
 
 

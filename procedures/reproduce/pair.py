@@ -1,4 +1,4 @@
-"""Tables 4.3, 4.5, A2.3 and A2.5: two sensors, on a common base or on different ones."""
+"""Tables 4.3 to 4.6 and A2.3 to A2.6: two sensors, on a common base or on different ones, on both rings."""
 
 from __future__ import annotations
 
@@ -8,25 +8,29 @@ import numpy as np
 
 from instrument.thesis import Table, read_table
 from procedures.reproduce.comparison import Comparison, column_of, fit_sentence
-from procedures.reproduce.curves import TOOTH, Case, Curves
+from procedures.reproduce.curves import TOOTH, Case, Curves, ring_of
 from procedures.reproduce.films import voltage_sentence
+from procedures.reproduce.prediction import prediction_sentences
 
 GOAL = 0.015
 # Table -> design, and the table of the same layout on a common base.
-DESIGNS = {"4.3": "different_base", "4.5": "common_base", "A2.3": "common_base", "A2.5": "different_base"}
-TWINS = {"4.3": "4.5", "A2.5": "A2.3"}
+TWINS = {"4.3": "4.5", "4.4": "4.6", "A2.5": "A2.3", "A2.6": "A2.4"}
+DESIGNS = {
+    **dict.fromkeys(TWINS, "different_base"),
+    **dict.fromkeys(TWINS.values(), "common_base"),
+}
 
 
-def cases(parameters: Sequence[str], design: str) -> dict[tuple[str, str], Case]:
-    """The curves that a table needs, by parameter set and model."""
-    return {(name, "solid"): Case(design, "solid", name) for name in parameters}
+def cases(parameters: Sequence[str], design: str, ring: float) -> dict[tuple[str, str], Case]:
+    """The curves that a table of a ring [Pa] needs, by parameter set and model."""
+    return {(name, "solid"): Case(design, "solid", name, ring) for name in parameters}
 
 
 def compare(number: str, parameters: Sequence[str], curves: Curves) -> Comparison:
-    """One of the four tables; the tooth films take half of the teeth's force each."""
+    """One of the eight tables; the tooth films take half of the teeth's force each."""
     table, design = read_table(number), DESIGNS[number]
-    moduli = table.keys()
-    by = {key: curves.of(case) for key, case in cases(parameters, design).items()}
+    moduli, ring = table.keys(), ring_of(table)
+    by = {key: curves.of(case) for key, case in cases(parameters, design, ring).items()}
     ratio = {key: curve.force_ratio(moduli) for key, curve in by.items()}
     half = {key: values / 2 for key, values in ratio.items()}
     voltage = {key: curve.voltage(TOOTH, moduli) for key, curve in by.items()}
@@ -42,6 +46,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
     over = {f"{name} set ({model})": voltage[name, model] / half[name, model] for name, model in half}
     said = [
         fit_sentence(comparison, "force_ratio"),
+        *prediction_sentences(comparison, "force_ratio"),
         voltage_sentence(
             table, "voltage_pvdf1_V", abs(table.values("force_pvdf1_N")), sensor, TOOTH, over
         ),
@@ -50,7 +55,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
         said.append(twin_sentence(table, read_table(TWINS[number])))
         apart = [
             f"{float(np.abs(ratio[key] - curves.of(other).force_ratio(moduli)).max()):.1g} by the {key[0]} set"
-            for key, other in cases(parameters, "common_base").items()
+            for key, other in cases(parameters, "common_base", ring).items()
         ]
         said.append(
             "the model's ratio on different bases differs from that on a common one by at most " + ", ".join(apart)

@@ -1,4 +1,4 @@
-"""Tables 4.1 and A2.1: one sensor under objects of rising modulus."""
+"""Tables 4.1, 4.2, A2.1 and A2.2: one sensor under objects of rising modulus, on both rings."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ from collections.abc import Sequence
 
 from instrument.thesis import read_table
 from procedures.reproduce.comparison import Comparison, column_of, fit_sentence
-from procedures.reproduce.curves import BASE, TOOTH, Case, Curves
+from procedures.reproduce.curves import BASE, TOOTH, Case, Curves, ring_of
 from procedures.reproduce.films import voltage_sentence
+from procedures.reproduce.prediction import prediction_sentences
 
 MODELS = ("axisymmetric", "solid")
 GOAL = 0.012  # of the set that is identified from A2.1 and A2.3 together
 
 
-def cases(parameters: Sequence[str]) -> dict[tuple[str, str], Case]:
-    """The curves that the tables need, by parameter set and model."""
-    return {(name, model): Case("single", model, name) for name in parameters for model in MODELS}
+def cases(parameters: Sequence[str], ring: float) -> dict[tuple[str, str], Case]:
+    """The curves that the tables of a ring [Pa] need, by parameter set and model."""
+    return {(name, model): Case("single", model, name, ring) for name in parameters for model in MODELS}
 
 
 def compare(number: str, parameters: Sequence[str], curves: Curves) -> Comparison:
-    """Table 4.1 or A2.1; under 1 N the tooth's force is the force ratio."""
+    """One of the four tables; under 1 N the tooth's force is the force ratio."""
     table = read_table(number)
     moduli = table.keys()
-    by = {key: curves.of(case) for key, case in cases(parameters).items()}
+    by = {key: curves.of(case) for key, case in cases(parameters, ring_of(table)).items()}
     ratio = {key: curve.force_ratio(moduli) for key, curve in by.items()}
     tooth = {key: curve.voltage(TOOTH, moduli) for key, curve in by.items()}
     base = {key: curve.voltage(BASE, moduli) for key, curve in by.items()}
@@ -38,6 +39,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
     over_base = {f"{name} set ({model})": values for (name, model), values in base.items()}
     said = [
         fit_sentence(comparison, "force_rigid_N"),
+        *prediction_sentences(comparison, "force_rigid_N", film="voltage_pvdf2_V"),
         voltage_sentence(table, "voltage_pvdf2_V", force, sensor, TOOTH, over_tooth),
         voltage_sentence(table, "voltage_pvdf1_V", abs(table.values("force_total_N")), sensor, BASE, over_base),
     ]

@@ -65,33 +65,17 @@ def test_the_shifted_forces_of_table_a2_1_are_put_right() -> None:
     assert volts / force == pytest.approx(1e-3, rel=5e-3)
 
 
-@pytest.mark.parametrize("number", ["A2.3", "A2.5", "4.3", "4.5"])
-def test_repaired_voltages_forces_and_ratios_agree_with_one_another(number: str) -> None:
-    table = read_table(number)
-    force = table.values("force_pvdf1_N")
-    assert np.all(force < 0)
-    assert table.values("voltage_pvdf1_V") / force == pytest.approx(1.035e-3, rel=6e-3)
-    assert table.values("force_ratio") == pytest.approx(2 * force, rel=2e-3)
-
-
 def test_the_ratio_rises_with_the_modulus_once_repaired() -> None:
-    for number, column in (("A2.1", "force_rigid_N"), ("A2.3", "force_ratio"), ("A2.5", "force_ratio")):
+    for number in ("A2.1", "A2.2", "A2.3", "A2.4", "A2.5", "A2.6"):
         table = read_table(number)
+        column = "force_ratio" if "force_ratio" in table.columns else "force_rigid_N"
         assert np.all(np.diff(table.keys()) > 0)
         assert np.all(np.diff(abs(table.values(column))) > 0)
 
 
-def test_chapter_4_is_an_extract_of_the_appendix() -> None:
-    for number, whole in (("4.1", "A2.1"), ("4.3", "A2.5"), ("4.5", "A2.3")):
-        extract, table = read_table(number), read_table(whole)
-        rows = [table.rows.index(row) for row in extract.rows]
-        for column in set(extract.columns) & set(table.columns):
-            assert extract.values(column) == pytest.approx(table.values(column)[rows], rel=1e-12)
-
-
 def test_an_unknown_table_is_refused_with_those_there_are() -> None:
-    with pytest.raises(UnknownName, match=r"table of the thesis 'A2.2'.*valid: 4.1, 4.3"):
-        read_table("A2.2")
+    with pytest.raises(UnknownName, match=r"table of the thesis 'A2.8'.*valid: 4.1, 4.2"):
+        read_table("A2.8")
 
 
 def test_no_table_lies_here_that_is_not_read() -> None:

@@ -41,7 +41,7 @@ def test_what_is_cited_and_absent_is_listed_as_such() -> None:
 
 def test_what_can_be_read_here_is_compared() -> None:
     compared = {number.removeprefix("Table ") for number, content in contents().items() if content.ours == "compared"}
-    assert set(TABLES) <= compared
+    assert set(TABLES) == compared
 
 
 def test_an_unknown_kind_is_refused_with_those_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
