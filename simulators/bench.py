@@ -98,7 +98,7 @@ class SimulatedBench:
             changer = None
             if self.changer is not None:
                 port_of_it = servers.serve_tcp(1, self.changer, (host, port and port + 2))
-                changer = TcpAddress(host=host, port=port_of_it, timeout=TIMEOUT)
+                changer = TcpAddress(host=host, port=port_of_it, timeout=timeouts.get("sample_changer", TIMEOUT))
             self.description = BenchDescription(
                 name=f"simulated bench, scene {self.scene.name}",
                 design=self.scene.design.name,

@@ -63,6 +63,11 @@ class SampleChanger(SimulatedDevice):
         self._ordered = sample
         self._end_ns = self.clock.now_ns() + round(TRAVEL / self.settings["speed"] * 1e9)
 
+    def reset(self) -> None:
+        """The carriage stays where it has come to; what it was carrying is not under the probe."""
+        self._ordered, self._end_ns = None, NEVER
+        super().reset()
+
     def next_event_ns(self) -> int:
         return self._end_ns
 

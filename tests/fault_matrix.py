@@ -21,16 +21,17 @@ from unittest.mock import patch
 from drivers.bench import Bench
 from drivers.incident import INCIDENT
 from instrument.errors import PalpateError
+from instrument.sample import get_sample
 from procedures.record import Recorder
 from procedures.run import Run
 from simulators.bench import SimulatedBench
 from simulators.faults import FAULTS, fault_class, inject
 from simulators.faults.can import CanFault
-from simulators.faults.fault import NODE, parse_faults
+from simulators.faults.fault import CHANGER, NODE, parse_faults
 from simulators.faults.indicator import IndicatorFault
 from simulators.faults.node import FilmFault
 from simulators.scene import Scene
-from tests.fault_procedures import PROCEDURES, Found, scene, wrong
+from tests.fault_procedures import PROCEDURES, SAMPLE, Found, scene, wrong
 
 PROCESSES_A_CORE = 4
 HASTY = "0.5 s"  # of the wall: where it is too short for a busy machine, one more thing fails, and the verdict holds
@@ -45,6 +46,7 @@ PANEL = {
     "shaker_amplifier": (("gain", 3.0), ("enable", 0.0)),
     "strain_indicator": (("gage_factor", 4.0), ("mode", 0.0), ("filter", 5.0)),
     "positioner": (("limit_high", 0.02),),
+    "sample_changer": (("speed", 0.001),),
     "sensor_node_1": (("range_1", 0.0), ("sync_period", 0.01)),
 }  # fmt: skip
 
@@ -86,10 +88,10 @@ def cells() -> Iterator[Cell]:
 
 
 @functools.cache
-def undisturbed(procedure: str) -> tuple[Found, float]:
+def undisturbed(procedure: str, changer: bool = False) -> tuple[Found, float]:
     """The result without faults, and the bench time in the middle of a point in its middle [s]."""
     with tempfile.TemporaryDirectory() as folder:
-        result, run, _ = _done(procedure, scene(procedure), Path(folder) / "run")
+        result, run, _ = _done(procedure, scene(procedure), Path(folder) / "run", changer)
         assert not isinstance(result, PalpateError)
         times = [point["bench_ns"] for point in run.points()]
         before, after = times[len(times) // 2 - 1], times[len(times) // 2]
@@ -99,7 +101,7 @@ def undisturbed(procedure: str) -> tuple[Found, float]:
 
 def play(cell: Cell) -> Outcome:
     """What comes of one cell."""
-    return _play(cell, *undisturbed(cell.procedure))
+    return _play(cell, *undisturbed(cell.procedure, cell.on == CHANGER))
 
 
 def play_all() -> dict[Cell, Outcome]:
@@ -107,8 +109,11 @@ def play_all() -> dict[Cell, Outcome]:
     whole = list(cells())
     spawned = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(PROCESSES_A_CORE * (os.cpu_count() or 1), spawned) as pool:
-        right = dict(zip(PROCEDURES, pool.map(undisturbed, PROCEDURES), strict=True))
-        outcomes = pool.map(_play, whole, *zip(*(right[cell.procedure] for cell in whole), strict=True))
+        kinds = [(procedure, changer) for procedure in PROCEDURES for changer in (False, True)]
+        right = dict(zip(kinds, pool.map(undisturbed, *zip(*kinds, strict=True)), strict=True))
+        outcomes = pool.map(
+            _play, whole, *zip(*(right[cell.procedure, cell.on == CHANGER] for cell in whole), strict=True)
+        )
         return dict(zip(whole, outcomes, strict=True))
 
 
@@ -120,7 +125,7 @@ def _play(cell: Cell, right: Found, middle: float) -> Outcome:
         table["lasts"] = A_WHILE
     with tempfile.TemporaryDirectory() as folder:
         faulty = replace(scene(cell.procedure), faults=parse_faults([table], 1, "matrix"))
-        result, run, live = _done(cell.procedure, faulty, Path(folder) / "run")
+        result, run, live = _done(cell.procedure, faulty, Path(folder) / "run", cell.on == CHANGER)
         incidents = sum(event["kind"] == INCIDENT for event in run.events())
         if live:
             return Outcome("WRONG", incidents, f"outputs are at {live:g} V")
@@ -133,11 +138,12 @@ def _play(cell: Cell, right: Found, middle: float) -> Outcome:
         return Outcome("right" if whole else "marked", incidents)
 
 
-def _done(procedure: str, of: Scene, folder: Path) -> tuple[Found | PalpateError, Run, float]:
+def _done(procedure: str, of: Scene, folder: Path, changer: bool) -> tuple[Found | PalpateError, Run, float]:
     """The result or the error, the run, and the greatest output voltage that is left in the end [V]."""
     header = {"procedure": procedure, "simulated": True, "started": "2025-03-14T15:09:26Z"}
     result: Found | PalpateError
-    with patch.object(inject, "TIMEOUT", HASTY), SimulatedBench(of) as sim:
+    samples = [get_sample(SAMPLE)] if changer else []
+    with patch.object(inject, "TIMEOUT", HASTY), SimulatedBench(of, samples=samples) as sim:
         try:
             with Recorder.create(folder, header) as record:
                 with Bench(sim.description, sim.clock, sim.operator) as bench:

@@ -15,7 +15,7 @@ _TCP, _RTU, _CAN, _NODE, _DEVICE, _INDICATOR = (
 )
 
 FAULTS: dict[str, str] = {
-    # Modbus TCP: generator and amplifier
+    # Modbus TCP: generator, amplifier and sample changer
     "no_reply": f"{_TCP}:NoReply",
     "late_reply": f"{_TCP}:LateReply",
     "split_reply": f"{_TCP}:SplitReply",

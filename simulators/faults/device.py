@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from instrument.contracts import CONTRACTS, sensor_node
-from instrument.errors import UnknownName
+from instrument.errors import ConfigError, UnknownName
 from simulators.device import SimulatedDevice
 from simulators.faults.fault import MODBUS, NODE, Fault
 
@@ -81,11 +81,14 @@ class FrontPanel(DeviceFault):
 
 
 def device(sim: SimulatedBench, name: str) -> SimulatedDevice:
-    """A Modbus device of the bench by its name in a scene."""
-    found: dict[str, SimulatedDevice] = dict(
-        zip(MODBUS, (sim.generator, sim.amplifier, sim.indicator, sim.positioner), strict=True)
-    )
-    return found[name]
+    """A Modbus device of the bench by its name in a scene. Raises ConfigError: the bench has no sample changer."""
+    devices = (sim.generator, sim.amplifier, sim.changer, sim.indicator, sim.positioner)
+    found = dict(zip(MODBUS, devices, strict=True))[name]
+    if found is None:
+        raise ConfigError(
+            f"fault: this bench has no {name}, so nothing of it can fail; palpate serve --samples 1-6 gives it one"
+        )
+    return found
 
 
 def node(sim: SimulatedBench, name: str) -> SensorNode:

@@ -15,7 +15,9 @@ from simulators.randomness import Stream
 
 MOST = 100  # faults of a scene
 WHEN = ("at", "transaction", "probability")
-MODBUS = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")
+CHANGER = "sample_changer"  # which a bench may lack
+TCP = ("signal_generator", "shaker_amplifier", CHANGER)
+MODBUS = (*TCP, "strain_indicator", "positioner")
 LINE, CAN, NODE = "line", "can", "sensor_node_"
 
 

@@ -10,7 +10,7 @@ from instrument.errors import ConfigError, UsageError
 from simulators.clock import NEVER
 from simulators.faults.can import CanFault, FaultyBus
 from simulators.faults.device import DeviceFault, device, node
-from simulators.faults.fault import CAN, LINE, MOST, NODE, WHEN, Fault, Trigger, parse_fault
+from simulators.faults.fault import CAN, LINE, MODBUS, MOST, NODE, WHEN, Fault, Trigger, parse_fault
 from simulators.faults.indicator import IndicatorFault
 from simulators.faults.node import FilmFault
 from simulators.faults.rtu import NoisyLine, RtuFault
@@ -67,7 +67,9 @@ class Injection:
         self._bus: list[tuple[CanFault, Trigger]] | None = None
 
     def give(self, fault: Fault) -> None:
-        """Let the bench have a fault from now on."""
+        """Let the bench have a fault from now on. Raises ConfigError: the bench has no such device."""
+        if fault.on in MODBUS:
+            device(self._sim, fault.on)
         trigger = Trigger(fault, self._numbers, self._sim.scene.seed)
         self._numbers += 1
         happening = None

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, Protocol
 
 from simulators.clock import NEVER, VirtualClock
 from simulators.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
-from simulators.faults.fault import Fault, Trigger
+from simulators.faults.fault import TCP, Fault, Trigger
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # where they stand in a frame
 HEADER = 6  # bytes up to the length, which does not count them
@@ -26,7 +26,7 @@ class TcpFault(Fault):
         then: what becomes of the connection.
     """
 
-    targets: ClassVar[tuple[str, ...]] = ("signal_generator", "shaker_amplifier")
+    targets: ClassVar[tuple[str, ...]] = TCP
     forwards: ClassVar[bool] = True
     holds: ClassVar[bool] = False
     then: ClassVar[Literal["goes on", "reset", "refused"]] = "goes on"

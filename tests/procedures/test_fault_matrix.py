@@ -49,7 +49,8 @@ def test_the_matrix_has_every_fault_on_everything_that_can_have_it_in_every_proc
     assert {cell.kind for cell in whole} == set(FAULTS)
     assert {cell.procedure for cell in whole} == {cell.procedure for cell in chosen()} == set(PROCEDURES)
     assert {cell.on for cell in whole} == {
-        "signal_generator", "shaker_amplifier", "strain_indicator", "positioner", "line", "can", "sensor_node_1",
+        "signal_generator", "shaker_amplifier", "strain_indicator", "positioner", "sample_changer", "line", "can",
+        "sensor_node_1",
     }  # fmt: skip
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from drivers.bench import Bench
-from instrument.errors import BenchError, ConfigError, LinkError, PalpateError, UsageError
+from instrument.errors import BenchError, ConfigError, DeviceError, LinkError, PalpateError, UsageError
+from instrument.sample import get_sample
 from procedures.cli.served import Person
 from simulators.bench import SimulatedBench
 from simulators.faults import FAULTS, fault_class
@@ -125,6 +126,34 @@ def test_those_of_the_scene_are_listed_and_can_be_cleared(scene: Scene, nothing_
         sim.clock.wait(2.0)
         assert answer(person, "clear strain_indicator").endswith("has struck once")
         assert "read" not in vars(sim.indicator)
+
+
+def test_a_sample_changer_has_faults_as_every_device_and_its_client_notices(scene: Scene) -> None:
+    """Of a power cycle it comes back with nothing mounted where it was carrying, and the order is given again."""
+    with SimulatedBench(scene, samples=[get_sample("1")]) as sim:
+        person = Person(sim)
+        with Bench(hasty(sim.description), sim.clock, sim.operator) as bench:
+            assert bench.changer is not None
+            person.do("fault sample_changer device_busy")
+            with pytest.raises(DeviceError, match=r"sample changer.* device busy"):
+                bench.changer.mounted()
+            person.do("clear sample_changer")
+            bench.changer.set(order="1")
+            assert bench.changer.mounted().moving
+            person.do("fault sample_changer power_cycle")
+            sim.clock.wait(10.0)
+            assert (bench.changer.mounted().sample, bench.changer.mounted().moving) == ("", False)
+            bench.changer.mount("1")
+            person.do("fault sample_changer front_panel setting=speed value=0.001")
+            assert bench.changer.get("speed") == 0.001
+
+
+def test_a_fault_of_a_sample_changer_is_refused_where_there_is_none(sim: SimulatedBench, scene: Scene) -> None:
+    with pytest.raises(ConfigError, match=r"this bench has no sample_changer.*serve --samples"):
+        Person(sim).do("fault sample_changer power_cycle")
+    faulty = scene.with_faults([{"kind": "no_reply", "on": "sample_changer", "at": "1 s"}])
+    with pytest.raises(ConfigError, match="this bench has no sample_changer"), SimulatedBench(faulty):
+        pass
 
 
 WRONG: list[tuple[str, type[PalpateError], str]] = [
