@@ -1,0 +1,58 @@
+"""docs/thesis.md: what Palpate has of the thesis, and what not, is all there, and what it names exists."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from instrument.thesis import contents
+from procedures.cli import palpate as command
+
+ROOT = Path(__file__).parents[2]
+DOCUMENT = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
+
+
+def test_every_table_and_figure_without_numbers_of_ours_has_its_line() -> None:
+    expected = [
+        f"| {content.number} | {content.shows} | {'nothing: ' * (content.ours == 'none')}{content.part} |"
+        f" {content.doubt} |"
+        for content in contents().values()
+        if content.ours in ("none", "part")
+    ]
+    assert [line for line in DOCUMENT.splitlines() if re.match(r"\| (Figure|Table) ", line)] == expected
+
+
+def commands(group: click.Group, above: str = "") -> Iterator[str]:
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        yield f"{above}{name}"
+        found = group.get_command(context, name)
+        if isinstance(found, click.Group):
+            yield from commands(found, f"{above}{name} ")
+
+
+def test_what_the_document_names_exists() -> None:
+    modules = {
+        path.stem
+        for folder in ("simulators/effects", "instrument/designs", "drivers")
+        for path in (ROOT / folder).glob("*.py")
+    }
+    scenes = {path.stem for path in (ROOT / "simulators" / "scenes").glob("*.toml")}
+    known = {*modules, *scenes, *commands(command), "palpate reproduce", "pickup", "--budget"}
+    named = set(re.findall(r"`([^`]+)`", DOCUMENT))
+    assert {name for name in named - known if not (ROOT / name).is_file()} == set()
+
+
+def test_the_files_that_a_part_is_exist() -> None:
+    for content in contents().values():
+        folder = ROOT
+        for name in re.findall(r"[\w/]+\.py", content.part):
+            folder = (ROOT / name).parent if "/" in name else folder
+            assert (folder / Path(name).name).is_file(), content
+
+
+def test_the_readme_links_the_document() -> None:
+    assert "(docs/thesis.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
