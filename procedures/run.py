@@ -23,6 +23,7 @@ import numpy as np
 from instrument.errors import RecordError, UnknownName
 from procedures import format3, record_file
 from procedures.chain import read_head
+from procedures.holes import check_holes
 from procedures.record_file import HEAD_FILE, RECORD
 from procedures.stored import Status, Stored, Waveform
 
@@ -129,11 +130,20 @@ class Run:
 
 def is_run(folder: Path) -> bool:
     """Whether a folder holds a run, or what is left of one; a start that was killed is none."""
-    return _is_there(folder / format3.DATABASE) or is_format4(folder)
+    return _is_there(folder / format3.DATABASE) or _has_record(folder)
 
 
 def is_format4(folder: Path) -> bool:
-    """Whether it has a record, or a head that tells of one; a database beside it is what it has gone on from."""
+    """Whether a run has a record, or a head that tells of one; a database beside it is what it has gone on from.
+
+    Raises RecordError: one of its files has holes that nobody would read to the end.
+    """
+    for name in (RECORD, format3.DATABASE, format3.LOG):
+        check_holes(folder / name)
+    return _has_record(folder)
+
+
+def _has_record(folder: Path) -> bool:
     if _is_there(folder / RECORD):
         return True
     head = read_head(folder / HEAD_FILE)[0]
@@ -174,6 +184,7 @@ def reading(folder: Path) -> Iterator[Stored]:
 @contextlib.contextmanager
 def reading_record(folder: Path) -> Iterator[record_file.Record]:
     """As `reading`, of a run of record format 4."""
+    check_holes(folder / RECORD)
     with _reading(folder / RECORD), record_file.opened(folder) as record:
         yield record
 

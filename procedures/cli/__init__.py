@@ -86,6 +86,9 @@ def main() -> None:
     except OSError as error:
         _complain(f"error: {error}", error)
         sys.exit(1)
+    except MemoryError as error:
+        _complain("error: it takes more memory than this computer has; take a smaller file or fewer points", error)
+        sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)
 
 

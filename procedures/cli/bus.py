@@ -27,8 +27,10 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
     Times are of the bench's clock, in s since the first message.
     """
     from procedures.bus_log import Line, read_log
+    from procedures.holes import check_holes
 
     output = Output(as_json, quiet)
+    check_holes(log)
     messages: list[Line] = []
     try:
         messages.extend(read_log(log))  # keeps what stands before the damage
@@ -53,5 +55,7 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
     come out are not kept for later runs. It ends at the first request that the log does not hold at that place.
     """
     from procedures.cli.replay import replay as replay_log
+    from procedures.holes import check_holes
 
+    check_holes(log)
     replay_log(log, out, Output(as_json, quiet))

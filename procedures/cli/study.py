@@ -37,11 +37,12 @@ def study(
     from instrument.errors import EstimateError, UsageError
     from procedures.cli.executors import executor_of
     from procedures.cli.study_cell import Sweep
+    from procedures.holes import check_holes
     from procedures.report.study import plot_study, print_study
     from procedures.study.description import read_study
     from procedures.study.results import read_results
     from procedures.study.run import run
-    from procedures.study.store import Store
+    from procedures.study.store import RECORD, Store
 
     output = Output(as_json, quiet)
     if workers is not None and dask is not None:
@@ -55,6 +56,7 @@ def study(
         "order of axes": list(asked.axes),  # by which cells are numbered
         "scenes": {name: file.model_dump(mode="json") for name, file in sweep.scenes.items()},
     }
+    check_holes(folder / RECORD)
     with Store(folder, described) as opened:
         if len(opened.done) < len(asked):
             with output.progress("starting") as progress, executor_of(workers, dask) as (executor, count):

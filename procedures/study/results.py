@@ -22,9 +22,10 @@ from instrument.quantity import parse
 from procedures.encoding import as_json
 from procedures.export import FORMATS
 from procedures.extras import library
+from procedures.holes import check_holes
 from procedures.run import storing
 from procedures.study.description import Study, StudyFile, Value, parted, study_of
-from procedures.study.store import Outcome, stored
+from procedures.study.store import RECORD, Outcome, stored
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -192,6 +193,7 @@ def read_results(folder: Path) -> Results:
         UsageError: there is none.
         RecordError: it is damaged.
     """
+    check_holes(folder / RECORD)
     asked, outcomes = stored(folder)
     try:
         return Results(study_of(StudyFile.model_validate(asked["study"]), str(folder)), outcomes)
