@@ -93,8 +93,8 @@ def _opener(folder: Path, seed: int | None) -> Open:
 def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Finite-element tables, theories of Table 5.8 and figures of chapter 4, beside the sensor models.
 
-    Tables 4.1, 4.3, 4.5, A2.1, A2.3, A2.5, A2.7 and 5.8 cell by cell as CSV, repaired cells marked; Figures 4.4, 4.7,
-    4.8 and 4.12 to 4.17 as PNG, what they show being inferred; a summary.
+    Tables 4.1, 4.3, 4.5, A2.1, A2.3, A2.5, A2.7 and 5.8 cell by cell as CSV, repaired cells marked; figures of chapter
+    4 as PNG, the thesis' values as marks and ours as curves, its schematics from designs and meshes; a summary.
     """
     from procedures.reproduce import models as against
     from procedures.reproduce.files import table_object
@@ -119,7 +119,7 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
                 "summary": str(done.summary),
                 "tables": [table_object(comparison, file) for comparison, file in done.tables],
                 "figures": [
-                    {"name": p.name, "content": p.content, "inferred_from": p.ground or None, "file": str(p.file)}
+                    {"name": p.number, "content": p.shows, "caption": p.caption, "file": str(p.file)}
                     for p in done.pictures
                 ],
             }

@@ -19,6 +19,8 @@ from procedures import load_cell, load_plan, load_sweep, modulus
 from procedures.record import Recorder
 from procedures.reproduce import bench_tables, experiments, models, percent
 from procedures.reproduce.curves import Progress
+from procedures.reproduce.figures.chapter5 import FIGURES
+from procedures.reproduce.figures.measured import Measured
 from procedures.reproduce.models import Reproduction
 from procedures.reproduce.page import write_page
 from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable, by_chance, counted
@@ -106,6 +108,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     def add(found: Iterable[RowTable]) -> None:
         tables.extend((table, table.write(folder)) for table in found)
 
+    sweeps = {}
     for arrangement in experiments.ARRANGEMENTS:
         with open_bench(arrangement.scene, load_plan.PROCEDURE) as session:
             settings = load_plan.SweepSettings(tuple(SAMPLES), arrangement.loads, DWELL, FREQUENCY)
@@ -114,9 +117,11 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
             )
             assert session.model is not None  # of a scene
             ratio = ratio_by(session.model)
+        sweeps[arrangement.design] = swept
         done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))
         add(experiments.compare(arrangement, swept, ratio))
     with open_bench("thesis_single", load_cell.PROCEDURE) as session:
+        bench = session.bench.description
         weighed = load_cell.run(session.bench, load_cell.LoadCellSettings(), session.record, progress, CREATED)
     add([bench_tables.calibration(weighed)])
     tested = {}
@@ -126,7 +131,9 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
             tested[sample] = modulus.run(session.bench, THESIS_LOAD_CELL, settings_, session.record, progress)
         add([bench_tables.compression(number, sample, tested[sample])])
     add([bench_tables.catalogue(tested), percent.errors()])
-    models.run(models.SETS, done.models, progress)
+    curves = models.run(models.SETS, done.models, progress)
+    measured = Measured(bench, sweeps, tested)
+    done.models.pictures += [draw(measured, models.SETS, curves, folder) for draw in FIGURES.values()]
     write_slips(folder)
     done.page = write_page(done, folder)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.reproduce.comparison import Comparison
-from procedures.reproduce.figures import INFERRED, Picture
+from procedures.reproduce.figures.picture import Picture
 from procedures.run import storing
 
 REPAIRED = "*"
@@ -45,12 +45,7 @@ def write_summary(tables: Sequence[tuple[Comparison, Path]], pictures: Sequence[
     """
     path = folder / "summary.md"
     parts = [PREFACE, *(_section(comparison, file) for comparison, file in tables)]
-    if pictures:
-        parts.append(f"## Figures\n\n{INFERRED}\n")
-        parts += [
-            f"![{p.name}]({p.file.name})\n\n{p.name}: {p.content}{f' (ground: {p.ground})' if p.ground else ''}.\n"
-            for p in pictures
-        ]
+    parts += [f"## {p.number}: {p.shows}\n\n![{p.number}]({p.file.name})\n\n{p.caption}\n" for p in pictures]
     with storing(path):
         path.write_text("\n".join(parts), encoding="utf-8")
     return path

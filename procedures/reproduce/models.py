@@ -9,10 +9,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from instrument.errors import UnknownName
-from procedures.reproduce import figures, pair, position, single, theory
+from procedures.reproduce import pair, position, single, theory
 from procedures.reproduce.comparison import Comparison
 from procedures.reproduce.curves import RINGS, Case, Curves, Progress
-from procedures.reproduce.figures import FIGURES, Picture
+from procedures.reproduce.figures import experiments, ratios
+from procedures.reproduce.figures.chapter4 import FIGURES
+from procedures.reproduce.figures.picture import Picture
+from procedures.reproduce.figures.position import draw as draw_position
 from procedures.reproduce.files import write_summary, write_table
 from procedures.reproduce.solutions import Solutions
 
@@ -61,11 +64,13 @@ def cases(parameters: Sequence[str]) -> list[Case]:
     pairs = [pair.cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS]
     singles = [single.cases(parameters, ring) for ring in RINGS]
     wanted = [case for cases in (*singles, *pairs) for case in cases.values()]
-    return [*wanted, *figures.cases(parameters)]
+    return [*wanted, *ratios.cases(parameters), *experiments.cases(parameters)]
 
 
-def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> None:
+def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
     """Make table after table, then the figures; each is on disk, and in `done`, before the next begins.
+
+    Returns what the figures of chapter 5 need as well.
 
     Args:
         fresh: solve everything anew, and write the solutions, instead of taking those that are known.
@@ -80,10 +85,11 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh
         comparison = compare(parameters, curves)
         done.tables.append((comparison, write_table(comparison, done.folder)))
         if comparison.table.number == "A2.7":
-            done.pictures.append(figures.draw_position(comparison, done.folder))
+            done.pictures.append(draw_position(comparison, done.folder))
         done.summary = write_summary(done.tables, done.pictures, done.folder)
-    for figure in FIGURES:
-        done.pictures.append(figures.draw(figure, parameters, curves, done.folder))
-        done.summary = write_summary(done.tables, done.pictures, done.folder)
+    for draw in FIGURES.values():
+        done.pictures.append(draw(parameters, curves, done.folder))
+    done.summary = write_summary(done.tables, done.pictures, done.folder)
     if fresh:
         solutions.write(done.folder)
+    return curves

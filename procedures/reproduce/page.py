@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import base64
+import re
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from procedures.report.text import STAMP, number
-from procedures.reproduce.chapter5 import draw_chapter_5
-from procedures.reproduce.figures import INFERRED
+from procedures.reproduce.figure_page import figure_sections, heading, listed, pictures_of
 from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable
 from procedures.reproduce.slips import COLUMNS, slips
 from procedures.run import storing
@@ -25,7 +24,7 @@ table { border-collapse: collapse; margin: 1em 0; font-variant-numeric: tabular-
 th, td { border-bottom: 1px solid #ddd; padding: .15em .7em; text-align: right; }
 th { border-bottom-color: #555; }
 .outside { background: #fdd; } .repaired { background: #ffc; } .stamp { color: #c00; }
-img { max-width: 100%; }
+img { max-width: 100%; } .words td, .words th { text-align: left; vertical-align: top; }
 """
 HEADER = (
     "row", "quantity", "printed", "thesis", "ours", "difference", "% of theory", "% of experiment", "scatter u",
@@ -37,7 +36,7 @@ def write_page(done: Everything, folder: Path) -> Path:
     """The page, with pictures in it; returns the file. Raises RecordError."""
     path = folder / "index.html"
     tables = [table for table, _ in done.tables]
-    drawn = [*draw_chapter_5(tables, folder), *done.models.pictures]
+    drawn = done.models.pictures
     parts = [
         "<!doctype html><html lang=en><meta charset=utf-8><title>Against the thesis</title>",
         f"<style>{STYLE}</style><h1>Against the thesis</h1>",
@@ -47,14 +46,18 @@ def write_page(done: Everything, folder: Path) -> Path:
         _list(summary_lines(done)),
         *(_section(table) for table in tables),
         "<h1>Models</h1>",
-        *(_comparison(comparison) for comparison, _ in done.models.tables),
+        *(
+            _comparison(comparison) + pictures_of(f"Table {comparison.table.number}", drawn)
+            for comparison, _ in done.models.tables
+        ),
+        "<h1>Figures</h1>",
+        *figure_sections(drawn),
         f"<h1>Slips of the thesis</h1><p>{len(slips())} cells, repaired everywhere above.</p>",
         f"<table><tr>{_cells('th', COLUMNS)}</tr>",
         *(f"<tr>{_cells('td', slip)}</tr>" for slip in slips()),
         "</table>",
-        f"<h1>Pictures</h1><p>{escape(INFERRED)}</p>",
-        *(_picture(picture.file, f"{picture.name}: {picture.content}") for picture in drawn),
     ]
+    parts += listed(set(re.findall(r'<h2 id="([^"]*)"', "\n".join(parts))))
     with storing(path):
         path.write_text("\n".join(parts) + "\n", encoding="utf-8")
     return path
@@ -87,7 +90,7 @@ def _section(table: RowTable) -> str:
     doubt = f"<p>Doubtful as a whole: {escape(table.doubt)}.</p>" if table.doubt else ""
     return "\n".join(
         [
-            f"<h2>Table {escape(table.number)}: {escape(table.title)}</h2><p>{judged}.</p>{doubt}",
+            f"{heading(f'Table {table.number}', table.title)}<p>{judged}.</p>{doubt}",
             _list(table.said),
             f"<table><tr>{_cells('th', HEADER)}</tr>",
             *(_row(row) for row in table.rows),
@@ -128,7 +131,7 @@ def _comparison(comparison: Comparison) -> str:
     ]
     return "\n".join(
         [
-            f"<h2>Table {escape(table.number)}: {escape(table.title)}</h2>",
+            heading(f"Table {table.number}", table.title),
             _list([*comparison.said, *([f"doubtful as a whole: {table.doubt}"] if table.doubt else [])]),
             f"<table><tr>{_cells('th', header)}</tr>",
             *(f"<tr>{_cells('td', row)}</tr>" for row in rows),
@@ -137,15 +140,6 @@ def _comparison(comparison: Comparison) -> str:
             if repaired
             else "",
         ]
-    )
-
-
-def _picture(file: Path, text: str) -> str:
-    with storing(file):
-        data = base64.b64encode(file.read_bytes()).decode()
-    caption = escape(text)
-    return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
     )
 
 

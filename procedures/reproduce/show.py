@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from procedures.report.text import new_table, print_all, stamped
-from procedures.reproduce.figures import INFERRED
 from procedures.reproduce.models import Reproduction
 
 
@@ -29,5 +28,5 @@ def print_reproduction(done: Reproduction) -> None:
         doubt = [f"doubtful as a whole: {table.doubt}"] if table.doubt else []
         repaired = f"repaired cells: {len(table.repaired())}; the CSV has them as printed, with the reason"
         print_all(shown, *(f"- {sentence}" for sentence in (*comparison.said, *doubt, repaired)), "")
-    print_all(INFERRED, *(f"{p.name}: {p.content}   {p.file}" for p in done.pictures))
+    print_all(*(f"{p.number}: {p.shows}   {p.file}" for p in done.pictures))
     print_all(f"summary   {done.summary}", f"tables    {done.folder}")

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
@@ -24,20 +19,18 @@ from instrument.evidence import Evidence, ratio_by
 from instrument.film_forces import ToothPoint
 from instrument.sample import get_sample
 from instrument.thesis import Cell, read_table
-from procedures import load_cell, load_sweep, modulus
+from procedures import load_sweep
 from procedures.load_cell import LoadCellResult
 from procedures.load_sweep import LoadPoint, SweepResult
 from procedures.modulus import ModulusResult
 from procedures.reproduce import bench_tables, curves, everything, experiments, models, percent
 from procedures.reproduce.curves import Case
 from procedures.reproduce.everything import Everything
-from procedures.reproduce.models import Reproduction
-from procedures.reproduce.page import write_page
 from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable, by_chance
 from procedures.reproduce.solutions import Solutions
 from procedures.run import Run
 from tests.instrument.test_compression import three
-from tests.procedures.conftest import Palpate, silent
+from tests.procedures.conftest import Palpate
 
 SINGLE, COMMON, DIFFERENT = experiments.ARRANGEMENTS
 MEANS = ratio_by("experiment")
@@ -226,7 +219,7 @@ def test_a_kept_solution_is_what_the_model_gives() -> None:
 
 def test_every_solution_that_is_needed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves, "solve", lambda *_: pytest.fail("not kept: palpate reproduce models --fresh"))
-    monkeypatch.setattr(models, "FIGURES", ())
+    monkeypatch.setattr(models, "FIGURES", {})
     made = curves.Curves(models.cases(models.SETS), solutions=Solutions.shipped())
     for case in models.cases(models.SETS):
         made.of(case)
@@ -244,61 +237,6 @@ def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
 
 
 # --- all of it -----------------------------------------------------------------------------------------
-
-
-def test_everything_is_made_judged_and_on_one_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    opened = []
-
-    @contextmanager
-    def open_bench(scene: str, procedure: str) -> Iterator[Any]:
-        opened.append((scene, procedure))
-        yield SimpleNamespace(bench=None, record=None, model="experiment")
-
-    monkeypatch.setattr(
-        load_sweep,
-        "run",
-        lambda _b, design, *_: swept(next(a for a in experiments.ARRANGEMENTS if a.design == design.name)),
-    )
-    monkeypatch.setattr(load_cell, "run", lambda *_: weighed())
-    monkeypatch.setattr(modulus, "run", lambda _b, _c, settings, *_: pressed(settings.sample))
-    monkeypatch.setattr(models, "run", lambda *_: None)
-    done = Everything(Reproduction(tmp_path))
-    everything.run(open_bench, done, silent)
-    assert [procedure for _, procedure in opened] == [
-        *3 * ["sweep-loads"],
-        "calibrate-load-cell",
-        *2 * ["test-modulus"],
-    ]
-    assert done.orders == {"single": True, "common_base": True, "different_base": True}
-    summary = done.summary()
-    assert summary["judged"] - summary["within"] == len(summary["outside"])
-    assert {one["table"] for one in summary["outside"]} >= {"5.2", "5.3"}
-    for table, file in done.tables:
-        with file.open(encoding="utf-8") as lines:
-            rows = list(csv.DictReader(lines))
-        assert len(rows) == len(table.rows)
-        assert {"printed", "thesis", "repaired", "ours", "difference", "error_percent_of_theory"} <= rows[0].keys()
-    page = (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert page.count("<h2>") == len(done.tables)
-    assert re.findall(r'(?:src|href)="(?!data:)', page) == []
-    assert "SIMULATED" in page
-    assert page.count("<img") == 2
-    with (tmp_path / "slips.csv").open(encoding="utf-8") as lines:
-        slips = {(slip["table"], slip["row"], slip["column"]): slip for slip in csv.DictReader(lines)}
-    assert (slips["A2.1", "95400", "force_rigid_N"]["printed"], slips["A2.1", "95400", "force_rigid_N"]["best"]) == (
-        "-0.3089", "-0.3221",
-    )  # fmt: skip
-    assert slips["5.6", "3", "force2_N"]["reason"] in page
-
-
-def test_what_stands_on_the_page_is_escaped(tmp_path: Path) -> None:
-    cell = replace(row(1.0, 1.0, 0.1, reason='"quoted" <b>'), row="<u>")
-    table = RowTable("9.9 <i>", "a & b", "<script>", (cell,), ("x < y",))
-    done = Everything(Reproduction(tmp_path), [(table, tmp_path / "none.csv")])
-    page = write_page(done, tmp_path).read_text(encoding="utf-8")
-    assert "<script>" not in page
-    for text in ("Table 9.9 &lt;i&gt;: a &amp; b", "&quot;quoted&quot; &lt;b&gt;", "x &lt; y", "<td>&lt;u&gt;</td>"):
-        assert text in page
 
 
 @pytest.mark.parametrize(("outside", "status"), [(0, 0), (7, 0), (8, 1), (100, 1)])

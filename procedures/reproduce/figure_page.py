@@ -1,0 +1,80 @@
+"""What the page has of figures: each of chapters 4 and 5 under its number, and a list of all that is numbered."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Container, Sequence
+from html import escape
+
+from instrument.thesis import Content, contents
+from procedures.reproduce.figures.picture import Picture
+from procedures.run import storing
+
+WITH_SECTION = ("Figure 4.", "Figure 5.")
+# Schematics of chapter 3 that show again what a figure of chapter 4 shows.
+DRAWN_AT = {
+    "Figure 3.1": "Figure 4.1a", "Figure 3.2": "Figure 4.1a", "Figure 3.7": "Figure 4.1a", "Figure 3.8": "Figure 4.9",
+    "Figure 3.9": "Figure 4.11a",
+}  # fmt: skip
+HEADER = ("number", "section", "shows", "here", "what it is of palpate", "doubt")
+KINDS = {"compared": "compared", "drawn": "drawn", "part": "a part of palpate", "none": "nothing"}
+
+
+def figure_sections(pictures: Sequence[Picture]) -> list[str]:
+    """Each figure of chapters 4 and 5: what it shows, what of palpate stands beside it, the picture if there is one."""
+    return [_section(each, pictures) for each in contents().values() if each.number.startswith(WITH_SECTION)]
+
+
+def pictures_of(number: str, pictures: Sequence[Picture]) -> str:
+    """The pictures of a figure or table with their captions."""
+    return "\n".join(_figure(picture) for picture in pictures if picture.number == number)
+
+
+def heading(number: str, shows: str) -> str:
+    """Of a table or figure, which the list links to."""
+    return f'<h2 id="{escape(anchor(number))}">{escape(f"{number}: {shows}")}</h2>'
+
+
+def anchor(number: str) -> str:
+    """What the list links to, from a number such as "Figure 4.8"."""
+    return number.lower().replace(" ", "-")
+
+
+def listed(anchors: Container[str]) -> list[str]:
+    """All tables and figures of the thesis, with a link to each that has an anchor on the page."""
+    rows = []
+    for each in contents().values():
+        place = anchor(DRAWN_AT.get(each.number, each.number))
+        number = f'<a href="#{place}">{each.number}</a>' if place in anchors else each.number
+        cells = (each.section, each.shows, KINDS[each.ours], each.part, each.doubt)
+        rows.append(f"<tr><td>{number}</td>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>")
+    return [
+        "<h1>All tables and figures of the thesis</h1>",
+        f"<table class=words><tr>{''.join(f'<th>{name}</th>' for name in HEADER)}</tr>",
+        *rows,
+        "</table>",
+    ]
+
+
+def _section(content: Content, pictures: Sequence[Picture]) -> str:
+    beside = (
+        f"Nothing of palpate stands beside it: {content.part}" if content.ours == "none" else f"Palpate: {content.part}"
+    )
+    doubt = f" In doubt: {content.doubt}." if content.doubt else ""
+    return "\n".join(
+        [
+            heading(content.number, content.shows),
+            f"<p>{escape(f'Section {content.section}. {beside}.{doubt}')}</p>",
+            pictures_of(content.number, pictures),
+        ]
+    )
+
+
+def _figure(picture: Picture) -> str:
+    with storing(picture.file):
+        data = base64.b64encode(picture.file.read_bytes()).decode()
+    words = escape(f"{picture.number}: {picture.shows}")
+    return (
+        f'<figure><img alt="{words}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{escape(picture.caption)}</figcaption></figure>"
+    )

@@ -1,0 +1,34 @@
+"""The figures of chapter 4 by number: curves beside the thesis' tables, and its schematics drawn from our own parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+from instrument.thesis import contents
+from procedures.reproduce.curves import Curves
+from procedures.reproduce.figures import area_ratios, beam, mesh, pressed, ratios, sections
+from procedures.reproduce.figures.picture import Picture
+
+# Parameter sets, curves and folder -> the picture.
+Draw = Callable[[Sequence[str], Curves, Path], Picture]
+
+
+def _scheme(draw: Callable[[Path], Picture]) -> Draw:
+    """What takes neither parameter sets nor curves."""
+    return lambda _parameters, _curves, folder: draw(folder)
+
+
+_DRAWN: Mapping[str, Draw] = {
+    **{number: _scheme(partial(sections.draw, number)) for number in sections.SENSORS},
+    "Figure 4.2": _scheme(beam.draw_springs),
+    "Figure 4.3": _scheme(beam.draw_elements),
+    area_ratios.NUMBER: _scheme(area_ratios.draw),
+    mesh.NUMBER: _scheme(mesh.draw),
+    **{figure.number: partial(ratios.draw, figure) for figure in ratios.RATIO_FIGURES},
+    pressed.NUMBER: _scheme(pressed.draw),
+}
+# In the order of the thesis.
+FIGURES: Mapping[str, Draw] = MappingProxyType({number: _DRAWN[number] for number in contents() if number in _DRAWN})

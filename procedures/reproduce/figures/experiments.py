@@ -1,0 +1,126 @@
+"""Figures 5.6 to 5.9: measured force ratios over the samples' moduli, alone and with the theories' curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from instrument.designs import get_design
+from instrument.sample import SAMPLES
+from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
+from procedures.reproduce.curves import Case, Curves
+from procedures.reproduce.figures.lines import Line
+from procedures.reproduce.figures.measured import Measured
+from procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
+from procedures.reproduce.figures.ratios import COMMON, DIFFERENT, THREE, TWO
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# As in the thesis: squares, circles and diamonds.
+ARRANGEMENTS = {
+    "single": ("s", "single sensor"),
+    "common_base": ("o", "common base"),
+    "different_base": ("D", "different bases"),
+}
+RANGE = (1e4, 1e6)  # Pa; where the text ends it is not readable, 1e5 or 1e6, and two samples lie above 1e5
+ALONE = "Figure 5.6"
+MEANS = "printed means over the load sets, Tables A2.9 to A2.20; of different bases the ratios under 3 N, Table 5.7"
+BENCH = "ours, on a simulated bench whose model is the thesis' mean ratio (input), with standard uncertainty"
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentFigure:
+    """Figure 5.7, 5.8 or 5.9: an arrangement with the curves of its theories."""
+
+    number: str
+    design: str
+    tables: tuple[str, ...]  # of the experiments
+    theories: tuple[Line, ...]
+
+
+WITH_THEORIES = (
+    ExperimentFigure("Figure 5.7", "single", tuple(SINGLE_TABLES.values()), (THREE, TWO)),
+    ExperimentFigure("Figure 5.8", "common_base", tuple(COMMON_BASE_TABLES.values()), (COMMON,)),
+    ExperimentFigure("Figure 5.9", "different_base", ("5.7",), (DIFFERENT,)),
+)
+
+
+def draw_all(measured: Measured, folder: Path) -> Picture:
+    """Figure 5.6. Raises RecordError."""
+    drawing, (axes,) = canvas(ALONE, simulated=True)
+    for place, design in enumerate(ARRANGEMENTS):
+        _experiment(axes, design, measured, f"C{place}")
+    _finish(axes)
+    legend(drawing)
+    caption = (
+        f"Hollow: the thesis' experiments ({MEANS}); whether it draws these or the ratios under 3 N is not said."
+        f" Full: {BENCH}."
+    )
+    return save(drawing, ALONE, caption, folder)
+
+
+def draw(
+    figure: ExperimentFigure, measured: Measured, parameters: Sequence[str], curves: Curves, folder: Path
+) -> Picture:
+    """Experiments of the thesis and ours, theories of the thesis and ours. Raises RecordError."""
+    drawing, (axes,) = canvas(figure.number, simulated=True)
+    moduli = np.geomspace(*RANGE, 40)
+    said = []
+    for line, style, marker in zip(figure.theories, ("-", "--"), ("x", "+"), strict=False):
+        at, ratios = line.thesis()
+        inside = at <= RANGE[1]
+        axes.plot(
+            at[inside], ratios[inside], marker, color=THESIS, ms=5, lw=0.8, label=f"thesis, {line.words}: {line.source}"
+        )
+        for name in line.sets(tuple(parameters)):
+            color = BEAM_COLOR if line.model == "beam" else COLORS[name]
+            axes.plot(
+                moduli, line.ours(name, moduli, curves), style, color=color, lw=1.3,
+                label=f"ours, {line.words}: {line.by(name)}, {line.evidence(name, *figure.tables).value}",
+            )  # fmt: skip
+            said.append(f"{line.words} by the {line.by(name)} {line.evidence(name).value}")
+    _experiment(axes, figure.design, measured, "C3")
+    _finish(axes)
+    legend(drawing)
+    caption = (
+        f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
+        f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}. Curves: ours on"
+        " the ring of 24 kPa, none of them fitted to the experiments; beside the thesis' theories they are:"
+        f" {'; '.join(said)}."
+    )
+    return save(drawing, figure.number, caption, folder)
+
+
+def cases(parameters: Sequence[str]) -> list[Case]:
+    """The finite-element curves that these figures take."""
+    lines = [line for figure in WITH_THEORIES for line in figure.theories if line.model != "beam"]
+    return [line.case(name) for line in lines for name in parameters]
+
+
+def _experiment(axes: Axes, design: str, measured: Measured, color: str) -> None:
+    marker, words = ARRANGEMENTS[design]
+    thesis: Mapping[str, float] = get_design(design).thesis_force_ratio
+    moduli = [SAMPLES[name].modulus for name in thesis]
+    axes.plot(
+        moduli, list(thesis.values()), marker, color=THESIS, ms=7, mfc="none", label=f"thesis, {words}: experiment"
+    )
+    means = [
+        (SAMPLES[mean.sample].modulus, mean.force_ratio, mean.force_ratio_u)
+        for mean in measured.swept[design].samples
+        if mean.force_ratio is not None and mean.force_ratio_u is not None
+    ]
+    for label, (modulus, ratio, u) in zip([f"ours, {words}: bench, input", *"_" * len(means)], means, strict=False):
+        axes.errorbar(modulus, ratio, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=label)
+
+
+def _finish(axes: Axes) -> None:
+    axes.set(
+        xscale="log", xlim=RANGE, ylim=(0, None), xlabel="Young modulus of the object (Pa)",
+        ylabel="force ratio: teeth over total",
+    )  # fmt: skip
+    axes.grid(alpha=0.3)

@@ -1,0 +1,25 @@
+"""What the simulated benches have measured, for the figures of chapter 5."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from instrument.bench import BenchDescription
+from procedures.load_sweep import SweepResult
+from procedures.modulus import ModulusResult
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """All of it.
+
+    Attributes:
+        bench: that of the single sensor, which measured the first of it.
+        swept: design -> load sweep over all samples.
+        tested: sample -> compression test.
+    """
+
+    bench: BenchDescription
+    swept: Mapping[str, SweepResult]
+    tested: Mapping[str, ModulusResult]

@@ -1,0 +1,37 @@
+"""The picture of Table A2.7: forces of both teeth, and their ratio, under a load that moves along the common base."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from procedures.reproduce.comparison import Comparison
+from procedures.reproduce.figures.picture import COLORS, THESIS, Picture, canvas, legend, save
+
+NUMBER = "Table A2.7"
+TEETH = {"force_pvdf3_N": ("left tooth", "o", "-"), "force_pvdf1_N": ("right tooth", "s", "--")}
+RATIO = {"force_ratio": ("both teeth", "D", "-")}
+
+
+def draw(comparison: Comparison, folder: Path) -> Picture:
+    """Left the teeth, right both together. Raises RecordError."""
+    drawing, (left, right) = canvas(NUMBER, 2)
+    x = comparison.table.keys()
+    for axes, shown in ((left, TEETH), (right, RATIO)):
+        for column in comparison.columns:
+            if column.quantity not in shown:
+                continue
+            words, marker, style = shown[column.quantity]
+            axes.plot(x, column.thesis, marker, color=THESIS, ms=4, mfc="none", label=f"thesis, {words}")
+            for place, series in enumerate(column.ours):
+                color = COLORS.get(series.parameters, f"C{place + 2}")
+                axes.plot(x, series.values, style, color=color, lw=1.3, label=f"{series.parameters} set, {words}")
+        axes.axhline(0, color=THESIS, lw=0.6)
+        axes.grid(alpha=0.3)
+        axes.set(xlabel="place of the load (mm, inferred)")
+    left.set(ylabel="force on a tooth (N)")
+    right.set(ylabel="force on both teeth over total force")
+    legend(drawing, columns=3)
+    caption = (
+        "Marks: the thesis' table. Curves: ours under a force of 1 N in one point; no set was fitted to it (predicted)."
+    )
+    return save(drawing, NUMBER, caption, folder)
