@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from instrument.errors import RangeError, UnknownName
 from instrument.sample import Sample
 
-INTERFACES = ("bonded", "frictionless")
+INTERFACES = ("bonded", "frictionless", "capped")
 LEAST, GREATEST = 1e-6, 1e6  # N; beyond them forces of a chain are lost beside round-off, or are no numbers at all
 
 
@@ -17,7 +17,8 @@ class Load:
     """A force on the sensor [N], peak to peak, through a sensed object that covers it.
 
     Attributes:
-        interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both.
+        interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both; "capped": it slides
+            on both, and a rigid cap that cannot tilt keeps the ring's top level.
         at: the force acts in one point of the object, (x, y) from its corner [m]; None: a uniform pressure.
 
     Raises:

@@ -37,9 +37,9 @@ from instrument.models.axisymmetric_forces import (
 from instrument.models.condensed import Elements
 from instrument.models.coupling import Circuits
 from instrument.models.error_estimate import Bounds, Energies, Judged, bounds
-from instrument.models.mesh import CLOSED, grid
+from instrument.models.mesh import grid
 from instrument.models.numbering import number, parts
-from instrument.models.parameters import RoundParameters
+from instrument.models.parameters import CLOSED, RoundParameters
 from instrument.models.refinement import Source
 from instrument.models.refinement import solve as solve_elements
 from instrument.models.threads import one_each

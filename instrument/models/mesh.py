@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.film_material import FilmMaterial
-from instrument.models.parameters import RoundParameters
+from instrument.models.parameters import CLOSED, RoundParameters
 
 Array = NDArray[np.float64]
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
-CLOSED = 1e-3  # of the tooth radius: below it a gap is as good as closed
 SMOOTH = math.inf  # no corner at this end
 
 

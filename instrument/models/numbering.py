@@ -106,8 +106,12 @@ def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -
 
 def within(radius: float, mesh: Grid, r: Line) -> NDArray[np.bool_]:
     """Which of the radial line's shape functions, by number, belong to an interval within `radius` [m]."""
+    return _shapes(mesh, r, (0.0, radius))
+
+
+def _shapes(mesh: Grid, r: Line, radii: tuple[float, float]) -> NDArray[np.bool_]:
     found = np.zeros(r.dofs.max() + 1, dtype=bool)
-    found[r.dofs[inside(mesh.radii, (0.0, radius))]] = True
+    found[r.dofs[inside(mesh.radii, radii)]] = True
     return found
 
 
@@ -127,11 +131,19 @@ def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part
     if parameters.interface != "bonded":
         touching = touching & (axis == AXIAL)
     sheet = np.where(touching, SHEETS.index("object"), SHEETS.index(part.body.sheet))
+    place = radial
+    if parameters.interface == "capped":
+        # A level top: its vertices move as its first, and nothing bends it between them.
+        first, last = np.searchsorted(mesh.radii, [parameters.ring_inner_radius, parameters.ring_outer_radius])
+        level = (axial == face) & (axis == AXIAL) & _shapes(mesh, r, (mesh.radii[first], mesh.radii[last]))[radial]
+        sheet = np.where(level, SHEETS.index("object"), sheet)
+        fixed = fixed | (level & (radial >= len(mesh.radii)))
+        place = np.where(level, first, radial)
     if parameters.support == "rigid":
         held = touching & within(parameters.tooth_radius, mesh, r)[radial]
         fixed = fixed | held | (axial == foot)
     else:
         sheet = np.where(axial == foot, SHEETS.index("base"), sheet)
         fixed = fixed | (axial == 0)
-    name = ((sheet * 2 + axis) * (r.dofs.max() + 1) + radial) * (z.dofs.max() + 1) + axial
+    name = ((sheet * 2 + axis) * (r.dofs.max() + 1) + place) * (z.dofs.max() + 1) + axial
     return np.where(fixed, -1, name).reshape(len(part.columns) * len(part.rows), -1)

@@ -21,6 +21,7 @@ from instrument.load import INTERFACES, Load
 PROPORTIONS = (1e-5, 300.0)
 # What matter may have, with much to spare [Pa]: beyond, squares leave what a double holds.
 MODULI = (1e-3, 1e20)
+CLOSED = 1e-3  # of the tooth radius: below it a gap is as good as closed
 LOADS = ("pressure", "platen")
 
 _MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus")
@@ -41,14 +42,15 @@ class SensorParameters:
     """Dimensions [m], Young moduli [Pa], Poisson ratios, and how the parts touch. Defaults: case A at 0.1 MPa.
 
     Attributes:
-        interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both.
+        interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both; "capped": it slides
+            on both, and a rigid cap that cannot tilt keeps the ring's top level.
         support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
         sensor_height: of the tooth, and of the ring above the film below the tooth.
         film_thickness: of both films; the ring is higher than the tooth by one, so that the face is flat.
 
     Raises:
         RangeError: a modulus or length is not positive and finite, a Poisson ratio is outside (-1, 0.5],
-            or parts overlap.
+            parts overlap, or a capped ring touches its tooth.
         UnknownName: no such interface or support.
     """
 
@@ -87,6 +89,13 @@ class SensorParameters:
                 raise RangeError(f"{name} {value:g} is outside (-1, 0.5]; give a Poisson ratio")
         require_name(self, "interface", INTERFACES)
         require_name(self, "support", SUPPORTS)
+        gap = self.ring_inner_radius - self.tooth_radius
+        if self.interface == "capped" and 0 <= gap < CLOSED * self.tooth_radius:
+            raise RangeError(
+                f"ring_inner_radius {self.ring_inner_radius:g} m leaves the capped ring a gap of {gap:g} m, which is"
+                f" below {CLOSED:g} of the tooth's radius: the cap would hang on the tooth; widen the gap, or take"
+                " interface 'frictionless'"
+            )
 
     def _require_nested(self, outermost: str, limit: float) -> None:
         radii = {name: getattr(self, name) for name in ("tooth_radius", "ring_inner_radius", "ring_outer_radius")}

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from instrument.errors import RangeError
 from instrument.models import solid_system
 from instrument.models.error_estimate import Bounds, Energies, Judged, bounds
-from instrument.models.mesh import CLOSED
-from instrument.models.parameters import SolidParameters
+from instrument.models.parameters import CLOSED, SolidParameters
 from instrument.models.solid_forces import energies, evaluate
 from instrument.models.solid_mesh import Resolution
 from instrument.models.solid_system import System, symmetry

@@ -109,10 +109,11 @@ class Stack:
         ring = everywhere & (region != TOOTH) & (region != GAP) if p.ring_outline == "square" else region == RING
         foot = -p.sensor_height - p.film_thickness
         joint = ALL if p.interface == "bonded" else NORMAL
+        capped = p.interface == "capped"
         compliant = Elastic(p.compliant_modulus, p.compliant_poisson)
         ring_heights = self._heights(graded(foot, 0.0, layers, ratio, "both"))
         if p.support == "rigid":
-            self.ring = self._add("ring", ring, ring_heights, compliant, floor=True, beside_teeth=joint)
+            self.ring = self._add("ring", ring, ring_heights, compliant, floor=True, beside_teeth=joint, capped=capped)
             self.floor = [self.ring]
             below = [(self.ring, joint)]
         else:
@@ -123,7 +124,7 @@ class Stack:
             phenolic = Elastic(p.tooth_modulus, p.tooth_poisson)
             self.tooth = self._add("tooth film", region == TOOTH, sheet, p.film, plates)
             tooth = self._add("tooth", region == TOOTH, tall, phenolic, [(self.tooth, ALL)])
-            self.ring = self._add("ring", ring, ring_heights, compliant, plates, [(tooth, joint)])
+            self.ring = self._add("ring", ring, ring_heights, compliant, plates, [(tooth, joint)], capped=capped)
             below = [(tooth, joint), (self.ring, joint)]
         if p.load_at is None:
             heights = graded(0.0, p.sensed_thickness, layers + 1, ratio, "start")
@@ -137,7 +138,7 @@ class Stack:
             Elastic(p.sensed_modulus, p.sensed_poisson),
             below,
             on_teeth=joint if p.support == "rigid" else (),
-            slides=p.interface == "frictionless",
+            slides=p.interface != "bonded",
             platen=p.load == "platen" and p.load_at is None,
         )
         if p.support == "rigid":
@@ -181,8 +182,12 @@ class Stack:
         beside_teeth: tuple[int, ...] = (),
         slides: bool = False,
         platen: bool = False,
+        capped: bool = False,
     ) -> Part:
-        """One more part, on the parts below, on the floor, or with some displacements held on rigid teeth."""
+        """One more part, on the parts below, on the floor, or with some displacements held on rigid teeth.
+
+        Its upper side stays flat and level below a platen, and in each cell where it is capped.
+        """
         key = elements.tobytes()
         if key not in self._plans:
             self._plans[key] = PlanElements(self.basis, np.flatnonzero(elements), self._resolution.degree)
@@ -204,14 +209,32 @@ class Stack:
         if slides:
             self._hold_sliding(names, body)
         if platen:
-            names[2, -1] = self.unknowns
-            self.unknowns += 1
+            self._level(names, body, np.ones(len(body.plan.nodes), dtype=bool))
+        if capped:
+            for ring in self._rings(body):
+                self._level(names, body, ring)
         new = names == UNNAMED
         names[new] = self.unknowns + np.arange(new.sum())
         self.unknowns += int(new.sum())
         part = Part(name, body, names)
         self.parts.append(part)
         return part
+
+    def _rings(self, body: Body) -> list[NDArray[np.bool_]]:
+        """Nodes of each ring; rings that touch are one."""
+        p, nodes = self._parameters, np.arange(len(body.plan.nodes))
+        between = min(p.cell_length, p.cell_width) - 2 * p.ring_outer_radius
+        if p.ring_outline == "square" or between < 1e-9 * p.cell_length:
+            return [nodes >= 0]
+        cells = self.plan.cell[body.plan.elements]
+        return [np.isin(nodes, body.plan.local[cells == cell]) for cell in np.unique(cells)]
+
+    def _level(self, names: Names, body: Body, nodes: NDArray[np.bool_]) -> None:
+        """One unknown for the height of all that is at these nodes of the upper side; what would bend it is held."""
+        flat = self.one[body.plan.nodes] == 1
+        names[2, -1, nodes & ~flat] = HELD
+        names[2, -1, nodes & flat] = self.unknowns
+        self.unknowns += 1
 
     def _hold_symmetry(self, names: Names, body: Body, base: bool) -> None:
         p = self._parameters

@@ -74,7 +74,9 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 " cheapest that meets the tolerance.",
             ),
             *described,
-            click.option("--interface", help="bonded or frictionless."),
+            click.option(
+                "--interface", help="bonded, frictionless, or capped: frictionless, the ring's top kept level."
+            ),
             click.option(
                 "--parameters",
                 default="physical",

@@ -17,7 +17,7 @@ PREFACE = """# Against the thesis
 H. Singh, "Design, Finite Element and Experimental Analysis of Piezoelectric Tactile Sensors for Endoscopic Graspers",
 beside the sensor models. Forces and voltages are magnitudes, under 1 N in all. Cells marked * are repaired; the CSV
 files have every cell with what is printed. The physical set is what the thesis says of the experiments; the
-identified sets are fitted to Tables A2.1 and A2.3, and effective, not physical.
+identified sets are fitted to Tables A2.1 and A2.3, the capped one to A2.7: effective values, not physical ones.
 """
 
 

@@ -80,7 +80,7 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh
         RecordError: a file cannot be written.
     """
     solutions = Solutions() if fresh else Solutions.shipped()
-    curves = Curves(cases(parameters), extra=len(parameters), progress=progress, solutions=solutions)
+    curves = Curves(cases(parameters), extra=len(position.sets(parameters)), progress=progress, solutions=solutions)
     for compare in TABLES.values():
         comparison = compare(parameters, curves)
         done.tables.append((comparison, write_table(comparison, done.folder)))

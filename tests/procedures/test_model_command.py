@@ -184,7 +184,7 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
         (("--compliant-poisson", "-1"), "Poisson ratio -1 of neoprene of the compliant ring is outside (-1, 0.5]"),
         (("--compliant-modulus", "-24 kPa"), "modulus -24000 Pa of neoprene of the compliant ring is not above 0"),
         (("--plate-modulus", "0 GPa"), "modulus 0 Pa of plexiglas as the thesis has it is not above 0"),
-        (("--interface", "glued"), "unknown interface 'glued'; valid: bonded, frictionless"),
+        (("--interface", "glued"), "unknown interface 'glued'; valid: bonded, capped, frictionless"),
         (("--parameters", "fysical"), "did you mean 'physical'?"),
         (("--parameters", "identified"), "unknown parameter set of model 'column' 'identified'"),
         (("--design", "singel"), "did you mean 'single'?"),

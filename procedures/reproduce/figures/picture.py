@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Parameter set -> colour of what is ours by it; the beam has one set, and a colour of its own.
-COLORS = {"physical": "C0", "identified": "C1"}
+COLORS = {"physical": "C0", "identified": "C1", "capped": "C2"}
 BEAM_COLOR = "C2"
 THESIS = "k"  # marks of the thesis are black and hollow
 PANEL = (5.5, 4.0)  # inches
