@@ -1,4 +1,4 @@
-"""Writing a chain (`procedures/chain.py`): what was added is durable before anybody hears of it."""
+"""Writing a chain of frames (`procedures/chain.py`): frames are on disk before the caller goes on."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ Content = tuple[bytes, int, Sequence[Bytes]]  # kind and id of a frame, parts of
 
 
 class ChainWriter:
-    """The one writer of a chain: what `append` is given is durable, in one piece, when it returns.
+    """The one writer of a chain. When `append` returns, all frames that it was given are on disk.
 
-    Everything raises OSError. After a sync that failed nothing is written any more: the system then forgets what it
-    had not written, and a later sync that succeeds says nothing of it. After a head that could not be written neither.
+    Every method raises OSError. After a sync has failed, nothing more is written: Linux drops the data that it could
+    not write, and a later sync that succeeds would not bring it back. The same holds after the head could not be
+    written.
     """
 
     def __init__(self, path: Path, head_path: Path, head: Head, flags: int) -> None:
-        """Opens the files, to go on behind what the head tells of."""
+        """Open the files, to go on behind the frames that the head counts. `flags` go into every frame."""
         self.head = head
         self._flags = flags
         self._broken = False
@@ -38,14 +39,14 @@ class ChainWriter:
         self._open.close()
 
     def append(self, frames: Sequence[Content], *, points: int = 0, events: int = 0) -> None:
-        """Adds frames (kind, id, parts of the content), with which so many points and events are complete."""
+        """Add frames, each of a kind, an id and the parts of its content. They complete so many points and events."""
         if self._broken:
             raise OSError(0, "an earlier write or sync failed, nothing is written behind it")
         parts, head = packed(self.head, frames, self._flags, points, events)
         try:
             self._write(self._file, parts, self.head.length)
         except OSError:
-            with contextlib.suppress(OSError):  # what was begun is not to be met again
+            with contextlib.suppress(OSError):  # half a frame must not stay behind the whole ones
                 os.ftruncate(self._file, self.head.length)
                 self._size = self.head.length
             raise
@@ -54,8 +55,8 @@ class ChainWriter:
         self._tell(head)
 
     def confirm(self, tail: bytes, head: Head) -> None:
-        """Puts frames that are there, and of which the head does not tell, on disk, and tells of them."""
-        self._write(self._file, [tail], self.head.length)  # the same bytes over themselves: nothing is torn
+        """Write frames behind those that the head counts once more (`tail`) and sync them; then write `head`."""
+        self._write(self._file, [tail], self.head.length)  # the same bytes: a crash changes nothing
         os.ftruncate(self._file, head.length)
         self._size = 0
         self._grow(head.length)
@@ -64,13 +65,16 @@ class ChainWriter:
             self._tell(head)
 
     def end(self) -> None:
-        """Leaves the file without zeros, and both entries of the head with what the last one said."""
+        """Cut off the zeros at the end of the file, and write the last entry of the head a second time."""
         os.ftruncate(self._file, self.head.length)
         self._sync(self._file)
         self._tell(self.head)
 
     def _grow(self, length: int) -> None:
-        """Behind frames that end there are zeros, as far as there is space for them."""
+        """Write zeros ahead where frames of this length reach the end of the file; without them if the disk is full.
+
+        To write over zeros takes one sync less than to make a file longer.
+        """
         if length > self._size:
             with contextlib.suppress(OSError):
                 self._write(self._file, [bytes(AHEAD)], length)
@@ -81,7 +85,7 @@ class ChainWriter:
         try:
             self._write(self._head_file, [head.packed()], SECTOR * (head.turn % 2))
         except OSError:
-            self._broken = True  # it may tell of these frames by now, which must not be written over
+            self._broken = True  # the head may count these frames by now, so they must not be written over
             raise
         self._sync(self._head_file)
         self.head = head
@@ -103,7 +107,7 @@ class ChainWriter:
 def packed(
     head: Head, frames: Sequence[Content], flags: int, points: int = 0, events: int = 0
 ) -> tuple[list[Bytes], Head]:
-    """Frames behind those that `head` tells of, as they lie in the file, and the head with them."""
+    """The bytes of frames that follow those which `head` counts, and the head that counts them, too."""
     parts: list[Bytes] = []
     number, length, before = head.frames, head.length, head.hash
     for left, (kind, own, content) in zip(range(len(frames))[::-1], frames, strict=True):
@@ -120,9 +124,11 @@ def packed(
 
 
 def create(path: Path, head_path: Path, chain: bytes, frames: Sequence[Content], flags: int) -> None:
-    """Makes the files of a chain, its own aside and renamed, so that a killed start leaves a whole one or none.
+    """Create the two files of a chain.
 
-    The head tells of nothing yet: one that tells of something, and has no chain beside it, has lost it.
+    The chain is written under another name and then renamed, so that a program which is killed meanwhile leaves a whole
+    chain or none. The head counts no frames yet: a head that counts some, without a chain beside it, shows that the
+    chain was lost.
     """
     aside = path.with_name(f"{path.name}.new")
     head = Head(chain, 0, 0, 0, 0, 0, NOTHING)
@@ -141,7 +147,7 @@ def create(path: Path, head_path: Path, chain: bytes, frames: Sequence[Content],
 
 
 def sync(path: Path) -> None:
-    """Makes a file durable, or the names in a folder, which syncing a file does not."""
+    """Sync a file to disk; or a folder, whose names are not on disk before although its files are."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

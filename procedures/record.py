@@ -1,7 +1,9 @@
 """Writing a run to disk: a point is durable before it is reported.
 
-What is added is one write and one sync of `run.record`, then one of its head `run.head`, which tells that it is there.
-`procedures/chain_writer.py` does both, `procedures/record_file.py` has the format, `procedures/run.py` reads it.
+A run has two files. A point or event is appended to `run.record` and synced to disk; then `run.head`, a small file that
+says how many points and events the record holds, is rewritten and synced. Only then does the caller hear of the point.
+`procedures/chain_writer.py` writes both files, `procedures/record_file.py` describes their format, and
+`procedures/run.py` reads them.
 """
 
 from __future__ import annotations
@@ -41,18 +43,18 @@ T = TypeVar("T")
 class Recorder:
     """The one writer of a run.
 
-    A context manager: an exception leaves the status "failed" ("stopped" for Ctrl-C and SystemExit)
-    with its message as an event, and goes on; a block left without `finish` is "stopped".
+    Use it as a context manager. If the block raises, the run gets the status "failed" ("stopped" for Ctrl-C and
+    SystemExit), the error's message becomes an event, and the error goes on to the caller. If the block ends without
+    `finish`, the run is "stopped".
 
-    Every write raises RecordError, which names the file and the remedy, if it cannot be stored.
-    What was stored before stays readable.
+    If something cannot be stored, RecordError names the file and says what to do. Earlier points stay readable.
     """
 
     def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
-        """Keeps every other writer out; with a `header` a run is begun in `folder`, else one is there to go on with.
+        """Lock the folder against other writers. With a `header` begin a run in it; without, a run is there already.
 
         Raises:
-            UsageError: another process is writing this run, or there is one where one was to be begun.
+            UsageError: another process is writing this run, or a run is to begin where there is one already.
         """
         self.folder = folder
         self._points = 0
@@ -76,10 +78,10 @@ class Recorder:
                 undo.pop_all()
 
     def _write_on(self) -> None:
-        """Opens the files to go on where they are whole.
+        """Open the files and go on behind the last whole frame.
 
-        What lies whole behind that of which the head tells may be in the system's memory alone, from a writer that was
-        killed, so it is written once more before the head tells of it.
+        A writer that was killed may have left frames that the head does not count yet. They may be in the memory of the
+        operating system and not on disk, so they are written and synced again before the head counts them.
         """
         with reading_record(self.folder) as record, storing(self.folder / RECORD):
             flags = SIMULATED if record.header["simulated"] else 0
@@ -145,7 +147,10 @@ class Recorder:
         return self._points
 
     def finished(self, _kind: type[T]) -> list[T]:
-        """The points, as what they were stored from, that a procedure need not measure: none of a new run."""
+        """The points that a procedure need not measure again, as objects of the class they were stored from.
+
+        A new run has none; a resumed one has those of before.
+        """
         return []
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
@@ -161,7 +166,7 @@ class Recorder:
     ) -> None:
         """Ends the run with its result (`summary`, stored as JSON) and closes the files.
 
-        A `message`, why it ended so, is stored as an event of the kind `status`.
+        A `message` says why it ended so; it is stored as an event whose kind is the status.
         """
         try:
             events = [self._event(status, message, self._bench_ns)] if message else []
@@ -172,7 +177,7 @@ class Recorder:
             self.close()
 
     def close(self) -> None:
-        """Close the files of a run that is left as it is; `finish` has done so."""
+        """Close the files and leave the run as it is. After `finish` there is nothing left to close."""
         self._closed = True
         self._open.close()
 
@@ -184,13 +189,13 @@ class Recorder:
         return event_frame(self._open_writer().head.events + 1 + behind, kind, message, bench_ns)
 
     def _append(self, frames: Sequence[Content], points: int = 0, events: int = 0) -> None:
-        """What is given is durable on return, all or nothing."""
+        """Append frames. On return all of them are on disk; if this raises, none of them counts."""
         with storing(self.folder / RECORD):
             self._open_writer().append(frames, points=points, events=events)
         self._check_files()
 
     def _check_files(self) -> None:
-        """What was just written is in files that are still there: the system lets removed ones be written on."""
+        """See that the files still have their names: Linux lets a program write to a file that is removed."""
         for path in self._files:
             with storing(path):
                 inode = path.stat().st_ino
@@ -234,7 +239,9 @@ def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
 
 
 def put_file(path: Path, text: str) -> None:
-    """Writes a text file beside a record, in the place of another: a link is not followed, a pipe not waited for.
+    """Write a text file beside a record, and replace what is there under that name.
+
+    What is there is removed first, so that a link is not followed to another file, and a pipe is not waited for.
 
     Raises:
         RecordError: it cannot be written.
@@ -246,7 +253,7 @@ def put_file(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Keeps every other writer out of a folder; a kill lets it go."""
+    """Lock a folder against other writers. The system releases the lock when the process ends, even if it is killed."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
@@ -259,5 +266,5 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def begin(folder: Path, header: Mapping[str, object], frames: Sequence[Content]) -> None:
-    """Makes the files of a run that is not there yet."""
+    """Create the two files of a new run."""
     create(folder / RECORD, folder / HEAD_FILE, chain_of(header), frames, SIMULATED if header["simulated"] else 0)

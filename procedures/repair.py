@@ -17,7 +17,7 @@ UNKNOWN = "unknown"  # procedure of a run whose header is gone
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """The new run, how much is in it, what is gone, each in a sentence, and whether the old one was hashed."""
+    """The new run's folder, points and waveforms, what is gone (a sentence each), and whether the old was hashed."""
 
     folder: Path
     points: int
@@ -60,7 +60,7 @@ def repair(folder: Path, out: Path) -> Repaired:
 
 
 def _header(left: Left, folder: Path) -> dict[str, Any]:
-    """What is left of the header; what a run cannot do without is made up, and told as gone."""
+    """What is left of the header. What every run must have and this one has lost is made up, and listed as gone."""
     header = dict(left.header)
     made_up = {
         "procedure": UNKNOWN,

@@ -1,8 +1,8 @@
 """A run on disk, for reading.
 
-A run is a folder with `run.record` and its head `run.head` (`procedures/record_file.py` has the format), which are as
-they stand a run of record format 4; copy both. `run.sqlite` is one of format 3 (`procedures/format3.py`). Reading never
-changes a run, and works at any time, also where the folder is read-only. `procedures/record.py` writes.
+A run is a folder. In record format 4 it holds `run.record` and `run.head` (`procedures/record_file.py`); copy both. In
+format 3 it holds `run.sqlite` (`procedures/format3.py`). Reading never changes a run; it works while the run is being
+written, and in a folder that is read-only. `procedures/record.py` writes runs.
 """
 
 from __future__ import annotations
@@ -43,9 +43,12 @@ _DAMAGES = (sqlite3.Error, KeyError, ValueError, TypeError, OverflowError, Recur
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A stored run. `started` is UTC; `status` is what is stored: a killed run stays "running".
+    """A stored run.
 
-    `hashed`: whether a lost row would be noticed; a run of record format 3 is not.
+    Attributes:
+        started: UTC.
+        status: as it is stored; the run of a program that was killed stays "running".
+        hashed: whether a lost row would be noticed; in record format 3 it would not.
 
     All methods raise RecordError, which names what is damaged.
     """
@@ -129,7 +132,7 @@ class Run:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder holds a run, or what is left of one; a start that was killed is none."""
+    """Whether a folder holds a run or what is left of one; not if its writer was killed before the run had begun."""
     return _is_there(folder / format3.DATABASE) or _has_record(folder)
 
 
@@ -151,7 +154,7 @@ def _has_record(folder: Path) -> bool:
 
 
 def _is_there(path: Path) -> bool:
-    """Also a link that leads nowhere, and what may not be looked at: whoever reads it says what is wrong."""
+    """Whether there is anything of that name: also a broken link, or what may not be read, which its reader reports."""
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -162,7 +165,7 @@ def _is_there(path: Path) -> bool:
 
 
 def last_modified(folder: Path) -> datetime:
-    """When one of the files in a folder was last written; of the folder itself, where they may not be looked at."""
+    """When the newest file in a folder was last written; where its files may not be listed, when the folder was."""
     times = [0.0]
     with contextlib.suppress(OSError):
         times = [folder.lstat().st_mtime]
@@ -172,7 +175,7 @@ def last_modified(folder: Path) -> datetime:
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[Stored]:
-    """One snapshot of a run. Raises RecordError, also for what turns out to be damaged inside."""
+    """A run as it is now, open for reading. Raises RecordError, also for damage that is found inside the block."""
     if _is_there(folder / format3.DATABASE) and not is_format4(folder):
         with _reading(folder / format3.DATABASE), format3.opened(folder) as database:
             yield database
@@ -206,7 +209,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def storing(path: Path) -> Iterator[None]:
-    """What goes wrong inside is a RecordError that names `path` and what to do."""
+    """Turn an error of the disk in the block into a RecordError that names `path` and says what to do."""
     try:
         yield
     except sqlite3.Error as error:

@@ -1,4 +1,4 @@
-"""What a run on disk gives, whatever format it is in."""
+"""What can be read from a run on disk, in whatever format it is stored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Waveform:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A point as it is stored: `text` is canonical JSON; `waveforms` their names in order."""
+    """A point as it is stored: `text` is its data as canonical JSON, `waveforms` are the names of its waveforms."""
 
     id: int
     bench_ns: int
@@ -32,7 +32,7 @@ class Point:
 
 
 class Stored(Protocol):
-    """One snapshot of a run. What is damaged raises ValueError, TypeError, KeyError or sqlite3.Error when it is read.
+    """A run as it was at one moment. Reading a damaged part raises ValueError, TypeError, KeyError or sqlite3.Error.
 
     Attributes:
         hashed: whether each row carries the hash of the one before, so that none can be lost unnoticed.
@@ -65,5 +65,5 @@ class Stored(Protocol):
         ...
 
     def faults(self) -> Iterator[str]:
-        """What only the file itself shows."""
+        """Damage that no point, waveform or event shows, each in a sentence: it lies in the file between them."""
         ...
