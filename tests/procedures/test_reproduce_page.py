@@ -299,7 +299,7 @@ def test_the_set_up_is_that_of_the_bench(whole: Whole, tmp_path: Path, monkeypat
         "unit 11",
         "unit 12",
         "node 3, 4",
-        "Modbus RTU line, 57600 Bd",
+        "Modbus RTU line, 57.6 kBd",
         "CANopen, 1 Mbit/s",
     ):
         assert words in texts(axes)

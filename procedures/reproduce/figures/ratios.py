@@ -27,8 +27,8 @@ LABELS = {"modulus": "Young modulus of the object (Pa)", "λ": "λ = E1 T2 / (E2
 RANGES = {"modulus": (1e4, 2e8), "λ": (0.4, 1.2e4)}
 
 APART = (
-    "The thesis' 2D values are known at the six samples alone; its text finds 2D and 3D close at all moduli, where ours"
-    " part above 0.2 MPa."
+    "Of the thesis' 2D curves the six samples on the ring of 24 kPa are known, and no more; its text finds 2D and 3D in"
+    " good agreement, where ours part above 0.2 MPa."
 )
 TWO = Line("2D", "single", "beam")
 THREE = Line("3D", "single", "axisymmetric")

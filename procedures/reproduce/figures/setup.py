@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from instrument.designs import get_design
+from instrument.quantity import show
 from procedures.reproduce.figures.measured import Measured
 from procedures.reproduce.figures.picture import Picture, canvas, save
 
@@ -36,8 +37,8 @@ def draw(measured: Measured, folder: Path) -> Picture:
         devices.insert(2, ("tcp", "sample changer", f"unit {bench.sample_changer.unit}"))
     names = {
         "tcp": "Modbus TCP",
-        "rtu": f"Modbus RTU line, {bench.line.baudrate} Bd",
-        "can": f"CANopen, {bench.can.bitrate / 1e6:g} Mbit/s",
+        "rtu": f"Modbus RTU line, {show(bench.line.baudrate, 'Bd')}",
+        "can": f"CANopen, {show(bench.can.bitrate, 'bit/s')}",
     }
     drawing, (axes,) = canvas(NUMBER)
     drawing.set_size_inches(9.5, 4.8)
@@ -79,7 +80,7 @@ def _arrow(axes: Axes, device: float, rig: float, words: str, back: bool = False
     ends = [(DEVICE + BOX[0] / 2, device), (RIG - BOX[0] / 2, rig)]
     start, end = reversed(ends) if back else ends
     axes.annotate("", end, start, arrowprops=ARROW)
-    share = 0.16  # near the device, where arrows lie apart
+    share = 0.2  # near the device, where arrows lie apart
     x, y = (a + share * (b - a) for a, b in zip(*ends, strict=True))
     box = {"fc": "white", "ec": "none", "pad": 1}
     axes.text(x, y, words, ha="center", va="center", fontsize=8, color="0.3", bbox=box)
