@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from instrument.design import Design
 from instrument.errors import EstimateError, RangeError
 from instrument.load import Load, through
-from instrument.models import surface
+from instrument.models import column_fitted, surface
 from instrument.models.response import AUTO, MODELS, response
 from instrument.quantity import check_tolerance
 from instrument.sample import SAMPLES
@@ -32,6 +32,11 @@ Array = NDArray[np.float64]
 
 # Moduli that a curve is sampled at, over that of the ring. Beyond them no model's ratio changes any more.
 SOFTEST, HARDEST = 1e-3, 1e7
+# Of models that were built between closer ends.
+ENDS = {
+    "surface": (surface.LOWEST, surface.HIGHEST),
+    "column_fitted": (column_fitted.LOWEST, column_fitted.HIGHEST),
+}
 NODES = (16, 31, 61, 121, 241, 481, 961)  # each has the one before among its nodes
 CLOSED_FORM_TOLERANCE = 1e-11
 # Halving the steps of a spline of degree five divides its error by 64, once they are small; 42 was the least seen.
@@ -103,8 +108,8 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         EstimateError: a linear system cannot be solved accurately, or the curve does not meet the tolerance.
     """
     ring = design.ring.material.modulus
-    softest = surface.LOWEST if model == "surface" else SOFTEST
-    lowest, highest, own_error = softest * ring, HARDEST * ring, 0.0
+    softest, hardest = ENDS.get(model, (SOFTEST, HARDEST))
+    lowest, highest, own_error = softest * ring, hardest * ring, 0.0
     if tolerance is not None:
         check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:

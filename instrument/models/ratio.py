@@ -28,9 +28,11 @@ SETTINGS = (
     "plate_modulus",
     "interface",
 )
-# What a model holds fixed: the program has the plate's thickness for the object's, and an experiment was done once.
+# What a model holds fixed: the program has the plate's thickness for the object's, an experiment was done once, and of
+# what was fitted nobody knows what it would be for other bodies.
 FIXED: dict[str, tuple[str, ...]] = {
     "beam_printed": ("sensed_thickness",),
+    "column_fitted": tuple(name for name in SETTINGS if name != "compliant_modulus"),
     "experiment": tuple(name for name in SETTINGS if name != "sensed_thickness"),
 }
 

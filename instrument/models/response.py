@@ -16,7 +16,7 @@ from typing import Self
 from instrument.design import FILM_KINDS, Design
 from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
-from instrument.models import beam, beam_printed, experiment, hetenyi, springs
+from instrument.models import beam, beam_printed, column_fitted, experiment, hetenyi, springs
 from instrument.models.parameters import round_parameters, solid_parameters
 from instrument.quantity import check_tolerance
 from instrument.sample import Sample
@@ -64,7 +64,7 @@ class Response:
         force_total: force on the base [N].
         force_ratio: force_rigid / force_total.
         error_estimate: bound on the error of `force_ratio`; None: the model knows none. That of a finite-element
-            model is of its discretisation alone.
+            model is of its discretisation alone, that of "column_fitted" its distance from the tables it stands for.
         tooth_forces: on each tooth [N].
         films: film name -> what the film feels.
         stiffness: of the stack of object and sensor [N/m], by the column model whichever model divides
@@ -130,7 +130,11 @@ def response(design: Design, load: Load, model: str = "experiment", tolerance: f
     return chosen.answer(design, load, tolerance)
 
 
-def _closed_form(name: str, force_ratio: Callable[[Design, Sample], float]) -> Model:
+def _closed_form(
+    name: str,
+    force_ratio: Callable[[Design, Sample], float],
+    estimate: Callable[[Design], float | None] = lambda _: None,
+) -> Model:
     def answer(design: Design, load: Load, tolerance: float | None) -> Response:
         if load.at is not None:
             raise RangeError(
@@ -138,7 +142,7 @@ def _closed_form(name: str, force_ratio: Callable[[Design, Sample], float]) -> M
                 " take model 'solid'"
             )
         ratio = force_ratio(design, load.sensed)
-        return _response(name, design, load, ratio, None)
+        return _response(name, design, load, ratio, estimate(design))
 
     return Model(answer)
 
@@ -228,6 +232,7 @@ AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-3
 MODELS: Mapping[str, Model] = MappingProxyType(
     {
         "column": _closed_form("column", springs.force_ratio),
+        "column_fitted": _closed_form("column_fitted", column_fitted.force_ratio, column_fitted.residual),
         "beam_printed": _closed_form("beam_printed", beam_printed.force_ratio),
         "beam": _closed_form("beam", beam.force_ratio),
         "beam_exact": _closed_form("beam_exact", hetenyi.exact_force_ratio),

@@ -95,7 +95,7 @@ def build_surface(name: str, progress: Progress) -> ResponseSurface:
 
 
 def _closed_forms(case: Case) -> Iterator[Price]:
-    for name in ("column", "experiment", "beam_printed", "beam_exact"):
+    for name in ("column", "column_fitted", "experiment", "beam_printed", "beam_exact"):
         yield _at_once(case, name, "closed form", functools.partial(_ask, case.design, name))
     for elements in BEAM_ELEMENTS:
         ratio = functools.partial(_beam_ratio, case.design, elements)

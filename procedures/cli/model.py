@@ -70,8 +70,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 "name",
                 default="auto",
                 show_default=True,
-                help="column, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid; or auto: the"
-                " cheapest that meets the tolerance.",
+                help="column, column_fitted, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid;"
+                " or auto: the cheapest that meets the tolerance.",
             ),
             *described,
             click.option(

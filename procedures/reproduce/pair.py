@@ -10,6 +10,7 @@ from instrument.thesis import Table, read_table
 from procedures.reproduce.comparison import Comparison, column_of, fit_sentence
 from procedures.reproduce.curves import TOOTH, Case, Curves, ring_of
 from procedures.reproduce.films import voltage_sentence
+from procedures.reproduce.odds import odds_sentence
 from procedures.reproduce.prediction import prediction_sentences
 
 GOAL = 0.015
@@ -46,6 +47,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
     over = {f"{name} set ({model})": voltage[name, model] / half[name, model] for name, model in half}
     said = [
         fit_sentence(comparison, "force_ratio"),
+        odds_sentence(table, design),
         *prediction_sentences(comparison, "force_ratio"),
         voltage_sentence(
             table, "voltage_pvdf1_V", abs(table.values("force_pvdf1_N")), sensor, TOOTH, over

@@ -8,6 +8,7 @@ from instrument.thesis import read_table
 from procedures.reproduce.comparison import Comparison, column_of, fit_sentence
 from procedures.reproduce.curves import BASE, TOOTH, Case, Curves, ring_of
 from procedures.reproduce.films import voltage_sentence
+from procedures.reproduce.odds import odds_sentence
 from procedures.reproduce.prediction import prediction_sentences
 
 MODELS = ("axisymmetric", "solid")
@@ -39,6 +40,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
     over_base = {f"{name} set ({model})": values for (name, model), values in base.items()}
     said = [
         fit_sentence(comparison, "force_rigid_N"),
+        odds_sentence(table, "single"),
         *prediction_sentences(comparison, "force_rigid_N", film="voltage_pvdf2_V"),
         voltage_sentence(table, "voltage_pvdf2_V", force, sensor, TOOTH, over_tooth),
         voltage_sentence(table, "voltage_pvdf1_V", abs(table.values("force_total_N")), sensor, BASE, over_base),

@@ -84,8 +84,8 @@ def test_every_model_has_its_refinements(measured: PriceList) -> None:
     for design in ("single_round", "single"):
         counts = {model: len(rows(measured, design, model)) for model in MODELS}
         assert counts == {
-            "column": 1, "experiment": 1, "beam_printed": 1, "beam_exact": 1, "beam": len(BEAM_ELEMENTS),
-            "axisymmetric": 5, "solid": 5, "surface": 4,
+            "column": 1, "column_fitted": 1, "experiment": 1, "beam_printed": 1, "beam_exact": 1,
+            "beam": len(BEAM_ELEMENTS), "axisymmetric": 5, "solid": 5, "surface": 4,
         }  # fmt: skip
 
 
