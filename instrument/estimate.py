@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from instrument.errors import EstimateError
 from instrument.hum import tuned
-from instrument.noise import noise_at
+from instrument.noise import MAINS, noise_at
 from instrument.noise_parts import short_noise
-from instrument.sine_columns import COEFFICIENTS, SineColumns, sine_columns
+from instrument.sine_columns import COEFFICIENTS, WANDER, SineColumns, sine_columns
 
 Floats = npt.NDArray[np.float64]
 
@@ -81,6 +81,12 @@ class SineFit:
     mains: tuple[float, ...]
     samples: int
     rate: float
+
+    @property
+    def beside_mains(self) -> bool:
+        """Whether the drive is so near to the mains that they turn less than once against it in the record."""
+        beat = min(abs(self.frequency - mains) for mains in (*MAINS, *self.mains))
+        return beat * self.samples < self.rate or any(abs(self.frequency - mains) < WANDER for mains in MAINS)
 
     @property
     def unbiased(self) -> Floats:
@@ -206,12 +212,15 @@ def quotient_bias(ratio: float, bottom: float, variance: float, covariance: floa
 def _wandering(basis: SineColumns, scaled: Floats) -> Floats:
     """Standard uncertainty (channels,) of amplitudes by hum that is fitted at the mains' rated frequency alone [V].
 
-    The frequency is as likely anywhere within its wander, and so is the phase: the greatest leak over √3 and √2.
+    The frequency is as likely anywhere within its wander, and so is the phase: the greatest leak over √3 and √2. Where
+    the mains turn less than once against the drive, the greatest leak is taken for two standard uncertainties.
     """
     if not basis.strays:
         return np.zeros(scaled.shape[1])
     hum, _ = basis.phasors(scaled)
-    found: Floats = np.linalg.norm(np.abs(hum).T * basis.strays, axis=1) / math.sqrt(6)
+    turns = np.abs(np.array(basis.mains) - basis.frequency) * (basis.time[-1] - basis.time[0])
+    typical = np.where(turns < 1, 0.5, 1 / math.sqrt(6)) * basis.strays
+    found: Floats = np.linalg.norm(np.abs(hum).T * typical, axis=1)
     return found
 
 

@@ -55,7 +55,7 @@ class SineColumns:
         columns: (n, 4), then two for each of the `mains`, then two slopes for each, where `slopes`.
         mains: their frequencies, as they were fitted [Hz].
         hum: what 1 V of mains that have no columns may add to an amplitude, at their worst phase and frequency [V].
-        strays: the same of those that have columns without slopes, in their order.
+        strays: the same of those that have columns without slopes, in their order, for 1 V that the columns see.
         kept: what is made of the columns at the mains' rated frequencies, as long as they are remembered.
     """
 
@@ -104,6 +104,13 @@ class SineColumns:
         most = float(np.linalg.norm(added, 2))
         return most if most > SHOWN else 0.0
 
+    def _stray(self, number: int, mains: float) -> float:
+        """The same of mains that have columns without slopes, per volt that those columns see of them [V]."""
+        found = self.solve(_pair(self.time, mains).T) * self.scale[:, np.newaxis]
+        at = COEFFICIENTS + 2 * number
+        most = float(np.linalg.norm(found[:2] @ np.linalg.inv(found[at : at + 2]), 2))
+        return most if most > SHOWN else 0.0
+
     def with_leaks(self) -> SineColumns:
         """With `hum` and `strays` filled in."""
         left = [self._leak(mains + off) for mains in MAINS if mains not in self.mains for off in (-WANDER, 0.0, WANDER)]
@@ -111,7 +118,7 @@ class SineColumns:
         return replace(
             self,
             hum=max(left, default=0.0),
-            strays=tuple(max(self._leak(mains - WANDER), self._leak(mains + WANDER)) for mains in strays),
+            strays=tuple(max(self._stray(i, each + off) for off in (-WANDER, WANDER)) for i, each in enumerate(strays)),
         )
 
 

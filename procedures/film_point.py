@@ -121,8 +121,8 @@ def measure(
     if HUM in point.flags:
         record.event(
             "hum",
-            f"{named}: hum cannot be told from the drive; of 1 mV of hum up to {point.fit.most_hum:.2g} mV may be in an"
-            " amplitude; dwell longer, or drive further from 50 and 60 Hz and from their aliases",
+            f"{named}: hum cannot be told from the drive;{_share_of_hum(point.fit)} dwell longer, or drive further from"
+            " 50 and 60 Hz and from their aliases",
             films.bench.clock.now_ns(),
         )
     return replace(point, incidents=films.bench.incidents.new())
@@ -178,8 +178,17 @@ def _disagreements(
 
 def _marks(design: Design, fit: SineFit) -> list[str]:
     """What the record cannot tell."""
-    hum = fit.hum > LARGEST_HUM or bool((fit.hum_u > MOST_OF * fit.amplitude_u).any())
-    return [mark for mark, set_ in ((HUM, hum), (SHORT, is_short(design, fit))) if set_]
+    return [mark for mark, set_ in ((HUM, may_be_hum(fit)), (SHORT, is_short(design, fit))) if set_]
+
+
+def may_be_hum(fit: SineFit) -> bool:
+    """Whether hum may have an amplitude wrong: it has no columns, wanders unseen, or is too near to the drive."""
+    wanders = bool((fit.hum_u > MOST_OF * fit.amplitude_u).any())
+    return fit.hum > LARGEST_HUM or wanders or fit.beside_mains
+
+
+def _share_of_hum(fit: SineFit) -> str:
+    return f" of 1 mV of hum up to {fit.most_hum:.2g} mV may be in an amplitude;" if fit.most_hum > 0 else ""
 
 
 def is_short(design: Design, fit: SineFit) -> bool:

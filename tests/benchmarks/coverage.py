@@ -17,7 +17,7 @@ from instrument.estimate import FEW_DEGREES, Floats, fit_sine
 from instrument.film_forces import film_forces
 from instrument.mean_ratio import mean_ratio
 from instrument.uncertainty import coverage_factor
-from procedures.film_point import LARGEST_HUM
+from procedures.film_point import may_be_hum
 from simulators.effects.pink_noise import PinkNoise
 from simulators.randomness import Stream
 from tests.benchmarks.row import Row
@@ -93,6 +93,7 @@ def amplitudes(times: int) -> Iterator[Row]:
         "white noise over 0.1 s": lambda rng: Draw(0.1, _log(rng, QUIET, LOUD)),
         "white noise over 1 s": lambda rng: Draw(1.0, _log(rng, QUIET, LOUD)),
         "1/f, white noise and mains over 0.2 to 4 s": everything,
+        "1/f noise alone over 0.06 to 0.25 s": lambda rng: Draw(_log(rng, 0.06, 0.25), 1e-3 * QUIET, LOUD),
     }
     for number, (name, draw) in enumerate(kinds.items()):
         rng = np.random.default_rng(number)
@@ -102,7 +103,7 @@ def amplitudes(times: int) -> Iterator[Row]:
             fit = fit_sine(time, films, FREQUENCY)
             half = coverage_factor(fit.degrees_of_freedom) * fit.amplitude_u
             held += (np.abs(fit.amplitude - AMPLITUDE) <= half).tolist()
-            marked += len(films) * (fit.degrees_of_freedom < FEW_DEGREES or fit.hum > LARGEST_HUM)
+            marked += len(films) * (fit.degrees_of_freedom < FEW_DEGREES or may_be_hum(fit))
         yield _row(name, held, marked)
 
 

@@ -130,6 +130,20 @@ def test_mains_that_wander_are_fitted_where_they_are(duration: float, frequency:
     assert told == pytest.approx([frequency] * len(told), abs=0.05 / duration)
 
 
+@pytest.mark.parametrize(
+    ("frequency", "mains", "duration"), [(49.5, 49.87, 1.05), (49.5, 49.87, 0.5), (50.6, 50.2, 0.5)]
+)
+def test_hum_less_than_a_turn_from_the_drive_widens_the_uncertainty_by_what_may_hide(
+    frequency: float, mains: float, duration: float
+) -> None:
+    time = np.arange(round(25 * frequency * duration)) / (25 * frequency)
+    phases = np.random.default_rng(9).uniform(0, 2 * np.pi, (40, 1))
+    signals = tone(time, frequency, 0.1) + 10e-3 * np.cos(2 * np.pi * mains * time + phases)
+    fit = fit_sine(time, signals + 1e-4 * np.random.default_rng(4).standard_normal(signals.shape), frequency)
+    assert fit.beside_mains and fit.hum_u.all()
+    assert held(fit, 0.1) >= 0.93
+
+
 def test_hum_over_one_cycle_widens_the_uncertainty_by_as_much_as_its_wander_may_change() -> None:
     time = times(0.1)
     rng = np.random.default_rng(8)
@@ -141,9 +155,29 @@ def test_hum_over_one_cycle_widens_the_uncertainty_by_as_much_as_its_wander_may_
     assert np.std(fit.amplitude) == pytest.approx(fit.hum_u[0], rel=0.3)
 
 
+@pytest.mark.parametrize("duration", [0.06, 0.12, 0.2])
+def test_noise_that_falls_as_1_over_f_is_held_by_a_record_that_cannot_tell_it(duration: float) -> None:
+    """Over one cycle 25 samples look all but alike with it and without."""
+    count, time = round(duration * RATE), times(4.0)
+    pieces = coloured(time, lambda line: FREQUENCY / line)[:, : time.size // count * count].reshape(-1, 1, count)[::3]
+    short = times(duration)
+    fits = [fit_sine(short, tone(short, FREQUENCY, 1.0) + piece, FREQUENCY) for piece in pieces[:REPEATS]]
+    assert np.mean([held(fit, 1.0) for fit in fits]) >= LEAST
+    assert max(fit.degrees_of_freedom for fit in fits) < FEW_DEGREES
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("duration", "law"), [(0.1, "white"), (0.1, "as much 1/f"), (0.4, "white"), (0.4, "as much 1/f"), (0.4, "1/f")]
+    ("duration", "law"),
+    [
+        (0.06, "1/f"),
+        (0.15, "1/f"),
+        (0.1, "white"),
+        (0.1, "as much 1/f"),
+        (0.4, "white"),
+        (0.4, "as much 1/f"),
+        (0.4, "1/f"),
+    ],
 )
 def test_few_samples_hold_as_often_as_they_say(duration: float, law: str) -> None:
     """Noise falling as 1/f and white noise look alike in a short record, which therefore counts with both."""

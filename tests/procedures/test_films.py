@@ -197,6 +197,14 @@ def test_a_point_that_hum_may_spoil_is_marked(signals: Signals, tmp_path: Path, 
     assert [event.split(";")[1] for event in events] == [" of 1 mV of hum up to 0.9 mV may be in an amplitude"] * marked
 
 
+def test_a_load_that_swings_within_a_turn_of_the_mains_is_marked(signals: Signals, tmp_path: Path) -> None:
+    """Two lines closer than one over the dwell cannot be told apart, whether hum shows or not."""
+    signals.frequency, signals.noise = 49.0, 20e-6
+    near, _ = measured(signals, Held(), tmp_path / "near", 0.9)
+    far, _ = measured(signals, Held(), tmp_path / "far", 1.5)
+    assert (near.flags, far.flags) == (("hum",), ())
+
+
 # --- two that know one quantity -------------------------------------------------------------------------
 
 
