@@ -14,7 +14,7 @@ from instrument.sample import SAMPLES
 from instrument.thesis import Cell, read_table
 from procedures.load_cell import LoadCellResult
 from procedures.modulus import ModulusResult
-from procedures.reproduce.rows import Row, RowTable
+from procedures.reproduce.rows import Group, Row, RowTable
 
 DIGIT_U = math.sqrt(2 / 3)  # mV: Table 5.1 knows each reading to ±1 digit, and so do we
 WENT_IN = GIVEN.evidence(())  # load cell and rubbers are simulated by the thesis' own line and moduli
@@ -30,17 +30,17 @@ def calibration(found: LoadCellResult) -> RowTable:
         for direction, column in (("loading", "reading_loading_mV"), ("unloading", "reading_unloading_mV"))
     ]
     line, thesis = found.calibration, THESIS_LOAD_CELL
-    for name, printed, value, u, value_u in (
-        ("sensitivity_mV_per_N", "", line.sensitivity_mV_per_N, line.sensitivity_u, thesis.sensitivity_u),
-        ("zero_mV", "", line.zero_mV, line.zero_u, thesis.zero_u),
+    for name, value, u in (
+        ("sensitivity_mV_per_N", line.sensitivity_mV_per_N, line.sensitivity_u),
+        ("zero_mV", line.zero_mV, line.zero_u),
     ):
-        cell = Cell(printed, float(getattr(thesis, name)), "not printed: the line through the readings")
-        rows.append(Row("line", name, cell, value, math.hypot(u, value_u), WENT_IN))
+        cell = Cell("", float(getattr(thesis, name)), "not printed: the line through the readings")
+        rows.append(Row("line", name, cell, value, u, WENT_IN))
     said = (
         f"sensitivity {thesis.sensitivity_mV_per_N:.3f} mV/N by the line; the printed 0.1053 mV/N is mV per gram-force,"
         f" {0.1053 / 9.80665e-3:.2f} mV/N, and takes no zero into account",
     )
-    return RowTable("5.1", table.title, table.doubt, tuple(rows), said, experimental=True)
+    return RowTable("5.1", table.title, table.doubt, tuple(rows), said)
 
 
 def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
@@ -51,21 +51,21 @@ def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
     points = [p for p in c.points if p.direction == LOADING]
     tangent, tangent_u = c.tangent.value, c.tangent.u
     rows = []
+    u = math.hypot(spread, tangent_u)
     for index, row in enumerate(table.rows):
         strain = table.columns["strain"][index].value
-        u = math.hypot(spread, tangent_u)
-        rows += [
-            Row(row, "stress_Pa", table.columns["stress_Pa"][index], tangent * strain, u * strain, WENT_IN),
-            Row(row, "modulus_Pa", table.columns["modulus_Pa"][index], tangent, u, WENT_IN),
-        ]
+        for name, ours, scale in (("stress_Pa", tangent * strain, strain), ("modulus_Pa", tangent, 1.0)):
+            group = Group(name, u * scale, tangent_u * scale)  # of all rows ours is one line
+            rows.append(Row(row, name, table.columns[name][index], ours, u * scale, WENT_IN, group=group))
     mean = float(printed.mean())
-    rows.append(Row("mean", "modulus_Pa", Cell(f"{mean:.1f}", mean), tangent, math.hypot(spread, tangent_u), WENT_IN))
+    group = Group("mean modulus", tangent_u, 0.0)
+    rows.append(Row("mean", "modulus_Pa", Cell(f"{mean:.1f}", mean), tangent, tangent_u, WENT_IN, group=group))
     said = (
         f"sample {sample}: ours up to a strain of {max(p.strain for p in points):.2f}, by the face of 1 cm2 and the"
         " calibration of Table 5.1; the scatter stated is that of the thesis' moduli, and our standard uncertainty",
         "the readings themselves are not compared: at the printed moduli they would be 9.5 times smaller",
     )
-    return RowTable(number, table.title, table.doubt, tuple(rows), said, experimental=True)
+    return RowTable(number, table.title, table.doubt, tuple(rows), said)
 
 
 def catalogue(tested: Mapping[str, ModulusResult]) -> RowTable:

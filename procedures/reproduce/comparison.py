@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.evidence import Evidence, of_model, ratio_by
+from instrument.evidence import REPEATS, Evidence, of_model, ratio_by
 from instrument.thesis import Cell, Table
+from procedures.reproduce.rows import WITHIN, Group, Row, RowTable
 
 Array = NDArray[np.float64]
 
@@ -80,6 +81,11 @@ class Column:
     holds: tuple[str, ...] = ()
 
     @property
+    def u(self) -> float | None:
+        """Standard uncertainty that the goal stands for."""
+        return None if self.goal is None else self.goal / WITHIN
+
+    @property
     def thesis(self) -> Array:
         """Best values, as magnitudes."""
         return np.array([abs(cell.value) for cell in self.cells])
@@ -132,9 +138,29 @@ class Comparison:
         """Of every column and series."""
         return [column.deviation(series, self.table) for column in self.columns for series in column.ours]
 
+    def row_table(self) -> RowTable:
+        """Every cell of every model as a row; half a goal stands for a standard uncertainty.
+
+        The cells of a curve move together: their mean is one number.
+        """
+        rows = [
+            Row(
+                key, column.quantity, Cell(cell.printed, abs(cell.value), cell.reason), float(ours), column.u,
+                evidence, False, by=f"{series.model}, {series.parameters}",
+                group=None if column.u is None else Group(column.quantity, column.u, column.u),
+            )
+            for column in self.columns
+            for series in column.ours
+            for evidence in [column.evidence(series, self.table)]
+            for key, cell, ours in zip(self.table.rows, column.cells, series.values, strict=True)
+        ]  # fmt: skip
+        number = self.table.number
+        return RowTable(number, self.table.title, self.table.doubt, tuple(rows), self.said, again=number in REPEATS)
+
     def records(self) -> Iterable[dict[str, Any]]:
         """One for each cell: the thesis' as printed and as it should be, then ours with both differences."""
         for column in self.columns:
+            evidence = {series.name: column.evidence(series, self.table).value for series in column.ours}
             for index, (row, cell) in enumerate(zip(self.table.rows, column.cells, strict=True)):
                 thesis = abs(cell.value)
                 record: dict[str, Any] = {
@@ -145,7 +171,7 @@ class Comparison:
                     ours = float(series.values[index])
                     answered = math.isfinite(ours)
                     record[series.name] = ours if answered else None
-                    record[f"{series.name}_evidence"] = column.evidence(series, self.table).value
+                    record[f"{series.name}_evidence"] = evidence[series.name]
                     record[f"{series.name}_difference"] = ours - thesis if answered else None
                     # Both definitions of an error: as a share of the thesis' value, and of ours.
                     record[f"{series.name}_relative_difference"] = ours / thesis - 1 if answered and thesis else None

@@ -9,6 +9,7 @@ from typing import Any
 
 from procedures.reproduce.comparison import Comparison
 from procedures.reproduce.figures.picture import Picture
+from procedures.reproduce.rows import counts_record, counts_said
 from procedures.run import storing
 
 REPAIRED = "*"
@@ -59,6 +60,7 @@ def table_object(comparison: Comparison, file: Path) -> dict[str, Any]:
         "title": table.title,
         "doubt": table.doubt or None,
         "file": str(file),
+        "evidence": counts_record(comparison.row_table()),
         "summary": [deviation.record() for deviation in comparison.deviations()],
         "said": list(comparison.said),
         "repaired": [
@@ -74,7 +76,7 @@ def _section(comparison: Comparison, file: Path) -> str:
     lines = [f"## Table {table.number}: {table.title}", "", f"[{file.name}]({file.name})", ""]
     if table.doubt:
         lines += [f"Doubtful as a whole: {table.doubt}.", ""]
-    lines += [f"- {sentence}." for sentence in comparison.said]
+    lines += [f"- {sentence}." for sentence in (*counts_said(comparison.row_table()), *comparison.said)]
     lines += ["", *_markdown(_deviations(comparison)), "", *_markdown(_side_by_side(comparison))]
     if repaired := table.repaired():
         rows = [(row, column, c.printed, f"{c.value:g}", c.reason) for row, column, c in repaired]

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from instrument.evidence import Evidence
 from procedures.report.text import STAMP, number
 from procedures.reproduce.figure_page import figure_sections, heading, listed, pictures_of
-from procedures.reproduce.rows import LEAST_SHARE, Row, RowTable
+from procedures.reproduce.rows import Row, RowTable, counts_said
 from procedures.reproduce.slips import COLUMNS, slips
 from procedures.run import storing
 
 if TYPE_CHECKING:
     from procedures.reproduce.comparison import Comparison
+    from procedures.reproduce.criterion import Verdict
     from procedures.reproduce.everything import Everything
 
 STYLE = """
@@ -24,11 +26,15 @@ table { border-collapse: collapse; margin: 1em 0; font-variant-numeric: tabular-
 th, td { border-bottom: 1px solid #ddd; padding: .15em .7em; text-align: right; }
 th { border-bottom-color: #555; }
 .outside { background: #fdd; } .repaired { background: #ffc; } .stamp { color: #c00; }
+.input > td:first-child { border-left: 8px solid #999; } .fitted > td:first-child { border-left: 8px double #06c; }
+.predicted > td:first-child { border-left: 8px dotted #090; }
+.verdict { padding-left: 1em; } .input.verdict { border-left: 8px solid #999; }
+.fitted.verdict { border-left: 8px double #06c; } .predicted.verdict { border-left: 8px dotted #090; }
 img { max-width: 100%; } .words td, .words th { text-align: left; vertical-align: top; }
 """
 HEADER = (
-    "row", "quantity", "printed", "thesis", "ours", "difference", "% of theory", "% of experiment", "scatter u",
-    "within 2 u", "outside, because",
+    "row", "quantity", "by", "evidence", "printed", "thesis", "ours", "difference", "% of theory", "% of experiment",
+    "scatter u", "within 2 u", "outside, because",
 )  # fmt: skip
 
 
@@ -43,11 +49,16 @@ def write_page(done: Everything, folder: Path) -> Path:
         "<p>H. Singh, Design, Finite Element and Experimental Analysis of Piezoelectric Tactile Sensors for Endoscopic"
         f" Graspers. What is measured is <b class=stamp>{STAMP}</b>. Yellow: a slip of the thesis, repaired, with the"
         " reason; red: outside its stated scatter.</p>",
-        _list(summary_lines(done)),
+        "<p>Each row is of one of three classes, by what of the thesis went into our number, and each class is counted"
+        " alone. The error of an experiment is the experiment less the theory: above the theory it is positive.</p>",
+        legend(),
+        *(_verdict(verdict) for verdict in done.verdicts().values()),
+        _list(orders(done)),
         *(_section(table) for table in tables),
         "<h1>Models</h1>",
         *(
-            _comparison(comparison) + pictures_of(f"Table {comparison.table.number}", drawn)
+            _comparison(comparison, [table.number for table in tables])
+            + pictures_of(f"Table {comparison.table.number}", drawn)
             for comparison, _ in done.models.tables
         ),
         "<h1>Figures</h1>",
@@ -63,35 +74,32 @@ def write_page(done: Everything, folder: Path) -> Path:
     return path
 
 
-def summary_lines(done: Everything) -> list[str]:
-    """What the page and the terminal say first."""
-    found = done.summary()
-    share = found["experimental_share"]
-    lines = [
-        f"{found['within']} of {found['judged']} rows lie within their stated scatter",
-        f"experiments: {found['experimental_within']} of {found['experimental_cells']} cells within two standard"
-        f" uncertainties of their scatter{'' if share is None else f', {share:.1%}'}; {LEAST_SHARE:.0%} are asked for",
+def orders(done: Everything) -> list[str]:
+    """Whether samples stand in the order of the thesis' figures."""
+    return [
+        f"softness order by force ratio, design {design}: {'right' if right else 'WRONG'}"
+        f" ({done.order_evidence[design].value})"
+        for design, right in done.orders.items()
     ]
-    lines.append(f"experiments: {found['experimental_by_chance']}")
-    lines += [
-        f"BIASED: Table {table.number}: forces and voltages are off by {table.bias:+.2f} standard uncertainties in the"
-        f" mean, {table.inside} of {len(table.judged)} rows within"
-        for table, _ in done.tables
-        if table.biased
-    ]
-    lines += [
-        f"softness order, design {design}: {'right' if right else 'WRONG'}" for design, right in done.orders.items()
-    ]
-    return lines
+
+
+def legend() -> str:
+    """What each class means, with the mark that its rows bear at their left edge."""
+    rows = "".join(f'<tr class="{each.value}"><td><b>{each.value}</b><td>{escape(each.meaning)}' for each in Evidence)
+    return f"<table class=words>{rows}</table>"
+
+
+def _verdict(verdict: Verdict) -> str:
+    name = verdict.evidence.value
+    return f'<div class="verdict {name}"><h3>{name.capitalize()}</h3>{_list(verdict.said())}</div>'
 
 
 def _section(table: RowTable) -> str:
-    judged = f"{table.inside} of {len(table.judged)} rows within" if table.judged else "nothing is judged"
     doubt = f"<p>Doubtful as a whole: {escape(table.doubt)}.</p>" if table.doubt else ""
     return "\n".join(
         [
-            f"{heading(f'Table {table.number}', table.title)}<p>{judged}.</p>{doubt}",
-            _list(table.said),
+            f"{heading(f'Table {table.number}', table.title)}{doubt}",
+            _list([*counts_said(table), *table.said]),
             f"<table><tr>{_cells('th', HEADER)}</tr>",
             *(_row(row) for row in table.rows),
             "</table>",
@@ -104,13 +112,15 @@ def _row(row: Row) -> str:
     of_theory, of_experiment = (number(error) for error in row.errors())
     verdict = "-" if row.within is None else "yes" if row.within else "NO"
     cells = (
-        row.row, row.quantity, row.cell.printed, number(row.cell.value), number(row.ours), number(row.difference),
-        of_theory, of_experiment, number(row.u), verdict, row.because or ("not known" if row.within is False else ""),
+        row.row, row.quantity, row.by or "bench", row.evidence.value, row.cell.printed, number(row.cell.value),
+        number(row.ours), number(row.difference), of_theory, of_experiment, number(row.u), verdict,
+        row.because or ("not known" if row.within is False else ""),
     )  # fmt: skip
-    return f'<tr class="{kind}" title="{escape(row.cell.reason)}">{_cells("td", cells)}</tr>'
+    return f'<tr class="{row.evidence.value} {kind}" title="{escape(row.cell.reason)}">{_cells("td", cells)}</tr>'
 
 
-def _comparison(comparison: Comparison) -> str:
+def _comparison(comparison: Comparison, taken: Container[str]) -> str:
+    """A section for a table; where the bench has one of its number, this is of the theories behind it."""
     table = comparison.table
     header = (
         "quantity",
@@ -125,16 +135,20 @@ def _comparison(comparison: Comparison) -> str:
         "within goal",
         "evidence",
     )
-    rows = [[number(value) for value in deviation.record().values()] for deviation in comparison.deviations()]
+    rows = [
+        (deviation.evidence.value, [number(value) for value in deviation.record().values()])
+        for deviation in comparison.deviations()
+    ]
     repaired = [
         f"{row}, {column}: printed {c.printed}, is {c.value:g}: {c.reason}" for row, column, c in table.repaired()
     ]
+    doubt = [f"doubtful as a whole: {table.doubt}"] if table.doubt else []
     return "\n".join(
         [
-            heading(f"Table {table.number}", table.title),
-            _list([*comparison.said, *([f"doubtful as a whole: {table.doubt}"] if table.doubt else [])]),
+            heading(f"Table {table.number}{' (theories)' if table.number in taken else ''}", table.title),
+            _list([*counts_said(comparison.row_table()), *comparison.said, *doubt]),
             f"<table><tr>{_cells('th', header)}</tr>",
-            *(f"<tr>{_cells('td', row)}</tr>" for row in rows),
+            *(f'<tr class="{evidence}">{_cells("td", row)}</tr>' for evidence, row in rows),
             "</table>",
             f"<details><summary>{len(repaired)} repaired cells</summary>{_list(repaired)}</details>"
             if repaired

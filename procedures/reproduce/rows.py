@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,24 @@ from instrument.evidence import Evidence
 from instrument.thesis import Cell
 from procedures.run import storing
 
-ABSOLUTE, RATIO = ("force", "pvdf"), "force_ratio"  # columns of what goes with the load, but for the ratio
-FEWEST_LOADS = 3
 WITHIN = 2.0  # standard uncertainties of the difference
-LEAST_SHARE = 0.93  # of the experimental cells that shall lie within
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """How a row moves with others of its table, so that a mean over them is judged by what it averages out.
+
+    Attributes:
+        kind: of quantity, of which one mean is taken.
+        u: standard uncertainty of the difference, the load being known.
+        common: part of it that all rows of this kind in the table have in common.
+        load: of the thesis over the set one, by its own films on the base.
+    """
+
+    kind: str
+    u: float
+    common: float
+    load: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +43,10 @@ class Row:
         ours: measured on the simulated bench, or calculated.
         u: standard uncertainty of the difference by the stated scatter of both; None: nothing is stated.
         evidence: what a match is worth, by what went into ours.
+        by: what ours is by, where it is not the bench with the models of its scene: a model and its parameters.
         measured: the thesis' number is an experiment and ours stands for the theory, or the other way round.
         because: where the difference comes from, of a row outside; "" where nothing is known.
+        group: how it moves with others; None: with none, and its quantity is a kind of its own.
     """
 
     row: str
@@ -42,6 +57,8 @@ class Row:
     evidence: Evidence
     measured: bool = True
     because: str = ""
+    group: Group | None = None
+    by: str = ""
 
     @property
     def difference(self) -> float:
@@ -52,6 +69,23 @@ class Row:
     def within(self) -> bool | None:
         return None if self.u is None else abs(self.difference) <= WITHIN * self.u
 
+    @property
+    def kind(self) -> str:
+        """Of quantity, of which one mean is taken."""
+        quantity = self.group.kind if self.group else self.quantity
+        return f"{quantity} by {self.by}" if self.by else quantity
+
+    @property
+    def common(self) -> float:
+        """Share of the uncertainty that all rows of its kind in the table have in common."""
+        return self.group.common / self.group.u if self.group else 0.0
+
+    @property
+    def bias_distance(self) -> float:
+        """Ours less the thesis' at the load of ours, in standard uncertainties; of a row that is judged."""
+        group = self.group or Group(self.quantity, self.u or math.nan, 0.0)
+        return (self.ours - self.cell.value / group.load) / group.u
+
     def errors(self) -> tuple[float | None, float | None]:
         """The experiment less the theory, in percent of the theory and of the experiment; None: of nothing."""
         theory, experiment = (self.ours, self.cell.value) if self.measured else (self.cell.value, self.ours)
@@ -60,15 +94,17 @@ class Row:
 
     def record(self) -> dict[str, Any]:
         """Under public names."""
-        of_theory, of_experiment = self.errors()
+        answered = math.isfinite(self.ours)
+        of_theory, of_experiment = self.errors() if answered else (None, None)
         return {
             "row": self.row,
             "quantity": self.quantity,
+            "by": self.by or None,
             "printed": self.cell.printed,
             "thesis": self.cell.value,
             "repaired": self.cell.reason,
-            "ours": self.ours,
-            "difference": self.difference,
+            "ours": self.ours if answered else None,
+            "difference": self.difference if answered else None,
             "error_percent_of_theory": of_theory,
             "error_percent_of_experiment": of_experiment,
             "scatter_u": self.u,
@@ -82,7 +118,9 @@ class Row:
 class RowTable:
     """Rows of one table of the thesis, and what is to be said of it.
 
-    experimental: its cells count among those of the experiments.
+    arrangement: of sensors, of which it is one of several tables; "": it stands alone.
+    name: of its file, where another has the number's; "": the number.
+    again: the same numbers stand in another table as well, and are counted there.
     """
 
     number: str
@@ -90,7 +128,9 @@ class RowTable:
     doubt: str
     rows: tuple[Row, ...]
     said: tuple[str, ...] = ()
-    experimental: bool = False
+    arrangement: str = ""
+    name: str = ""
+    again: bool = False
 
     @property
     def judged(self) -> list[Row]:
@@ -100,28 +140,9 @@ class RowTable:
     def inside(self) -> int:
         return sum(row.within is True for row in self.rows)
 
-    @property
-    def bias(self) -> float | None:
-        """Mean distance of the forces and voltages, in standard uncertainties; None: of fewer than three loads."""
-        loads = self._loads()
-        return math.fsum(loads) / len(loads) if len(loads) >= FEWEST_LOADS else None
-
-    @property
-    def biased(self) -> bool:
-        """Whether that is more than chance puts it, were all scatter of a load common to what is measured under it."""
-        return self.bias is not None and abs(self.bias) > WITHIN / math.sqrt(len(self._loads()))
-
-    def _loads(self) -> list[float]:
-        """The mean distance of each load: what is measured under one has the load's own scatter in common."""
-        loads: dict[str, list[float]] = {}
-        for row in self.rows:
-            if row.u and row.quantity.startswith(ABSOLUTE) and row.quantity != RATIO:
-                loads.setdefault(row.row, []).append(row.difference / row.u)
-        return [math.fsum(each) / len(each) for each in loads.values()]
-
     def write(self, folder: Path) -> Path:
         """As CSV; returns the file. Raises RecordError."""
-        path = folder / f"table_{self.number.replace('.', '_').replace(' ', '_')}.csv"
+        path = folder / f"table_{self.name or self.number.replace('.', '_')}.csv"
         records = [row.record() for row in self.rows]
         with storing(path), path.open("w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, list(records[0]), lineterminator="\n")
@@ -137,30 +158,42 @@ class RowTable:
             "doubt": self.doubt or None,
             "file": str(file),
             "rows": [row.record() for row in self.rows],
-            "judged": len(self.judged),
-            "within": self.inside,
-            "bias": self.bias,
-            "biased": self.biased,
+            "evidence": counts_record(self),
             "said": list(self.said),
         }
 
 
-def by_chance(rows: Iterable[Row]) -> str:
-    """How many of normal differences would lie outside, and how far the farthest, beside what is found."""
-    from scipy.special import ndtr, ndtri
+@dataclass(frozen=True, slots=True)
+class Count:
+    """How many rows of a class a table has, how many of them are judged, and how many of these lie within."""
 
-    distances = [abs(row.difference) / row.u for row in rows if row.u]
-    if not distances:
-        return "nothing is judged"
-    outside, farthest = 2 * float(ndtr(-WITHIN)), float(ndtri(1 - 1 / (4 * len(distances))))
-    return (
-        f"{sum(d > WITHIN for d in distances)} outside, the farthest by {max(distances):.1f} standard uncertainties; of"
-        f" {len(distances)} normal ones chance puts {outside * len(distances):.0f} outside, the farthest at some"
-        f" {farthest:.1f}"
-    )
+    rows: int
+    judged: int
+    within: int
+
+    def __str__(self) -> str:
+        return f"{self.within} of {self.judged}" if self.judged else "not judged" if self.rows else ""
 
 
-def counted(tables: Iterable[RowTable]) -> tuple[int, int]:
-    """How many rows have a stated scatter, and how many lie within."""
-    chosen: Sequence[RowTable] = list(tables)
-    return sum(len(table.judged) for table in chosen), sum(table.inside for table in chosen)
+def counts(table: RowTable) -> dict[Evidence, Count]:
+    """Of every class alone."""
+    found = {}
+    for evidence in Evidence:
+        rows = [row.within for row in table.rows if row.evidence is evidence]
+        judged = [within for within in rows if within is not None]
+        found[evidence] = Count(len(rows), len(judged), sum(judged))
+    return found
+
+
+def counts_record(table: RowTable) -> dict[str, Any]:
+    """Under public names."""
+    return {evidence.value: asdict(count) for evidence, count in counts(table).items()}
+
+
+def counts_said(table: RowTable) -> list[str]:
+    """One sentence for each class that the table has."""
+    return [
+        f"{each.value}: {f'{count} rows within' if count.judged else count}"
+        for each, count in counts(table).items()
+        if count.rows
+    ]

@@ -144,7 +144,9 @@ def test_json_has_the_tables_their_cells_and_where_everything_lies(palpate: Palp
     ]  # fmt: skip
     assert sorted(table["table"] for table in said["tables"]) == sorted(models.TABLES)
     for table in said["tables"]:
-        assert list(table) == ["table", "title", "doubt", "file", "summary", "said", "repaired", "rows"]
+        assert list(table) == [
+            "table", "title", "doubt", "file", "evidence", "summary", "said", "repaired", "rows",
+        ]  # fmt: skip
         assert table["said"] and table["rows"]
         assert [list(one) for one in table["summary"][:1]] == [
             [

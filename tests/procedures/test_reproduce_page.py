@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,11 +21,13 @@ from matplotlib.figure import Figure
 from instrument import propagation
 from instrument.bench import BenchDescription, RtuAddress, TcpAddress
 from instrument.designs import get_design
+from instrument.evidence import REPEATS, Evidence
 from instrument.models import springs
 from instrument.sample import SAMPLES
 from instrument.thesis import contents, read_table
 from procedures import load_cell, load_sweep, modulus
 from procedures.reproduce import everything, experiments
+from procedures.reproduce.criterion import REQUIRED
 from procedures.reproduce.everything import Everything
 from procedures.reproduce.figures import area_ratios, chapter4, chapter5, orders, setup
 from procedures.reproduce.figures.experiments import WITH_THEORIES
@@ -115,7 +118,17 @@ def test_everything_is_measured_judged_and_on_one_page(whole: Whole) -> None:
     ]
     assert whole.done.orders == {"single": True, "common_base": True, "different_base": True}
     summary = whole.done.summary()
-    assert summary["judged"] - summary["within"] == len(summary["outside"])
+    tables = whole.done.all_tables()
+    assert {table.number for table in tables if table.again} == {"5.5", "5.6", "5.8", "5.8 (definitions)", *REPEATS}
+    once = [row.within for table in tables if not table.again for row in table.judged]
+    assert sum(one["judged"] for one in summary["evidence"].values()) == len(once)
+    assert sum(one["within"] for one in summary["evidence"].values()) == sum(once)
+    assert len(summary["outside"]) == sum(row.within is False for table in tables for row in table.rows)
+    with (whole.done.models.folder / "classes.csv").open(encoding="utf-8") as lines:
+        assert [(one["class"], int(one["judged"]), int(one["within"])) for one in csv.DictReader(lines)] == [
+            (name, one["judged"], one["within"]) for name, one in summary["evidence"].items()
+        ]
+    assert set(summary["softness_order_evidence"].values()) == {"input"}
     assert {one["table"] for one in summary["outside"]} >= {"5.2", "5.3"}
     for table, file in whole.done.tables:
         with file.open(encoding="utf-8") as lines:
@@ -129,6 +142,28 @@ def test_everything_is_measured_judged_and_on_one_page(whole: Whole) -> None:
         "-0.3089", "-0.3221",
     )  # fmt: skip
     assert slips["5.6", "3", "force2_N"]["reason"] in whole.page
+
+
+def test_a_row_shows_its_class_at_a_glance_and_the_legend_says_what_it_means(whole: Whole) -> None:
+    """By a word, and by a border that differs in colour and in kind."""
+    for each in Evidence:
+        assert f'<tr class="{each.value}"><td><b>{each.value}</b><td>{escape(each.meaning)}' in whole.page
+        assert re.search(
+            rf'<tr class="{each.value}[ a-z]*"[^>]*>(<td>[^<]*</td>){{3}}<td>{each.value}</td>', whole.page
+        )
+    borders = [re.search(rf"\.{each.value} > td:first-child {{ border-left: ([^;]*);", whole.page) for each in Evidence]
+    styles = [found.group(1).split() for found in borders if found]
+    assert [len(set(styles_of)) for styles_of in zip(*styles, strict=True)] == [1, 3, 3]
+
+
+def test_the_page_gives_each_class_its_own_share_and_no_count_over_all(whole: Whole) -> None:
+    verdicts = whole.done.verdicts()
+    for evidence, verdict in verdicts.items():
+        section = whole.page.partition(f"<h3>{evidence.value.capitalize()}</h3>")[2].partition("</div>")[0]
+        assert escape(verdict.counted()) in section and escape(REQUIRED[evidence]) in section
+    every = sum(verdict.judged for verdict in verdicts.values())
+    assert all(verdict.judged < every for verdict in verdicts.values())
+    assert f" of {every} rows" not in whole.page
 
 
 def test_every_number_of_the_thesis_is_on_the_page(whole: Whole) -> None:
