@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import cmath
 import functools
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,19 +26,18 @@ AHEAD = 16  # periods of the drive that are searched at once
 LOOKS = 64  # in each period of the highest harmonic, by which the least value of several is bounded
 # Of the size of its terms: by so much below zero an output is below it, less is rounding.
 ROUNDING = 1e-13
-BY_SIZE = 1 / 8  # of the value: so much of it may be spent on modes that are taken by their size
 
 
 class Part(NamedTuple):
     """One term of a transient at a moment.
 
-    slope: its rate. bend: bound of its second derivative for `reach` s. size: bound of its magnitude for ever after.
+    slope: its rate. bend: for `reach` s its slope falls by no more in each second. least: what it never falls below.
     """
 
     value: float
     slope: float
     bend: float
-    size: float
+    least: float
     reach: float = math.inf
 
 
@@ -62,7 +62,7 @@ class Signal:
         """The first nanosecond with a value below zero; `before_ns` if there is none before, NEVER if none at all."""
         time_ns = self.start_ns
         while time_ns < before_ns:
-            value, safe = self._step(time_ns)
+            value, safe = self._step(time_ns, (before_ns - time_ns) / SECOND)
             if value < 0:
                 return time_ns
             if safe * SECOND >= NEVER:
@@ -70,28 +70,68 @@ class Signal:
             time_ns += max(int(safe * SECOND), 1)
         return before_ns
 
-    def _step(self, time_ns: int) -> tuple[float, float]:
-        """The value at a time, and for how many seconds it will certainly stay at or above zero."""
+    def _step(self, time_ns: int, enough: float) -> tuple[float, float]:
+        """The value at a time, and for how many seconds it will certainly stay at or above zero, or for `enough`."""
         wave = drift = 0.0
         for base, order, phasor in self.waves:
             turns = (base.start_phase + base.frequency * (time_ns - base.start_ns)) % CYCLE / CYCLE
             turned = phasor * cmath.exp(2j * math.pi * (order * turns % 1.0))
+            rate = 2 * math.pi * (base.frequency / HERTZ) * order
             wave += turned.real
-            drift -= 2 * math.pi * (base.frequency / HERTZ) * order * turned.imag
+            drift -= rate * turned.imag
         parts = self.transient(time_ns - self.start_ns)
-        value = self.level + wave + sum(part.value for part in parts)
-        if self.level + self.least >= sum(part.size for part in parts):
+        value = self.level + wave + sum([part.value for part in parts])
+        least = self.level + sum([part.least for part in parts])
+        if least + self.least >= 0:
             return value, math.inf
-        spare = value
-        while parts and parts[0].value + parts[0].size <= BY_SIZE * spare:
-            spare -= parts[0].value + parts[0].size
-            parts = parts[1:]
-        slope, bend = sum(part.slope for part in parts), sum(part.bend for part in parts)
-        safe = max(
-            _root(spare, slope + drift, bend + self.bend),
-            _root(spare - wave + self.least, slope, bend),
-        )
+        safe = _turned_below(least, turned, rate) if len(self.waves) == 1 and rate else 0.0
+        # The fastest modes may be taken at their least, the others by slope and bend: of all such shares the longest
+        # step counts. To take a slow mode that rises from below at its least would lose its slope.
+        spares = list(itertools.accumulate([part.least - part.value for part in parts], initial=value))
+        slope = bend = 0.0
+        for spare, part in zip(reversed(spares), (*reversed(parts), None), strict=True):
+            if safe >= enough:
+                break
+            if spare >= 0:
+                safe = max(
+                    safe,
+                    _root(spare, slope + drift, bend + self.bend),
+                    _root(spare - wave + self.least, slope, bend),
+                )
+            if part is not None:
+                slope, bend = slope + part.slope, bend + part.bend
         return value, min([safe, *(part.reach for part in parts)])
+
+
+class _Outputs:
+    """What outputs are made of, in whatever phase their inputs began.
+
+    mean, terms, least, bend: (g,) as of a signal; terms: sizes of what adds up to it, but for the transient. waves: of
+    each output its harmonics, by number of the input, order and phasor. fastest: numbers of the modes, the fastest
+    first; of a pair the one that turns forward, which counts for both. rates, turning, shapes: theirs, whether they are
+    pairs, and what each output sees of them (g, s).
+    """
+
+    def __init__(self, steady: Steady, rows: Rows) -> None:
+        self.mean, parts = steady.harmonics(rows)
+        means = np.array([u.mean for u in steady.inputs])
+        self.terms = np.abs(rows[0]) @ np.abs(steady.mean) + np.abs(rows[1]) @ np.abs(means)
+        self.least, self.bend = np.zeros(len(self.mean)), np.zeros(len(self.mean))
+        self.waves: list[list[tuple[int, int, complex]]] = [[] for _ in self.mean]
+        for base, phasors in parts:
+            number = next(number for number, u in enumerate(steady.inputs) if u is base)
+            self.least += _least(base, phasors)
+            self.bend += np.abs(phasors) @ (2 * np.pi * (base.frequency / HERTZ) * base.order) ** 2
+            self.terms += np.abs(phasors).sum(axis=1)
+            for waves, own in zip(self.waves, phasors.tolist(), strict=True):
+                waves += [(number, k, phasor) for k, phasor in zip(base.order.tolist(), own, strict=True)]
+        if steady.system.motion.modes is None:
+            return
+        rates, shapes, _ = steady.system.motion.modes
+        self.fastest = [int(k) for k in np.argsort(-np.abs(rates), kind="stable") if rates[k].imag >= 0]
+        self.rates: list[complex] = rates[self.fastest].tolist()
+        self.turning = np.array([rate.imag > 0 for rate in self.rates])
+        self.shapes = (rows[0] @ shapes)[:, self.fastest] * np.where(self.turning, 2.0, 1.0)
 
 
 class Watch:
@@ -103,17 +143,12 @@ class Watch:
 
     def __init__(self, steady: Steady, rows: Rows) -> None:
         self._steady, self._rows = steady, rows[0]
-        self._mean, parts = steady.harmonics(rows)
-        means = np.array([u.mean for u in steady.inputs])
-        self._terms = np.abs(rows[0]) @ np.abs(steady.mean) + np.abs(rows[1]) @ np.abs(means)
-        self._least, self._bend = np.zeros(len(self._mean)), np.zeros(len(self._mean))
-        self._waves: list[list[tuple[Periodic, int, complex]]] = [[] for _ in self._mean]
-        for base, phasors in parts:
-            self._least += _least(base, phasors)
-            self._bend += np.abs(phasors) @ (2 * np.pi * (base.frequency / HERTZ) * base.order) ** 2
-            self._terms += np.abs(phasors).sum(axis=1)
-            for waves, own in zip(self._waves, phasors, strict=True):
-                waves += [(base, int(k), complex(phasor)) for k, phasor in zip(base.order, own, strict=True)]
+        first, kept = steady.inputs[0], steady.settled.kept
+        begun = tuple((u.start_ns - first.start_ns, u.start_phase - first.start_phase) for u in steady.inputs)
+        key = rows[0].tobytes(), rows[1].tobytes(), begun
+        if key not in kept:
+            kept[key] = _Outputs(steady, rows)
+        self._outputs: _Outputs = kept[key]
         period = max((1 / (u.frequency / HERTZ) for u in steady.inputs if u.frequency), default=1.0)
         self._ahead_ns = round(AHEAD * period * SECOND)
 
@@ -122,60 +157,44 @@ class Watch:
 
         None: none does before that time, from which the search has to go on, or NEVER.
         """
-        gap = self._steady.gap(start_ns, state)
-        system = self._steady.system
-        if system.motion.modes is None:
-            terms, sizes = np.abs(self._rows) @ np.abs(gap), np.full(len(self._rows), np.inf)
+        gap, seen = self._steady.gap(start_ns, state), self._outputs
+        modes = self._steady.system.motion.modes
+        if modes is None:
+            terms, least = np.abs(self._rows) @ np.abs(gap), np.full(len(self._rows), -np.inf)
         else:
-            weights = self._shapes * (system.motion.modes[2] @ gap)[self._fastest]
-            terms = sizes = np.abs(weights).sum(axis=1)
-        slack = ROUNDING * (self._terms + terms)
+            weights = seen.shapes * (modes[2] @ gap)[seen.fastest]
+            sizes = np.abs(weights)
+            terms = sizes.sum(axis=1)
+            least = np.where(seen.turning, -sizes, np.minimum(weights.real, 0.0)).sum(axis=1)
+        slack = ROUNDING * (seen.terms + terms)
         end_ns, failed = NEVER, None
         limit_ns = start_ns + self._ahead_ns
-        for k in np.flatnonzero(~(self._mean + slack + self._least >= sizes)):
+        for k in (~(seen.mean + slack + seen.least + least >= 0)).nonzero()[0].tolist():
             transient: Transient
-            if system.motion.modes is None:
+            if modes is None:
                 transient = functools.partial(self._by_powers, self._rows[k], gap)
             else:
-                transient = functools.partial(self._by_modes, [complex(w) for w in weights[k]])
+                transient = functools.partial(self._by_modes, weights[k].tolist())
+            waves = [(self._steady.inputs[number], order, phasor) for number, order, phasor in seen.waves[k]]
             signal = Signal(
-                float(self._mean[k] + slack[k]), self._waves[k], float(self._least[k]), float(self._bend[k]),
-                start_ns, transient,
-            )  # fmt: skip
+                float(seen.mean[k] + slack[k]), waves, float(seen.least[k]), float(seen.bend[k]), start_ns, transient
+            )
             found_ns = signal.first_below(min(end_ns, limit_ns))
             if found_ns < end_ns:
-                end_ns, failed = found_ns, int(k) if found_ns < limit_ns else None
+                end_ns, failed = found_ns, k if found_ns < limit_ns else None
         return end_ns, failed
 
-    # --- transients ------------------------------------------------------------------------------------
-
-    @functools.cached_property
-    def _fastest(self) -> list[int]:
-        """Numbers of the modes, the fastest first; of a pair the one that turns forward, which counts for both."""
-        assert self._steady.system.motion.modes is not None
-        rates = self._steady.system.motion.modes[0]
-        return [int(k) for k in np.argsort(-np.abs(rates), kind="stable") if rates[k].imag >= 0]
-
-    @functools.cached_property
-    def _rates(self) -> list[complex]:
-        assert self._steady.system.motion.modes is not None
-        return [complex(rate) for rate in self._steady.system.motion.modes[0][self._fastest]]
-
-    @functools.cached_property
-    def _shapes(self) -> Complexes:
-        """What each output sees of each mode (g, s)."""
-        assert self._steady.system.motion.modes is not None
-        twice = [2.0 if rate.imag else 1.0 for rate in self._rates]
-        shapes: Complexes = (self._rows @ self._steady.system.motion.modes[1])[:, self._fastest] * twice
-        return shapes
-
     def _by_modes(self, weights: list[complex], elapsed_ns: int) -> list[Part]:
-        parts = []
-        for weight, rate in zip(weights, self._rates, strict=True):
-            if weight:
-                term = weight * cmath.exp(rate * (elapsed_ns / SECOND))
+        parts, elapsed = [], elapsed_ns / SECOND
+        for weight, rate in zip(weights, self._outputs.rates, strict=True):
+            if rate.imag:
+                term = weight * cmath.exp(rate * elapsed)
                 size = abs(term)
-                parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, size))
+                parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, -size))
+                continue
+            # A mode that does not turn keeps its sign: from above it falls ever slower and not below zero.
+            value, fall = weight.real * math.exp(rate.real * elapsed), rate.real
+            parts.append(Part(value, fall * value, max(-fall * fall * value, 0.0), min(value, 0.0)))
         return parts
 
     def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
@@ -184,10 +203,10 @@ class Watch:
         state = self._steady.system.motion.moment(gap, elapsed_ns)
         reach, growth, measure = self._bounds
         bend = np.abs(row @ a @ a) @ growth @ np.abs(state)
-        size = math.inf
+        least = -math.inf
         if measure is not None:
-            size = float(np.linalg.norm(np.linalg.solve(measure.T, row)) * np.linalg.norm(measure @ state))
-        return [Part(float(row @ state), float(row @ a @ state), float(bend), size, reach)]
+            least = -float(np.linalg.norm(np.linalg.solve(measure.T, row)) * np.linalg.norm(measure @ state))
+        return [Part(float(row @ state), float(row @ a @ state), float(bend), least, reach)]
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, Floats, Floats | None]:
@@ -224,6 +243,16 @@ def _root(value: float, slope: float, bend: float) -> float:
         return math.inf if slope >= 0 else value / -slope
     turn = math.sqrt(slope * slope + 2 * value * bend)
     return (slope + turn) / bend if slope > 0 else 2 * value / (turn - slope) if turn > slope else 0.0
+
+
+def _turned_below(level: float, turned: complex, rate: float) -> float:
+    """How long level + the real part of a phasor that turns at a rate [rad/s] stays at or above zero; it ends below."""
+    size = abs(turned)
+    if not -size < level < size:
+        return 0.0
+    end = math.acos(-level / size)  # either way from its height
+    phase = cmath.phase(turned)
+    return (end - phase) / rate if -end <= phase < end else 0.0
 
 
 def _least(base: Periodic, phasors: Complexes) -> Floats:

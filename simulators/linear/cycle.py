@@ -85,16 +85,27 @@ def period_of(inputs: tuple[Periodic, ...]) -> float:
     return SECOND * HERTZ / inputs[0].frequency
 
 
-def _turn(base: Periodic, cycles: float) -> Complexes:
-    turn: Complexes = np.exp(2j * np.pi * ((base.start_phase / CYCLE + cycles) * base.order))
-    return turn
+def _turns(inputs: tuple[Periodic, ...], cycles: float) -> list[Complexes | None]:
+    """By how far the harmonics of each input have turned; None: it has none. A drive and its rate turn together."""
+    turns: list[Complexes | None] = []
+    found: dict[tuple[int, int], Complexes] = {}
+    for u in inputs:
+        key = id(u.order), u.start_phase
+        if len(u.order) and key not in found:
+            found[key] = np.exp(2j * np.pi * ((u.start_phase / CYCLE + cycles) * u.order))
+        turns.append(found.get(key))
+    return turns
 
 
 def inputs_at(inputs: tuple[Periodic, ...], cycles: float) -> tuple[Floats, Floats]:
     """Values and rates (m,)."""
     values, rates = [], []
-    for u in inputs:
-        waves = u.amplitude * _turn(u, cycles)
+    for u, turn in zip(inputs, _turns(inputs, cycles), strict=True):
+        if turn is None:
+            values.append(u.mean)
+            rates.append(0.0)
+            continue
+        waves = u.amplitude * turn
         values.append(u.mean + float(waves.sum().real))
         rates.append(float((2j * np.pi * (u.frequency / HERTZ) * u.order * waves).sum().real))
     return np.array(values), np.array(rates)
@@ -103,8 +114,9 @@ def inputs_at(inputs: tuple[Periodic, ...], cycles: float) -> tuple[Floats, Floa
 def periodic(steady: Steady, cycles: float) -> Floats:
     """The state (s,) without the transient."""
     state = steady.mean.copy()
-    for u, waves in zip(steady.inputs, steady.waves, strict=True):
-        state += (waves @ _turn(u, cycles)).real
+    for waves, turn in zip(steady.waves, _turns(steady.inputs, cycles), strict=True):
+        if turn is not None:
+            state += (waves @ turn).real
     return state
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,8 @@ Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
 Rows = tuple[Floats, Floats]  # over states (p, s) and inputs (p, m)
+
+KEPT = 256  # systems under inputs, whose settled states are known
 
 
 Parts = tuple[tuple[Periodic, Complexes], ...]  # time bases with phasors (p, k)
@@ -76,33 +79,9 @@ class StateSpace:
     def drive(self, inputs: Sequence[Periodic]) -> Steady:
         """The state that periodic inputs of this system, one after the other, lead to."""
         inputs = tuple(u if u.frequency else u.held() for u in inputs)
-        waves = []
-        for number, u in enumerate(inputs):
-            columns = np.zeros((self.order, len(u.order)), complex)
-            for k, order in enumerate(u.order if self.order else ()):
-                rate = 2j * np.pi * (u.frequency / HERTZ) * order
-                right = self.b[:, number] * u.amplitude[k]
-                columns[:, k] = np.linalg.solve(rate * np.eye(self.order) - self.a, right)
-            waves.append(columns)
-        return Steady(self, inputs, self._rest(self.b @ np.array([u.mean for u in inputs])), tuple(waves))
-
-    def _rest(self, push: Floats) -> Floats:
-        """The state (s,) that stands still under a constant push (s,) on its rates.
-
-        A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
-        rate and each column by its own weight: from microseconds to hours side by side, none is taken for zero.
-        """
-        if not self.order:
-            return np.zeros(0)
-        rate = np.abs(self.a).max(axis=1, initial=0.0)
-        rows = 1 / np.where(rate > 0, rate, 1.0)
-        scaled = rows[:, np.newaxis] * self.a
-        weight = np.abs(scaled).max(axis=0, initial=0.0)
-        columns = 1 / np.where(weight > 0, weight, 1.0)
-        scaled, rest = scaled * columns, np.zeros(self.order)
-        for _ in range(2):  # once more for what rounding left
-            rest += np.linalg.lstsq(scaled, -rows * push - scaled @ rest, rcond=None)[0]
-        return columns * rest
+        waves = [(u.frequency, u.order.tobytes(), u.amplitude.tobytes()) for u in inputs]
+        means = np.array([u.mean for u in inputs])
+        return Steady(self, inputs, _led_to(self.a.tobytes(), self.b.tobytes(), means.tobytes(), tuple(waves)))
 
     @functools.cached_property
     def motion(self) -> FreeMotion:
@@ -114,28 +93,42 @@ class StateSpace:
 
 
 @dataclass(frozen=True, eq=False)
-class Steady:
-    """A system under periodic inputs: the state that they lead to.
+class Settled:
+    """The state that periodic inputs lead to, in whatever phase they begin; the same object for equal ones.
 
-    mean: (s,). waves: for each input its harmonics of the state, (s, k).
+    mean: (s,). waves: for each input its harmonics of the state, (s, k). kept: what is made of them.
     """
+
+    mean: Floats
+    waves: tuple[Complexes, ...]
+    kept: dict[object, Any] = field(default_factory=dict, init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """A system under periodic inputs, and the state that they lead to."""
 
     system: StateSpace
     inputs: tuple[Periodic, ...]
-    mean: Floats
-    waves: tuple[Complexes, ...]
+    settled: Settled
+
+    @property
+    def mean(self) -> Floats:
+        """Of the state (s,)."""
+        return self.settled.mean
+
+    @property
+    def waves(self) -> tuple[Complexes, ...]:
+        """For each input its harmonics of the state, (s, k)."""
+        return self.settled.waves
 
     def harmonics(self, rows: Rows) -> tuple[Floats, Parts]:
         """rows[0] @ x + rows[1] @ u without the transient: means (p,), and harmonics of each time base."""
         mean = rows[0] @ self.mean + rows[1] @ np.array([u.mean for u in self.inputs])
-        # Harmonics of inputs with one frequency and phase add up as phasors.
         parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]] = {}
         for number, (u, wave) in enumerate(zip(self.inputs, self.waves, strict=True)):
-            if not len(u.order):
-                continue
-            key = (u.frequency, u.start_ns, u.start_phase, u.order.tobytes())
-            phasors = rows[0] @ wave + np.outer(rows[1][:, number], u.amplitude)
-            parts[key] = (u, phasors + parts[key][1]) if key in parts else (u, phasors)
+            if len(u.order):  # without harmonics there is nothing to multiply
+                _add(parts, u, rows[0] @ wave + np.outer(rows[1][:, number], u.amplitude))
         return mean, tuple(parts.values())
 
     def trace(self, rows: Rows, start_ns: int, x0: Floats) -> Trace:
@@ -167,7 +160,10 @@ class Steady:
 
     @functools.cached_property
     def _harmonics(self) -> tuple[Floats, Parts]:
-        return self.harmonics((np.eye(self.system.order), np.zeros((self.system.order, len(self.inputs)))))
+        parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]] = {}
+        for u, wave in zip(self.inputs, self.waves, strict=True):
+            _add(parts, u, wave)
+        return self.mean, tuple(parts.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +196,53 @@ class Trace:
     @functools.cached_property
     def _transient(self) -> Seen:
         return self.system.motion.seen(self.rows, self.gap)
+
+
+def _add(parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]], u: Periodic, phasors: Complexes) -> None:
+    """Harmonics (p, k) of inputs with one frequency and phase add up as phasors."""
+    if len(u.order):
+        key = (u.frequency, u.start_ns, u.start_phase, u.order.tobytes())
+        parts[key] = (u, phasors + parts[key][1]) if key in parts else (u, phasors)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _led_to(a: bytes, b: bytes, means: bytes, waves: tuple[tuple[int, bytes, bytes], ...]) -> Settled:
+    """What inputs, by frequency, orders and amplitudes, lead a system to."""
+    order = len(b) // len(means)
+    system, push = np.frombuffer(a).reshape(order, order), np.frombuffer(b).reshape(order, len(waves))
+    columns = []
+    for number, (frequency, orders, amplitudes) in enumerate(waves):
+        amplitude = np.frombuffer(amplitudes, complex)
+        column = np.zeros((order, len(amplitude)), complex)
+        for k, harmonic in enumerate(np.frombuffer(orders, np.int64) if order else ()):
+            rate = 2j * np.pi * (frequency / HERTZ) * harmonic
+            right = push[:, number] * amplitude[k]
+            if right.any():
+                column[:, k] = np.linalg.solve(rate * np.eye(order) - system, right)
+        column.flags.writeable = False
+        columns.append(column)
+    mean = _rest(system, push @ np.frombuffer(means))
+    mean.flags.writeable = False
+    return Settled(mean, tuple(columns))
+
+
+def _rest(a: Floats, push: Floats) -> Floats:
+    """The state (s,) that stands still under a constant push (s,) on its rates.
+
+    A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
+    rate and each column by its own weight: from microseconds to hours side by side, none is taken for zero.
+    """
+    if not len(a):
+        return np.zeros(0)
+    rate = np.abs(a).max(axis=1, initial=0.0)
+    rows = 1 / np.where(rate > 0, rate, 1.0)
+    scaled = rows[:, np.newaxis] * a
+    weight = np.abs(scaled).max(axis=0, initial=0.0)
+    columns = 1 / np.where(weight > 0, weight, 1.0)
+    scaled, rest = scaled * columns, np.zeros(len(a))
+    for _ in range(2):  # once more for what rounding left
+        rest += np.linalg.lstsq(scaled, -rows * push - scaled @ rest, rcond=None)[0]
+    return np.asarray(columns * rest)
 
 
 def gain(matrix: Floats) -> StateSpace:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -21,9 +22,9 @@ import numpy as np
 from instrument.errors import UnreachableError
 from simulators.linear.crossing import NEVER, Watch
 from simulators.linear.cycle import Cycle
-from simulators.linear.lti import Floats, Rows, StateSpace, Steady, Times, Trace
+from simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times, Trace
 from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
-from simulators.linear.recurrence import Recurrence, Section, recurrence, seen_states
+from simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
 
 LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most
@@ -231,9 +232,9 @@ class Path:
             system, count = mode.system, len(mode.guards)
             states = np.array([guard.row[0][0] for guard in mode.guards]).reshape(count, system.order)
             inputs = np.array([guard.row[1][0] for guard in mode.guards]).reshape(count, len(self._inputs))
-            seen = seen_states([mode])
-            by_itself = system.part(seen).drive(self._inputs)
-            watch = Watch(by_itself, (states[:, seen], inputs))
+            shape = count, system.order, len(self._inputs)
+            seen, by_itself = _by_itself(system.a.tobytes(), system.b.tobytes(), states.tobytes(), shape)
+            watch = Watch(by_itself.drive(self._inputs), (states[:, seen], inputs))
             self._known[id(mode)] = _Known(mode, system.drive(self._inputs), seen, watch)
         return self._known[id(mode)]
 
@@ -261,6 +262,19 @@ class Path:
     def _watch(self, mode: Mode) -> tuple[Watch, list[int]]:
         known = self._know(mode)
         return known.watch, known.seen
+
+
+@lru_cache(maxsize=KEPT)
+def _by_itself(a: bytes, b: bytes, rows: bytes, shape: tuple[int, int, int]) -> tuple[list[int], StateSpace]:
+    """The states on which so many rows over states depend, and the system of these alone, without outputs.
+
+    shape: how many rows, states and inputs.
+    """
+    count, order, inputs = shape
+    matrix = np.frombuffer(a).reshape(order, order)
+    seen = depended_on((np.frombuffer(rows).reshape(count, order) != 0).any(axis=0), matrix != 0)
+    push = np.frombuffer(b).reshape(order, inputs)
+    return seen, StateSpace(matrix, push, np.zeros((0, order)), np.zeros((0, inputs))).part(seen)
 
 
 def _start(stay: Stretch) -> int:

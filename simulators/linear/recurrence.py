@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from simulators.linear.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
 from simulators.linear.lti import Floats, StateSpace
@@ -191,6 +192,11 @@ def seen_states(modes: Sequence[Mode]) -> list[int]:
         linked |= mode.system.a != 0
         for guard in mode.guards:
             seen |= guard.row[0][0] != 0
-    for _ in range(size):
+    return depended_on(seen, linked)
+
+
+def depended_on(seen: npt.NDArray[np.bool_], linked: npt.NDArray[np.bool_]) -> list[int]:
+    """The states on which some (s,) depend, now or later; linked: (s, s), whose rate depends on which."""
+    for _ in seen:
         seen = seen | (seen @ linked)
-    return [int(k) for k in np.flatnonzero(seen)]
+    return np.flatnonzero(seen).tolist()

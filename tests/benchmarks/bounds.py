@@ -1,8 +1,9 @@
 """Random scenes with random parameters: does an effect change a result by more than its bound, and how wide are bounds?
 
-Resumable: results go to `bounds-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), VERSION being that of the code,
-and a command that is given again goes on from there. `$PALPATE_SCENES` says how many scenes, `$PALPATE_WORKERS` how
-many processes.
+Resumable: results go to `bounds-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), and a command that is given again
+goes on from there. VERSION is that of the modules that trials import, and of no others: drivers, procedures, devices
+on their buses may change while a campaign goes on. `$PALPATE_SCENES` says how many scenes, `$PALPATE_WORKERS` how many
+processes.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import hashlib
 import json
 import math
 import os
+import subprocess
 import sys
 import warnings
 from collections import Counter
@@ -22,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from instrument.errors import PalpateError
+from simulators.effects import EFFECTS, effect_class
 from simulators.planning.plan import case_of
 from tests.benchmarks.row import Row
 from tests.simulators.measured import changes
@@ -36,6 +39,8 @@ SMALLEST = 1e-9  # of a bound whose width counts, and of a change that it is com
 WIDE, VERY_WIDE, GOAL = 10.0, 100.0, 0.9
 QUANTILES = (0.1, 0.5, 0.9, 0.99)
 BATCH = 20
+FIRST = 40  # trials, after which all modules that any needs are imported
+PACKAGES = ("instrument", "drivers", "simulators", "procedures", "tests")
 ROOT = Path(__file__).parents[2]
 
 
@@ -127,10 +132,26 @@ def _read(file: Path) -> Iterator[Tried]:
 def _version() -> str:
     """Of what decides bounds and scenes."""
     digest = hashlib.sha256()
-    for folder in ("instrument", "simulators", "tests/simulators"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            digest.update(path.read_bytes())
+    for path in _sources():
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
+
+
+def _sources() -> list[Path]:
+    """Of the project's modules that trials import. Asked in a fresh interpreter: this one may have imported more."""
+    ask = [sys.executable, "-c", "from tests.benchmarks import bounds; print(*bounds.imported(), sep='\\n')"]
+    told = subprocess.run(ask, cwd=ROOT, check=True, capture_output=True, text=True)
+    return [ROOT / line for line in told.stdout.splitlines()]
+
+
+def imported() -> list[str]:
+    """Files of the project, from its root, that are imported by now, after the first trials and with every effect."""
+    for name in EFFECTS:
+        effect_class(name)
+    _batch(range(FIRST))
+    files = [Path(each.__file__) for each in list(sys.modules.values()) if getattr(each, "__file__", None)]
+    own = [each.relative_to(ROOT) for each in files if each.is_relative_to(ROOT)]
+    return sorted(str(each) for each in own if each.parts[0] in PACKAGES)
 
 
 # --- figures -------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -36,13 +37,19 @@ def volts(scene: Scene, question: Question) -> Floats:
     return _sampled(scene, question, *followed(scene, question, 0.0))
 
 
+@functools.lru_cache(maxsize=32)
+def _stream(seed: int, name: str, number: int) -> Stream:
+    """Of an effect on a film; kept, since a scene with an effect and without it draws the same numbers."""
+    return Stream(seed, name, 1, number, PERIOD_NS)
+
+
 def _sampled(scene: Scene, question: Question, signals: Floats, rates: Floats) -> Floats:
     times = sample_times(question)
     added = np.zeros_like(signals)
     for name, effect in scene.effects.items():
         if isinstance(effect, InputEffect):
             for number in range(len(signals)):
-                stream = Stream(scene.seed, name, 1, 0 if effect.common else number, PERIOD_NS)
+                stream = _stream(scene.seed, name, 0 if effect.common else number)
                 added[number] += effect.volts(stream, times, PERIOD_NS, lambda n=number: rates[n])
     converter = scene.effects.get("adc")
     if isinstance(converter, Adc):

@@ -26,6 +26,9 @@ USUAL = 0.5  # of all numbers are within two decades of the default, the others 
 DECADES = 4.0  # on each side of the default, where the range has no end
 MOST_BESIDE = 5
 DESIGNS = ("single",) * 6 + ("single_round", "common_base", "different_base")
+# Of each twenty numbers these are arrays; by their number, so that all others are the scenes that they always were.
+ARRAYS = {6: "array", 18: "array_16"}
+MEASURED = ("single", "common_base", "different_base")
 
 
 @dataclass(frozen=True)
@@ -54,13 +57,13 @@ def drawn(number: int) -> Drawn:
             if not any(other in effect_class(each).excludes for each in chosen):
                 chosen.add(other)
         effects = {each: effect_at_random(each, chance) for each in EFFECTS if each in chosen}
-        scene = _scene(chance, effects)
+        scene = _scene(chance, effects, ARRAYS.get(number % 20))
         without = replace(scene, effects={each: effect for each, effect in effects.items() if each != name})
         return Drawn(number, name, without, scene, _question(chance, scene.design))
 
 
-def _scene(chance: np.random.Generator, effects: Mapping[str, Effect]) -> Scene:
-    design = get_design(str(chance.choice(DESIGNS)))
+def _scene(chance: np.random.Generator, effects: Mapping[str, Effect], array: str | None) -> Scene:
+    design = get_design(array or str(chance.choice(DESIGNS)))
     thesis = read_scene("thesis_single")
     rig = RigParameters()
     if chance.random() < 0.3:
@@ -69,7 +72,7 @@ def _scene(chance: np.random.Generator, effects: Mapping[str, Effect]) -> Scene:
             coil_resistance=f"{_near(chance, 3.5)} ohm",
             suspension_stiffness=f"{_near(chance, 1000.0)} N/m",
         )
-    model = "column" if design.name == "single_round" else "experiment"
+    model = "experiment" if design.name in MEASURED else "column"
     return replace(thesis, design=design, model=model, rig=rig, effects=effects, seed=int(chance.integers(2**31)))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from instrument.errors import UnreachableError
 from simulators.linear import path as path_module
-from simulators.linear.crossing import NEVER, Watch
+from simulators.linear.crossing import NEVER, Signal, Watch
 from simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
 from simulators.linear.path import Guard, Mode, Path
 from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
@@ -77,6 +78,31 @@ def test_a_dip_of_a_microsecond_in_a_transient_of_minutes_is_found() -> None:
     brute = next(t for t in range(0, 100_000) if value(t) < 0)
     assert value(0) < 0 or 0 < brute < 5000
     assert found == brute
+
+
+def test_a_search_takes_few_steps_where_a_slow_mode_rises_from_below(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As beside an end stop: drive and mode cancel but for a thousandth, and the sum turns down slowly."""
+    steps, stepped = [0], Signal._step
+
+    def counted(self: Signal, *args: Any) -> tuple[float, float]:
+        steps[0] += 1
+        return stepped(self, *args)
+
+    monkeypatch.setattr(Signal, "_step", counted)
+    mean, mode, rate = 2.7477695e-3, -1.26e-3, -274.4
+    swing = 2.45e-6 - mean - mode
+    drive = Periodic(
+        mean, 10 * HERTZ, 0, 0, np.array([1]), np.array([complex(swing, math.sqrt(5.7063e-3**2 - swing**2))])
+    )
+    found = failure(
+        StateSpace(np.array([[rate]]), np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1))), drive, np.array([mode])
+    )
+
+    def value(times: Times) -> Floats:
+        return drive.at(times) + mode * np.exp(1e-9 * rate * times)
+
+    assert (value(np.linspace(0, found - 1, 10_000).astype(np.int64)) >= 0).all() and value(np.array([found])) < 0
+    assert steps[0] <= 12
 
 
 @pytest.mark.parametrize("seed", range(25))
