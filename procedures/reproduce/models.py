@@ -68,7 +68,7 @@ def cases(parameters: Sequence[str]) -> list[Case]:
 
 
 def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
-    """Make table after table, then the figures; each is on disk, and in `done`, before the next begins.
+    """Make table after table, then the figures; each is on disk, and in `done`, before the next begins; last the summary.
 
     Returns what the figures of chapter 5 need as well.
 
@@ -81,15 +81,17 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh
     """
     solutions = Solutions() if fresh else Solutions.shipped()
     curves = Curves(cases(parameters), extra=len(position.sets(parameters)), progress=progress, solutions=solutions)
-    for compare in TABLES.values():
-        comparison = compare(parameters, curves)
-        done.tables.append((comparison, write_table(comparison, done.folder)))
-        if comparison.table.number == "A2.7":
-            done.pictures.append(draw_position(comparison, done.folder))
-        done.summary = write_summary(done.tables, done.pictures, done.folder)
-    for draw in FIGURES.values():
-        done.pictures.append(draw(parameters, curves, done.folder))
-    done.summary = write_summary(done.tables, done.pictures, done.folder)
+    try:
+        for compare in TABLES.values():
+            comparison = compare(parameters, curves)
+            done.tables.append((comparison, write_table(comparison, done.folder)))
+            if comparison.table.number == "A2.7":
+                done.pictures.append(draw_position(comparison, done.folder))
+        for draw in FIGURES.values():
+            done.pictures.append(draw(parameters, curves, done.folder))
+    finally:
+        if done.tables:  # also of what was interrupted
+            done.summary = write_summary(done.tables, done.pictures, done.folder)
     if fresh:
         solutions.write(done.folder)
     return curves
