@@ -68,7 +68,7 @@ def cases(parameters: Sequence[str]) -> list[Case]:
 
 
 def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
-    """Make table after table, then the figures; each is on disk, and in `done`, before the next begins; last the summary.
+    """Make table after table, then the figures; each is on disk and in `done` before the next begins, the summary last.
 
     Returns what the figures of chapter 5 need as well.
 
