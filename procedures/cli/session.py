@@ -19,6 +19,7 @@ from instrument.contracts import contracts_digest
 from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import RecordError, UsageError
+from instrument.evidence import of_experiment, ratio_by
 from instrument.film_calibration import FilmCalibration
 from instrument.operator import Operator
 from procedures.arithmetic import arithmetic
@@ -84,6 +85,7 @@ class Session:
             "design": self.design.name,
             "scene": self.scene.name if self.scene else None,
             "model": self.model,
+            "evidence": None if self.model is None else of_experiment("force_ratio", ratio_by(self.model)).value,
             "seed": self.scene.seed if self.scene else None,
             "calibration": f"{self.calibration.source}{self.calibration.marks()}",
             "film_calibration": f"{self.films.source}{self.films.marks()}" if self.films else None,

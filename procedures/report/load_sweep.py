@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from instrument.design import Design
+from instrument.evidence import Evidence
 from procedures.load_sweep import LoadPoint, SweepResult
 from procedures.report.figure import MARKERS, new_figure, save
 from procedures.report.marks import legend, verdict
@@ -34,20 +35,21 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
             *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
             verdict(p.valid, p.flags),
         )  # fmt: skip
+    worth = outcome["evidence"] if design.thesis_force_ratio else None
     means = new_table(
         stamped(outcome["simulated"], "Mean force ratio"),
-        "sample", "ours", "u", "thesis", "difference", "valid points",
+        "sample", "ours", "u", "thesis", "difference", *(["evidence"] if worth else []), "valid points",
     )  # fmt: skip
     for s in result.samples:
         if s.force_ratio is None or s.force_ratio_u is None:
-            means.add_row(s.sample, "-", "-", number(s.thesis_force_ratio), "-", "0")
+            means.add_row(s.sample, "-", "-", number(s.thesis_force_ratio), "-", *(["-"] if worth else []), "0")
             continue
         difference = (
             "-" if s.thesis_force_ratio is None else f"{100 * (s.force_ratio / s.thesis_force_ratio - 1):+.1f} %"
         )
         means.add_row(
             s.sample, f"{s.force_ratio:.4f}", f"{s.force_ratio_u:.4f}", number(s.thesis_force_ratio), difference,
-            str(s.valid_points),
+            *([worth] if worth else []), str(s.valid_points),
         )  # fmt: skip
     compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
     repeated = sum(p.attempts - 1 for p in result.points)
@@ -55,12 +57,20 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
         points,
         *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
+        *([_worth(worth, outcome["model"])] if worth else []),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
         *legend(points, means),
         _forces(result.points),
         *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
         *where(outcome, plot),
     )
+
+
+def _worth(evidence: str, model: str) -> str:
+    """What it is worth that the means agree with the thesis', by what the scene's model knows of them."""
+    if evidence == Evidence.INPUT.value:
+        return f"{evidence}: model {model} is the thesis' own means; agreement shows that the bench measures right"
+    return f"{evidence}: model {model} knows nothing of the thesis' means"
 
 
 def _forces(points: Sequence[LoadPoint]) -> str:

@@ -15,6 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from instrument.calibration import THESIS_LOAD_CELL
+from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import RecordError
 from procedures.load_cell import LoadCellResult
@@ -32,6 +33,8 @@ DESIGN = get_design("single")
 MARKUP = "a[bold]b[/red] :bug: [/]"  # as a part of the name of a folder
 OUTCOME = {
     "simulated": True,
+    "model": "experiment",
+    "evidence": "input",
     "calibration": f"cal {MARKUP}",
     "mounting": "confirmed",
     "calibration_file": "cell.toml",
@@ -148,10 +151,28 @@ def test_the_table_of_a_sweep_shows_each_point_and_mean_beside_the_thesis(capsys
     print_sweep(SWEEP, DESIGN, OUTCOME, Path("plot.png"))
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["1", "3", "22.4", "4.000", "137.00", "0.600", "2.000", "0.4000", "0.0123", "NO"] in rows
-    assert ["1", "0.3000", "0.0123", "0.314", "-4.5", "%", "1"] in rows
-    assert ["2", "0.1500", "0.0123", "0.142", "+5.6", "%", "1"] in rows
+    assert ["1", "0.3000", "0.0123", "0.314", "-4.5", "%", "input", "1"] in rows
+    assert ["2", "0.1500", "0.0123", "0.142", "+5.6", "%", "input", "1"] in rows
     assert ["softness", "order,", "hard", "to", "soft:", "1", ">", "2", "(thesis:", "1", ">", "2)"] in rows
     assert ["time", "100", "s", "on", "the", "bench,", "0.5", "s", "here", "(x", "200)"] in rows
+
+
+@pytest.mark.parametrize(
+    ("design", "model", "evidence", "said"),
+    [
+        (DESIGN, "experiment", "input", "input: model experiment is the thesis' own means;"),
+        (DESIGN, "column", "predicted", "predicted: model column knows nothing of the thesis' means"),
+        (DESIGN, None, None, ""),
+        (get_design("array"), "column", "predicted", ""),
+    ],
+)
+def test_the_means_beside_the_thesis_say_what_their_agreement_is_worth(
+    capsys: pytest.CaptureFixture[str], design: Design, model: str | None, evidence: str | None, said: str
+) -> None:
+    print_sweep(SWEEP, design, {**OUTCOME, "model": model, "evidence": evidence}, Path("plot.png"))
+    means = capsys.readouterr().out.partition("Mean force ratio")[2].partition("softness order")[0]
+    assert ("evidence" in means, said in means) == (bool(said), True)
+    assert means.count(f" {evidence} ") == 2 * bool(said)
 
 
 def test_the_order_stands_beside_that_of_the_thesis_means_and_of_its_figure(
