@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import resource
 import signal
@@ -25,8 +26,9 @@ from procedures.cli.softness import softness
 from procedures.cli.study import study
 from procedures.cli.sweep import sweep
 from procedures.cli.test import test
-from procedures.report.terminal import say
+from procedures.report.terminal import give_up, say
 
+ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # by exit status
 MOST_FILES = 128  # open at once; a served bench with all its clients has about 100
 
 
@@ -59,10 +61,22 @@ def main() -> None:
     Exit status: 0 done, 1 the bench or the disk could not or no point is valid, 2 what was asked for cannot be, 129
     hung up (the terminal was closed), 130 interrupted (Ctrl-C), 143 terminated.
     """
-    from instrument.errors import PalpateError
     from procedures.arithmetic import same_everywhere
 
     same_everywhere()
+    try:
+        _run()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except OSError:
+                give_up(stream)
+
+
+def _run() -> None:
+    from instrument.errors import PalpateError
+
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files can hold bytes that are no text
     try:
@@ -77,13 +91,15 @@ def main() -> None:
         _complain("interrupted", error.__cause__ or error)  # what was noted of Ctrl-C is on click's cause
         sys.exit(130)
     except SystemExit as error:
-        if error.code == 128 + signal.SIGTERM:
-            _complain("terminated", error)
+        if error.code in ENDED:
+            _complain(ENDED[error.code], error)
         raise
     except PalpateError as error:
         _complain(f"error: {error}", error)
         sys.exit(error.exit_code)
     except OSError as error:
+        if isinstance(before := error.__context__, SystemExit) and before.code in ENDED:
+            raise before from None  # only what was to be said of it could not be
         _complain(f"error: {error}", error)
         sys.exit(1)
     except MemoryError as error:
@@ -104,5 +120,6 @@ def _check_files() -> None:
 
 
 def _complain(message: str, error: BaseException) -> None:
-    for line in (f"palpate: {message}", *getattr(error, "__notes__", ())):
-        say(line, err=True)
+    with contextlib.suppress(OSError):  # a terminal that hung up is gone
+        for line in (f"palpate: {message}", *getattr(error, "__notes__", ())):
+            say(line, err=True)

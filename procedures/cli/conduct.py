@@ -155,5 +155,7 @@ def check_some_valid(points: Sequence[Judged]) -> None:
     from procedures.report.marks import FLAGS
 
     reasons = Counter(flag for point in points for flag in point.flags)
-    said = "; ".join(f"{flag} ({count}): {FLAGS[flag]}" for flag, count in reasons.most_common())
+    said = "; ".join(
+        f"{flag} ({count}): {FLAGS.get(flag, 'its events say why')}" for flag, count in reasons.most_common()
+    )
     raise EstimateError(f"none of the {len(points)} points is valid, so there is no result. {said}")

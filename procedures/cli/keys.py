@@ -8,7 +8,7 @@ import sys
 import termios
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from procedures.pause import NOBODY, Pause
 from procedures.report.terminal import say
@@ -17,7 +17,10 @@ KEY = b"p"
 
 
 class Keyboard:
-    """Meets `procedures.pause.Pause`; the terminal passes each key on at once."""
+    """Meets `procedures.pause.Pause`; the terminal passes each key on at once.
+
+    A terminal may be closed under a program that ignores it (nohup): then nobody presses a key any more.
+    """
 
     def __init__(self, terminal: int) -> None:
         self._terminal = terminal
@@ -26,7 +29,7 @@ class Keyboard:
         """Whether `p` is among the keys that were pressed since."""
         keys = b""
         while select.select([self._terminal], [], [], 0)[0]:
-            read = os.read(self._terminal, 1024)
+            read = self._read(1024)
             if not read:
                 break
             keys += read
@@ -34,9 +37,15 @@ class Keyboard:
 
     def wait(self) -> None:
         say("paused, outputs are off; press p to go on, Ctrl-C to stop", err=True)
-        while (key := os.read(self._terminal, 1)).lower() != KEY:
+        while (key := self._read(1)).lower() != KEY:
             if not key:
                 return
+
+    def _read(self, most: int) -> bytes:
+        try:
+            return os.read(self._terminal, most)
+        except OSError:
+            return b""
 
 
 @contextmanager
@@ -51,4 +60,5 @@ def keyboard() -> Iterator[Pause]:
         tty.setcbreak(terminal)
         yield Keyboard(terminal)
     finally:
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # it has been closed
+            termios.tcsetattr(terminal, termios.TCSADRAIN, before)

@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 import click
 
 from instrument.errors import UsageError
-from procedures.report.terminal import console, say
+from procedures.report.terminal import Spoken, console, say
 
 F = TypeVar("F", bound=Callable[..., Any])
 Progress = Callable[[int, int, str], None]
@@ -230,7 +230,7 @@ class Output:
     @contextmanager
     def progress(self, first: str = "opening the bench") -> Iterator[Progress]:
         """A progress bar on stderr, where someone can see it."""
-        shown = console(stderr=True)
+        shown = console(file=Spoken())
         if self.quiet or not shown.is_terminal:
             yield lambda _done, _total, _what: None
             return

@@ -1,36 +1,36 @@
-"""What the marks in tables mean: a line below a table for each that stands in it."""
+"""What the marks in tables mean: a line below a table for each that stands in it.
+
+The flags of points are those of `procedures/film_point.py`, which is not imported: commands that only read would start
+late.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from procedures.agreement import APART, FORCE, FREQUENCY
-from procedures.film_point import CLIPPED, DRIFTED, FAULT, HUM, NOT_FINITE, SHORT, UNSETTLED
-from procedures.policy import ATTEMPTS
-
 if TYPE_CHECKING:
     from rich.table import Table
 
-APARTNESS = f"more than {APART:g} standard uncertainties apart"
+APART = "more than 4 standard uncertainties apart"
 FLAGS: dict[str, str] = {
-    CLIPPED: "a film's voltage passes the range of its converter; take a smaller load",
-    NOT_FINITE: "a film gives samples that are no numbers; check its sensor node",
-    UNSETTLED: "the films still drift when the time to settle is over; wait, or look for warming",
-    FAULT: "a sensor node reported an emergency during the dwell; the events of the run say which",
-    DRIFTED: "the load cell reads another load after the dwell than was set; check the mounting of the sample",
-    FORCE: f"the films and the load cell measure two forces, {APARTNESS}; check their calibrations, and for a loose "
+    "clipped": "a film's voltage passes the range of its converter; take a smaller load",
+    "not finite": "a film gives samples that are no numbers; check its sensor node",
+    "unsettled": "the films still drift when the time to settle is over; wait, or look for warming",
+    "fault": "a sensor node reported an emergency during the dwell; the events of the run say which",
+    "drifted": "the load cell reads another load after the dwell than was set; check the mounting of the sample",
+    "force": f"the films and the load cell measure two forces, {APART}; check their calibrations, and for a loose "
     "or swapped film",
-    FREQUENCY: f"the films swing at another frequency than the generator is set to, {APARTNESS}; check the generator",
-    HUM: "the record is too short to tell mains hum from the drive; used, hum may be in the amplitude",
-    SHORT: "the record is too short to know its noise well; used, with a wide uncertainty",
+    "frequency": f"the films swing at another frequency than the generator is set to, {APART}; check the generator",
+    "hum": "the record is too short to tell mains hum from the drive; used, hum may be in the amplitude",
+    "short": "the record is too short to know its noise well; used, with a wide uncertainty",
 }
 """By what a point is marked."""
 
 INVALID = "NO"
 OUTSIDE = "*"
 MARKS: dict[str, str] = {
-    INVALID: f"the point is not used: after {ATTEMPTS} attempts it is still flagged, for what stands behind NO",
+    INVALID: "the point is not used: after 3 attempts it is still flagged, for what stands behind NO",
     **FLAGS,
     OUTSIDE: "outside the load cell's calibrated range",
     "-": "no value: not measured, no valid point, or nothing to compare with",

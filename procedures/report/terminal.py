@@ -6,9 +6,12 @@ rename what stands there already.
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+from contextlib import suppress
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -35,6 +38,37 @@ def _picture(found: re.Match[str]) -> str:
 def say(text: str, *, err: bool = False) -> None:
     """Print a text, cleaned, on stdout or stderr."""
     click.echo(clean(text), err=err)
+
+
+class Spoken:
+    """stderr for what nobody needs to have seen: where the terminal has gone, it is not shown and nothing fails.
+
+    What is left in the stream's buffer then goes to /dev/null; Python would end with exit status 120 for it.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys.stderr, name)
+
+    def write(self, text: str) -> int:
+        try:
+            sys.stderr.write(text)
+        except OSError:
+            give_up(sys.stderr)
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            sys.stderr.flush()
+        except OSError:
+            give_up(sys.stderr)
+
+
+def give_up(stream: TextIO) -> None:
+    """Send to /dev/null what a stream still holds, and all that follows: nobody is at its end any more."""
+    with suppress(OSError, ValueError):  # it is no file, or closed
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 def console(**settings: Any) -> Console:

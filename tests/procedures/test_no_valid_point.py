@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from rich.table import Table
 
+from procedures import agreement, film_point
+from procedures.policy import ATTEMPTS
 from procedures.report.marks import FLAGS, MARKS, legend
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
@@ -51,6 +53,18 @@ def test_so_does_every_procedure_that_judges_its_points(palpate: Palpate, off: s
     assert said.status == 1
     assert "is valid, so there is no result. frequency" in said.err
     assert f"frequency      {FLAGS['frequency']}" in said.out
+
+
+def test_every_flag_of_a_point_is_explained_with_the_numbers_that_count() -> None:
+    flags = {
+        film_point.CLIPPED, film_point.NOT_FINITE, film_point.UNSETTLED, film_point.FAULT, film_point.DRIFTED,
+        agreement.FORCE, agreement.FREQUENCY, *film_point.MARKS,
+    }  # fmt: skip
+    assert set(FLAGS) == flags
+    assert all(
+        f"more than {agreement.APART:g} standard uncertainties" in FLAGS[flag] for flag in ("force", "frequency")
+    )
+    assert f"after {ATTEMPTS} attempts" in MARKS["NO"]
 
 
 @pytest.mark.parametrize("mark", MARKS)

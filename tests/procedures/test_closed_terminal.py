@@ -1,0 +1,67 @@
+"""A terminal that is closed under a command: it hangs up with exit status 129, or where that is ignored goes on."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+
+from procedures.cli.keys import Keyboard, keyboard
+from procedures.cli.options import Output
+from procedures.report.terminal import Spoken
+from procedures.run import Run
+
+PALPATE = str(Path(sys.executable).with_name("palpate"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ignored", "status", "left"), [(False, 129, "stopped"), (True, 1, "complete")])
+def test_a_sweep_whose_terminal_is_closed_hangs_up_or_where_that_is_ignored_takes_all_points(
+    ignored: bool, status: int, left: str, tmp_path: Path
+) -> None:
+    """The second cannot show its table, which is exit status 1; no point of it is lost."""
+    run = tmp_path / "run"
+    ours, theirs = os.openpty()
+
+    def at_its_terminal() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+        fcntl.ioctl(0, termios.TIOCSCTTY)
+
+    sweep = subprocess.Popen(
+        [PALPATE, "sweep", "loads", "--samples", "1", "--out", str(run)],
+        stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, preexec_fn=at_its_terminal,
+    )  # fmt: skip
+    os.close(theirs)
+    while not (run / "run.record").exists():
+        os.read(ours, 4096)  # its progress
+    os.close(ours)
+    assert (sweep.wait(), Run.open(run).status) == (status, left)
+
+
+def test_nobody_presses_a_key_at_a_terminal_that_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "rb", buffering=0) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with keyboard() as pause:
+            assert isinstance(pause, Keyboard)
+            assert not pause.asked()
+            os.close(ours)
+            assert not pause.asked()
+            pause.wait()
+
+
+def test_progress_that_cannot_be_shown_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "w") as stderr:
+        monkeypatch.setattr(sys, "stderr", stderr)
+        with Output(False, False).progress() as progress:
+            progress(1, 2, "here")
+            os.close(ours)
+            progress(2, 2, "gone")
+        print("more", file=Spoken(), flush=True)  # type: ignore[call-overload]
