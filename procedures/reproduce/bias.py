@@ -57,8 +57,11 @@ class Bias:
         }
 
     def said(self) -> str:
-        plain = "" if self.difference is None else f" ({self.difference:+.3g})"
-        return f"Table {self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties{plain}"
+        plain = "" if self.difference is None else f", in its own unit {self.difference:+.3g}"
+        return (
+            f"Table {self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties of a row{plain}: off"
+            f" by {abs(self.distance):.1f}"
+        )
 
 
 def biases(table: RowTable) -> list[Bias]:

@@ -105,12 +105,15 @@ class Verdict:
             )
         lines += [f"{name}: {within} of {judged} rows, {within / judged:.1%}" for name, judged, within in self.by]
         if self.means:
-            off = max(self.means, key=lambda mean: abs(mean.distance))
             lines.append(
-                f"{len(self.biased) or 'none'} of {len(self.means)} means over a table biased: chance puts the farthest"
-                f" {self.limit:.1f} of its standard deviations off, and here is {off.said()}, {abs(off.distance):.1f}"
+                f"means over a table: {len(self.biased) or 'none'} of {len(self.means)} biased; of so many chance puts"
+                f" the farthest {self.limit:.1f} of its standard deviations off"
             )
-            lines += [f"BIASED: {mean.said()}" for mean in self.biased if mean is not off]
+            if self.biased:
+                lines += [f"BIASED: {mean.said()}" for mean in self.biased]
+            else:
+                off = max(self.means, key=lambda mean: abs(mean.distance))
+                lines.append(f"the farthest: {off.said()}")
         return lines
 
 

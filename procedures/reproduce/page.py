@@ -114,9 +114,16 @@ def _row(row: Row) -> str:
     cells = (
         row.row, row.quantity, row.by or "bench", row.evidence.value, row.cell.printed, number(row.cell.value),
         number(row.ours), number(row.difference), of_theory, of_experiment, number(row.u), verdict,
-        row.because or ("not known" if row.within is False else ""),
+        _because(row),
     )  # fmt: skip
     return f'<tr class="{row.evidence.value} {kind}" title="{escape(row.cell.reason)}">{_cells("td", cells)}</tr>'
+
+
+def _because(row: Row) -> str:
+    """Why a row is outside, where it is: a model that is off explains itself."""
+    if row.within is not False:
+        return ""
+    return row.because or ("the model" if row.by else "not known")
 
 
 def _comparison(comparison: Comparison, taken: Container[str]) -> str:

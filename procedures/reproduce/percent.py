@@ -65,7 +65,7 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
     The scatter is that of our mean ratios, half the goal of a theory, and how far the thesis' percentages are from what
     its own numbers give. Experiments and theories are judged in tables of their own, and counted there.
     """
-    table, rows = read_table("5.8"), []
+    table, rows, averages = read_table("5.8"), [], []
     for name, (design, _, source, of_experiment) in COLUMNS.items():
         means = {mean.sample: mean for mean in swept[design].samples}
         measured = [means[sample] for sample in table.rows if sample != AVERAGE]
@@ -85,11 +85,15 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
             by_theory = 100 * (GOAL / WITHIN) * (1.0 if of_experiment else experiment / theory) / base
             each = np.sqrt(by_experiment**2 + by_theory**2 + misfit**2)
             of_mean = np.sqrt((np.sum(by_experiment**2) + len(u) * misfit**2) / len(u) ** 2 + np.mean(by_theory) ** 2)
-            evidence = column.evidence(series, table)
+            evidence, by = column.evidence(series, table), f"{series.model}, {series.parameters}"
+            averages.append(
+                f"{name}, average: {ours[-1]:+.1f} % by {by} ({evidence.value}), the thesis {cells[-1].printed} %"
+                + (f", without its slip {cells[-1].value:.1f} %" if cells[-1].reason else "")
+            )
             rows += [
                 Row(
                     row, f"{name}_percent", cell, float(found), float(spread), evidence, False,
-                    by=f"bench against {series.model}, {series.parameters}",
+                    by=f"bench against {by}",
                     # The theory's part is one curve's: the rows have it in common.
                     group=Group(f"{name}_percent", float(spread), float(np.mean(by_theory))),
                 )
@@ -100,6 +104,7 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
         " single sensor, of the experiment for common and different bases, as the thesis has it",
         "the experiments are the bench's mean ratios, into which the thesis' own means went; fitted or predicted"
         " is the theory, and the error with it",
+        *averages,
     )
     title = "percent errors of our bench's experiments against our two- and three-dimensional models"
     return RowTable("5.8", title, table.doubt, tuple(rows), said, name="5_8_percent", again=True)

@@ -87,7 +87,10 @@ class Row:
         return (self.ours - self.cell.value / group.load) / group.u
 
     def errors(self) -> tuple[float | None, float | None]:
-        """The experiment less the theory, in percent of the theory and of the experiment; None: of nothing."""
+        """The experiment less the theory, in percent of the theory and of the experiment; None: of nothing, or of what
+        is such a percentage itself."""
+        if "_percent" in self.quantity:
+            return None, None
         theory, experiment = (self.ours, self.cell.value) if self.measured else (self.cell.value, self.ours)
         less = 100 * (experiment - theory)
         return less / theory if theory else None, less / experiment if experiment else None

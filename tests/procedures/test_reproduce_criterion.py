@@ -77,6 +77,14 @@ def test_forces_that_are_off_in_the_mean_are_biased_though_each_cell_may_lie_wit
     assert "1.111 times the set load in the mean, more than its loads scatter" in tables[-1].said[1]
 
 
+def test_biases_are_told_beside_what_chance_would_put_there() -> None:
+    found, by = [replace(each, ours=1.1) for each in rows(100, 0, INPUT)], rows(100, 0, INPUT)
+    (biased, told), (fair, farthest) = (judge([table(*each)])[INPUT].said()[-2:] for each in (found, by))
+    assert biased.startswith("means over a table: 1 of 1 biased; of so many chance puts the farthest 2.0 of its")
+    assert told.startswith("BIASED: Table 5.5, force_ratio: +1.00 ± 0.10 standard uncertainties of a row, in its own")
+    assert (fair.startswith("means over a table: none of 1 biased"), farthest[:13]) == (True, "the farthest:")
+
+
 def test_a_bias_that_hides_in_every_table_is_found_over_all_of_an_arrangement() -> None:
     found = judge(experiments.compare(SINGLE, swept(SINGLE, 0.95 / 1.029), MEANS))[INPUT]
     assert [mean.of for mean in found.biased] == ["s of single, all together"]
@@ -192,9 +200,12 @@ def theories(monkeypatch: pytest.MonkeyPatch) -> Comparison:
     return theory.compare(("physical", "identified"), Curves([]))
 
 
+def bench_table(theories: Comparison) -> RowTable:
+    return percent.of_bench(theories, {each.design: swept(each) for each in experiments.ARRANGEMENTS})
+
+
 def found_of(theories: Comparison) -> Callable[[str], list[Row]]:
-    every = {each.design: swept(each) for each in experiments.ARRANGEMENTS}
-    rows = percent.of_bench(theories, every).rows
+    rows = bench_table(theories).rows
     return lambda quantity: [each for each in rows if each.quantity == quantity]
 
 
@@ -215,6 +226,17 @@ def test_table_5_8_names_its_models_and_what_they_are_worth(theories: Comparison
         ("bench against solid, physical", PREDICTED), ("bench against solid, identified", FITTED),
         ("bench against beam, physical", FITTED), ("bench against beam_printed, physical", PREDICTED),
     }  # fmt: skip
+
+
+def test_averages_are_told_by_model_and_class_beside_the_thesis_own(theories: Comparison) -> None:
+    said = bench_table(theories).said
+    assert "positive where the experiment lies above" in said[0]
+    assert (
+        "single_vs_3D, average: +100.0 % by axisymmetric, identified (fitted), the thesis -9.62 %, without its slip"
+        " -11.2 %" in said
+    )
+    assert "common_base_vs_3D, average: +50.0 % by solid, physical (predicted), the thesis 23.64 %" in said
+    assert {each.errors() for each in bench_table(theories).rows} == {(None, None)}
 
 
 def test_a_percentage_from_the_slipped_column_is_repaired_and_no_other(theories: Comparison) -> None:
