@@ -128,7 +128,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     curves = models.run(models.SETS, done.models, progress)
     add(percent.of_bench(found, sweeps) for found, _ in done.models.tables if found.table.number == "5.8")
     add([percent.definitions()])
-    measured = Measured(bench, sweeps, tested)
+    measured = Measured(bench, sweeps, done.order_evidence, tested)
     done.models.pictures += [draw(measured, models.SETS, curves, folder) for draw in FIGURES.values()]
     write_slips(folder)
     write_classes(done.verdicts(), folder)

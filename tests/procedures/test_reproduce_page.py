@@ -251,6 +251,14 @@ def test_a_curve_says_whether_it_was_fitted_to_the_marks_beside_it(whole: Whole)
         assert curves and all(label.endswith("predicted") for label in curves), curves
 
 
+def test_of_table_a2_7_the_set_that_was_fitted_to_it_is_called_so(whole: Whole) -> None:
+    left, right = whole.panels("Table A2.7")
+    said = {str(each.get_label()) for axes in (left, right) for each in axes.get_lines()}
+    for place in ("left tooth", "right tooth", "both teeth"):
+        assert {f"ours, {place}: capped set, fitted", f"ours, {place}: identified set, predicted"} <= said
+        assert f"thesis, {place}" in said
+
+
 def test_the_right_panel_is_ours_less_the_thesis(whole: Whole) -> None:
     left, right = whole.panels("Figure 4.13")
     marks, curve = line(left, "thesis, 3D"), line(left, "ours, 3D, ring 24 kPa: identified")
@@ -342,7 +350,7 @@ def test_the_set_up_is_that_of_the_bench(whole: Whole, tmp_path: Path, monkeypat
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
     other = BENCH.model_copy(update={"sample_changer": TcpAddress(host="here"), "positioner": RtuAddress(unit=9)})
-    setup.draw(Measured(other, {}, {}), tmp_path)
+    setup.draw(Measured(other, {}, {}, {}), tmp_path)
     assert {"sample changer", "unit 9", "mounts"} <= set(texts(drawn[0].axes[0]))
 
 

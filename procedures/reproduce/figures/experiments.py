@@ -30,7 +30,7 @@ ARRANGEMENTS = {
 RANGE = (1e4, 1e6)  # Pa; where the text ends it is not readable, 1e5 or 1e6, and two samples lie above 1e5
 ALONE = "Figure 5.6"
 MEANS = "printed means over the load sets, Tables A2.9 to A2.20; of different bases the ratios under 3 N, Table 5.7"
-BENCH = "ours, on a simulated bench whose model is the thesis' mean ratio (input), with standard uncertainty"
+BENCH = "ours, on simulated benches, with standard uncertainty"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def draw_all(measured: Measured, folder: Path) -> Picture:
     legend(drawing)
     caption = (
         f"Hollow: the thesis' experiments ({MEANS}); whether it draws these or the ratios under 3 N is not said."
-        f" Full: {BENCH}."
+        f" Full: {BENCH}. {_worth(measured)}."
     )
     return save(drawing, ALONE, caption, folder)
 
@@ -89,9 +89,9 @@ def draw(
     legend(drawing)
     caption = (
         f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
-        f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}. Curves: ours on"
-        " the ring of 24 kPa, none of them fitted to the experiments; beside the thesis' theories they are:"
-        f" {'; '.join(said)}."
+        f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
+        f" {_worth(measured, figure.design)}. Curves: ours on the ring of 24 kPa, none fitted to the experiments;"
+        f" beside the thesis' theories they are: {'; '.join(said)}."
     )
     return save(drawing, figure.number, caption, folder)
 
@@ -114,8 +114,15 @@ def _experiment(axes: Axes, design: str, measured: Measured, color: str) -> None
         for mean in measured.swept[design].samples
         if mean.force_ratio is not None and mean.force_ratio_u is not None
     ]
-    for label, (modulus, ratio, u) in zip([f"ours, {words}: bench, input", *"_" * len(means)], means, strict=False):
-        axes.errorbar(modulus, ratio, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=label)
+    label = f"ours, {words}: bench, {measured.evidence[design].value}"
+    for said, (modulus, ratio, u) in zip([label, *"_" * len(means)], means, strict=False):
+        axes.errorbar(modulus, ratio, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=said)
+
+
+def _worth(measured: Measured, *designs: str) -> str:
+    """What the benches' ratios are worth, all or those of some designs."""
+    kinds = dict.fromkeys(measured.evidence[design] for design in designs or measured.evidence)
+    return f"They are {'; '.join(f'{kind.value}: {kind.meaning}' for kind in kinds)}"
 
 
 def _finish(axes: Axes) -> None:

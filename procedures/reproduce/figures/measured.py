@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from instrument.bench import BenchDescription
+from instrument.evidence import Evidence
 from procedures.load_sweep import SweepResult
 from procedures.modulus import ModulusResult
 
@@ -17,9 +18,11 @@ class Measured:
     Attributes:
         bench: that of the single sensor, which measured the first of it.
         swept: design -> load sweep over all samples.
+        evidence: design -> what the force ratios of its sweep are worth beside the thesis' own.
         tested: sample -> compression test.
     """
 
     bench: BenchDescription
     swept: Mapping[str, SweepResult]
+    evidence: Mapping[str, Evidence]
     tested: Mapping[str, ModulusResult]

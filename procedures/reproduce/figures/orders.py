@@ -42,7 +42,7 @@ def draw_moduli(measured: Measured, folder: Path) -> Picture:
 
 def draw_ratios(design: str, measured: Measured, folder: Path) -> Picture:
     """Figure 5.3, 5.4 or 5.5. Raises RecordError."""
-    number, source = BY_RATIO[design]
+    (number, source), worth = BY_RATIO[design], measured.evidence[design]
     table = read_table(source)
     printed = dict(zip(table.rows, table.values("force_ratio").tolist(), strict=True))
     points = {point.sample: point for point in measured.swept[design].points if point.load_N == AT_3_N}
@@ -50,8 +50,8 @@ def draw_ratios(design: str, measured: Measured, folder: Path) -> Picture:
     ours = {name: f"{points[name].force_ratio:.3f}, u {points[name].force_ratio_u:.3f}" for name in order}
     caption = (
         f"Left: the thesis' order, with the force ratios under {AT_3_N:g} N of Table {source}. Right: ours under that"
-        " load on a simulated bench whose model is the thesis' mean ratio (input), with standard uncertainty. Red:"
-        " samples that change places."
+        f" load on a simulated bench, with standard uncertainty; {worth.value}: {worth.meaning}. Red: samples that"
+        " change places."
     )
     thesis = {name: f"{printed[name]:.3f}" for name in get_design(design).thesis_softness_order}
     return _draw(number, thesis, ours, caption, folder)

@@ -22,9 +22,10 @@ def draw(comparison: Comparison, folder: Path) -> Picture:
                 continue
             words, marker, style = shown[column.quantity]
             axes.plot(x, column.thesis, marker, color=THESIS, ms=4, mfc="none", label=f"thesis, {words}")
-            for place, series in enumerate(column.ours):
-                color = COLORS.get(series.parameters, f"C{place + 2}")
-                axes.plot(x, series.values, style, color=color, lw=1.3, label=f"{series.parameters} set, {words}")
+            for series in column.ours:
+                worth = column.evidence(series, comparison.table).value
+                label = f"ours, {words}: {series.parameters} set, {worth}"
+                axes.plot(x, series.values, style, color=COLORS[series.parameters], lw=1.3, label=label)
         axes.axhline(0, color=THESIS, lw=0.6)
         axes.grid(alpha=0.3)
         axes.set(xlabel="place of the load (mm, inferred)")
@@ -32,6 +33,7 @@ def draw(comparison: Comparison, folder: Path) -> Picture:
     right.set(ylabel="force on both teeth over total force")
     legend(drawing, columns=3)
     caption = (
-        "Marks: the thesis' table. Curves: ours under a force of 1 N in one point; no set was fitted to it (predicted)."
+        "Marks: the thesis' table. Curves: ours by model solid under a force of 1 N in one point; the legend says which"
+        " set was fitted to this table and which predicts it."
     )
     return save(drawing, NUMBER, caption, folder)
