@@ -64,7 +64,7 @@ def test_the_foundation_carries_the_whole_load(modulus: float, elements: int) ->
 
 
 def test_the_ratio_rises_with_the_modulus_from_the_object_alone_to_one() -> None:
-    ratios = [beam.force_ratio(SINGLE, object_of(float(modulus))) for modulus in np.geomspace(1e-3, 1e15, 200)]
+    ratios = [beam.force_ratio(SINGLE, object_of(float(modulus))) for modulus in np.geomspace(1e-3, 1e15, 40)]
     assert np.diff(ratios).min() > -1e-12
     assert ratios[0] == pytest.approx(0.0715, abs=1e-4)
     assert ratios[-1] == pytest.approx(1, abs=1e-7)

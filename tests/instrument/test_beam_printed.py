@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import re
 from dataclasses import replace
 from importlib import resources
@@ -44,8 +45,16 @@ def products(one: list[Polynomial], other: list[Polynomial], length: float) -> A
     return np.array([[(a * b).integ()(length) for b in other] for a in one])
 
 
+@functools.cache
+def element(length: float) -> tuple[Array, Array, Array]:
+    """Lines 11 to 20 for an element of that length: bending over E I, foundation over Kf, load over P."""
+    n, m, c = (polynomials(SCANNED[line], length) for line in ("11", "12", "14"))
+    load = np.array([each.integ()(length) for each in m])
+    return products(c, [each.deriv(2) for each in n], length), products(m, n, length), -load
+
+
 def run_listing(moduli: list[float], frozen: bool) -> list[float]:
-    """Lines 6 to 54: two elements of 1.4 and 3.5 mm."""
+    """Lines 22 to 54: two elements of 1.4 and 3.5 mm."""
     a1, t1, t2, a2, e2 = np.pi * 1.4e-3**2, 0.55e-3, 3.88e-3, SINGLE.ring.area, 2.4e4
     second_moment = 5e-3 * t1**3 / 12
     lengths = (1.4e-3, 3.5e-3)
@@ -56,10 +65,9 @@ def run_listing(moduli: list[float], frozen: bool) -> list[float]:
     def displacement(e1: float) -> Array:
         k, f = np.zeros((6, 6)), np.zeros(6)
         for place, length, kf in zip((slice(0, 4), slice(2, 6)), lengths, foundations(e1), strict=True):
-            n, m, c = (polynomials(SCANNED[line], length) for line in ("11", "12", "14"))
-            k[place, place] += e1 * second_moment * products(c, [each.deriv(2) for each in n], length)
-            k[place, place] += kf * products(m, n, length)
-            f[place] -= [each.integ()(length) for each in m]
+            bending, foundation, load = element(length)
+            k[place, place] += e1 * second_moment * bending + kf * foundation
+            f[place] += load
         return np.linalg.inv(k) @ f
 
     ratios = []

@@ -84,6 +84,7 @@ def test_the_inverse_gives_the_modulus_back_from_the_softest_object_to_the_harde
             line.modulus_ratio(ratio)
 
 
+@pytest.mark.slow
 def test_the_curve_s_inverse_is_the_closed_one() -> None:
     curve = ratio_curve(SINGLE, PHYSICAL.load(1e5), "column_fitted")
     ring = SINGLE.ring.material.modulus
