@@ -50,6 +50,7 @@ class SineFit:
         amplitude_bias: (channels,) V, what noise adds to an amplitude in the mean: it is a length.
         hum_u: (channels,) V, what hum may have in an amplitude that shows but wanders unseen in so short a record.
         residual: (channels,) V, rms with `samples` less columns degrees of freedom; of hum what was not told apart.
+        residual_peak: (channels,) V, the greatest, without its sign.
         noise: (channels,) V, of one sample, of the density that it has around the drive; `instrument.noise`.
         correlation: (channels, channels), of the noise.
         degrees_of_freedom: of `amplitude_u`.
@@ -71,6 +72,7 @@ class SineFit:
     amplitude_bias: Floats
     hum_u: Floats
     residual: Floats
+    residual_peak: Floats
     noise: Floats
     correlation: Floats
     degrees_of_freedom: float
@@ -143,6 +145,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - (around.sigma * across) ** 2, 0.0)),
         hum_u=hum_u,
         residual=residual,
+        residual_peak=np.abs(residuals).max(axis=1),
         noise=around.sigma,
         correlation=around.correlation,
         degrees_of_freedom=float((around.degrees_of_freedom / np.maximum(of_noise, LEAST_SHARE) ** 4).min()),

@@ -123,6 +123,7 @@ def _point(direction: str, load: float, time: float, measured: FilmPoint) -> Fil
         voltages_V=tuple(float(v) for v in 2 * fit.amplitude),
         voltages_u=tuple(float(u) for u in 2 * fit.amplitude_u),
         noise_V=tuple(float(v) for v in fit.residual),
+        noise_peak_V=tuple(float(v) for v in fit.residual_peak),
         samples=fit.samples,
         valid=measured.valid,
         flags=measured.flags,

@@ -1,4 +1,4 @@
-"""From films under loads to what a sensor can do, each figure with its uncertainty budget (thesis 2.1)."""
+"""From films under loads to what a sensor can do, each figure by its definition, with its uncertainty budget."""
 
 from __future__ import annotations
 
@@ -17,6 +17,20 @@ from instrument.errors import EstimateError
 from instrument.interpolation import Interpolation, interpolate
 from instrument.quantity import show
 from instrument.uncertainty import Budget, Component, Kind
+from procedures.definitions import (
+    DEFINITIONS,
+    DRIFT,
+    DYNAMIC_RANGE,
+    HYSTERESIS,
+    LINEARITY,
+    PEAK_SNR,
+    RESOLUTION,
+    SENSITIVITY,
+    SNR,
+    SPATIAL_RESOLUTION,
+    ZERO_BASED_LINEARITY,
+    elsewhere,
+)
 
 LEAST_LOADS = 3
 SEEN = 2.0  # standard uncertainties of the noise that a force must be to count as seen
@@ -29,19 +43,27 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """A figure of merit with its standard uncertainty, and how it was measured. `film` is "" for the whole sensor."""
+    """A figure of merit with its standard uncertainty.
+
+    Attributes:
+        film: "" for the whole sensor.
+        definition, thesis: as `procedures.definitions` has them.
+        how: what of the measurement the definition leaves open.
+    """
 
     film: str
     quantity: str
     value: float
     u: float
     unit: str
+    definition: str
+    thesis: str
     how: str
 
 
 @dataclass(frozen=True, slots=True)
 class FilmsPoint:
-    """All films under one load: peak-to-peak voltages and noise by film, in the design's order."""
+    """All films under one load: peak-to-peak voltages, rms and greatest noise by film, in the design's order."""
 
     direction: str
     time_s: float
@@ -51,6 +73,7 @@ class FilmsPoint:
     voltages_V: tuple[float, ...]
     voltages_u: tuple[float, ...]
     noise_V: tuple[float, ...]
+    noise_peak_V: tuple[float, ...]
     samples: int
     valid: bool
     flags: tuple[str, ...]
@@ -72,6 +95,7 @@ class CharacteriseResult:
         return {
             "films": list(self.films),
             "rows": [asdict(row) for row in self.rows],
+            "elsewhere": elsewhere(),
             "budgets": [budget.summary() for budget in self.budgets],
         }
 
@@ -98,9 +122,9 @@ def evaluate(
         for each in _film(film, number, valid, calibration, dwell, force_limit)
     ]
     pitch = min(design.cell)
-    how = "by the design: one tooth tells not where in its cell it is pressed; palpate sweep position tells more"
+    how = "by the design; palpate sweep position tells more"
     anywhere = Component("anywhere in the cell", pitch / math.sqrt(12))
-    found.append(_characteristic("", "spatial resolution", pitch, "m", how, anywhere))
+    found.append(_characteristic("", SPATIAL_RESOLUTION, pitch, how, anywhere))
     rows, budgets = zip(*found, strict=True)
     return CharacteriseResult(tuple(film.name for film in design.films), list(points), list(rows), list(budgets))
 
@@ -115,9 +139,10 @@ def _longest_hold(points: Sequence[FilmsPoint]) -> list[FilmsPoint]:
     return max(stretches, key=len)
 
 
-def _characteristic(film: str, quantity: str, value: float, unit: str, how: str, *components: Component) -> Row:
-    budget = Budget(f"{quantity}, {film or 'sensor'}", float(value), unit, components)
-    return Characteristic(film, quantity, budget.value, budget.u, unit, how), budget
+def _characteristic(film: str, quantity: str, value: float, how: str, *components: Component) -> Row:
+    is_ = DEFINITIONS[quantity]
+    budget = Budget(f"{quantity}, {film or 'sensor'}", float(value), is_.unit, components)
+    return Characteristic(film, quantity, budget.value, budget.u, is_.unit, is_.equation, is_.thesis, how), budget
 
 
 def _film(
@@ -145,8 +170,9 @@ def _film(
     line = interpolate(loads, volts, reading_u)
     slope = float(line.coefficients[1])
     scatter, span = max(line.residual_sd, reading_u), slope * float(np.ptp(loads))
+    proportional = float(loads @ volts / (loads @ loads))
+    reach = proportional * float(loads.max())
     top = up[-1]
-    signal, noise = top.voltages_V[number] / math.sqrt(8), top.noise_V[number]
     resolution = SEEN * noise_u / slope
     converter = 2 * max(RANGE_VOLTS) / slope
     largest, ends = (converter, "converter") if converter < force_limit else (force_limit, "bench's force limit")
@@ -160,44 +186,59 @@ def _film(
     of_cell = Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N)
     of_noise = Component("noise, as measured", 1 / math.sqrt(2 * sum(p.samples for p in up)), kind="A")
 
-    def row(quantity: str, value: float, unit: str, how: str, *parts: Component, each: float = 1.0) -> Row:
-        return _characteristic(film.name, quantity, value, unit, how, *(replace(p, sensitivity=each) for p in parts))
+    def row(quantity: str, value: float, how: str, *parts: Component, each: float = 1.0) -> Row:
+        return _characteristic(film.name, quantity, value, how, *(replace(p, sensitivity=each) for p in parts))
 
+    of_amplitude = Component("amplitude", top.voltages_u[number] / top.voltages_V[number], kind="A")
+    at_top = f"at {top.load_N:g} N"
+    by_loads = f"{len(up)} loads, increasing"
     return [
         row(
-            "signal-to-noise ratio", 20 * math.log10(signal / noise), "dB",
-            f"rms of the sine over rms of what is left of it, at {top.load_N:g} N",
-            Component("amplitude", top.voltages_u[number] / top.voltages_V[number], kind="A"),
-            Component("noise, as measured", 1 / math.sqrt(2 * top.samples), kind="A"), each=DECIBELS,
-        ),
-        row("force sensitivity", slope, "V/N", "line of voltage over load cell, loading", of_line, of_cell, each=slope),
-        row(
-            "resolution", resolution, "N",
-            f"force that is {SEEN:g} standard uncertainties of noise in {dwell:g} s, peak to peak",
-            of_line, of_cell, of_noise, each=resolution,
+            SNR, 20 * math.log10(top.voltages_V[number] / math.sqrt(8) / top.noise_V[number]), at_top,
+            of_amplitude, Component("noise, as measured", 1 / math.sqrt(2 * top.samples), kind="A"), each=DECIBELS,
         ),
         row(
-            "linearity", float(np.abs(volts - line.reading(loads)).max()) / span, "",
-            "greatest deviation from the line over the span; gains scatter from load to load",
+            PEAK_SNR, 20 * math.log10(top.voltages_V[number] / 2 / top.noise_peak_V[number]),
+            f"{at_top}, of {top.samples} samples",
+            of_amplitude, Component("greatest of the noise", _of_greatest(top.samples), kind="A"), each=DECIBELS,
+        ),
+        row(SENSITIVITY, slope, by_loads, of_line, of_cell, each=slope),
+        row(RESOLUTION, resolution, f"in {dwell:g} s", of_line, of_cell, of_noise, each=resolution),
+        row(
+            LINEARITY, float(np.abs(volts - line.reading(loads)).max()) / span,
+            f"{by_loads}; gains scatter from load to load",
             Component("scatter of a load", scatter / span, 1.0, *_repeats(line)),
         ),
         row(
-            "hysteresis", _hysteresis(line, up, down, number) / span, "",
-            "greatest difference of loading and unloading at a load over the span",
+            ZERO_BASED_LINEARITY, float(np.abs(volts - proportional * loads).max()) / reach, "the same loads",
+            Component("scatter of a load", scatter / reach, 1.0, *_repeats(line)),
+        ),
+        row(
+            HYSTERESIS, _hysteresis(line, up, down, number) / span, "loads up, then down",
             Component("scatter of two loads", math.sqrt(2) * scatter / span, 1.0, *_repeats(line)),
         ),
         # Where the converter ends it, the slope is in both ends and cancels.
         row(
-            "dynamic range", 20 * math.log10(largest / resolution), "dB",
-            f"from the resolution to {show(largest, 'N', 3)}, the {ends}",
+            DYNAMIC_RANGE, 20 * math.log10(largest / resolution), f"to {show(largest, 'N', 3)}, the {ends}",
             *(() if largest == converter else (of_line, of_cell)), of_noise, each=DECIBELS,
         ),
         row(
-            "drift", float(drift.coefficients[1]), "1/min",
-            f"slope of the amplitude over {held[-1].time_s - held[0].time_s:.0f} s at {held[-1].load_N:g} N",
+            DRIFT, float(drift.coefficients[1]),
+            f"over {held[-1].time_s - held[0].time_s:.0f} s at {held[-1].load_N:g} N",
             Component("scatter about the line", math.sqrt(drift.covariance[1, 1]), 1.0, *_repeats(drift)),
         ),
     ]  # fmt: skip
+
+
+def _of_greatest(samples: int) -> float:
+    """Relative standard deviation of the greatest of so many normals, without their signs.
+
+    By their limit, a Gumbel distribution of mode m and scale 1/s (Cramér 1946, 28.6): 4 % low at 250.
+    """
+    log = math.log(2 * samples)
+    s = math.sqrt(2 * log)
+    m = s - (math.log(log) + math.log(4 * math.pi)) / (2 * s)
+    return math.pi / math.sqrt(6) / (s * m + np.euler_gamma)
 
 
 def _repeats(line: Interpolation) -> tuple[float, Kind]:

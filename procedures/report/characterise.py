@@ -3,27 +3,45 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from instrument.quantity import show
 from procedures.characteristics import HOLDING, LOADING, UNLOADING, CharacteriseResult, Characteristic
+from procedures.definitions import ELSEWHERE
 from procedures.report.figure import MARKERS, new_figure, save
 from procedures.report.text import STAMP, new_table, print_all, stamped, where
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 MOST_NAMED = 6  # films that a legend has room for
 
 
 def print_characteristics(result: CharacteriseResult, outcome: dict[str, Any], plot: Path) -> None:
-    """A row a figure of merit: value, standard uncertainty, how it was measured."""
+    """A row a figure of merit: value, standard uncertainty, how it was measured; below them what each of them is."""
     table = new_table(
-        stamped(outcome["simulated"], f"Sensor {outcome['design']}"), "film", "quantity", "value", "u", "how"
+        stamped(outcome["simulated"], f"Sensor {outcome['design']}"), "film", "quantity", "value", "u", "thesis", "how"
     )
-    for column in (0, 1, 4):
+    for column in (0, 1, 4, 5):
         table.columns[column].justify = "left"
-    table.columns[4].no_wrap = False
+    table.columns[5].no_wrap = False
     for row in result.rows:
-        table.add_row(row.film or "sensor", row.quantity, *_shown(row), row.how)
-    print_all(table, *where(outcome, plot))
+        table.add_row(row.film or "sensor", row.quantity, *_shown(row), row.thesis, row.how)
+    print_all(table, _definitions(result), *where(outcome, plot))
+
+
+def _definitions(result: CharacteriseResult) -> Table:
+    """A row a quantity: its equation, or the command that measures it."""
+    table = new_table(None, "quantity", "definition")
+    table.caption = "V, F: voltage and load, peak to peak; a + b F: least-squares line; u(V): standard uncertainty"
+    table.caption_justify = "left"
+    for column in table.columns:
+        column.justify = "left"
+    for quantity, equation in {row.quantity: row.definition for row in result.rows}.items():
+        table.add_row(quantity, equation)
+    for each in ELSEWHERE:
+        table.add_row(each.quantity, f"thesis {each.thesis}: {each.command}")
+    return table
 
 
 def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Path) -> Path:

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from instrument.calibration import THESIS_LOAD_CELL
@@ -19,15 +20,28 @@ SINGLE = get_design("single")
 LOADS = (1.5, 2.0, 2.5, 3.0)
 NOISE = 1e-5  # V, of a sample
 LOAD_U = 0.05  # N
+PEAK = 2.8e-5  # V, the greatest of the noise
 QUANTITIES = [
-    "signal-to-noise ratio", "force sensitivity", "resolution", "linearity", "hysteresis", "dynamic range", "drift",
+    "signal-to-noise ratio", "peak signal-to-noise ratio", "force sensitivity", "resolution", "linearity",
+    "zero-based linearity", "hysteresis", "dynamic range", "drift",
 ]  # fmt: skip
 
 
 def point(direction: str, load: float, volts: float, time: float = 0.0) -> FilmsPoint:
     noise_u = NOISE * math.sqrt(8 / 250)
     return FilmsPoint(
-        direction, time, load, load, LOAD_U, (0.1 * volts, volts), (noise_u,) * 2, (NOISE,) * 2, 250, True, ()
+        direction,
+        time,
+        load,
+        load,
+        LOAD_U,
+        (0.1 * volts, volts),
+        (noise_u,) * 2,
+        (NOISE,) * 2,
+        (PEAK,) * 2,
+        250,
+        True,
+        (),
     )
 
 
@@ -61,7 +75,7 @@ def test_a_straight_quiet_film_has_the_figures_of_its_noise() -> None:
     assert found["resolution"].value == pytest.approx(resolution)
     assert found["dynamic range"].value == pytest.approx(20 * math.log10(10.0 / resolution))
     assert "bench's force limit" in found["dynamic range"].how
-    for name in ("linearity", "hysteresis", "drift"):
+    for name in ("linearity", "zero-based linearity", "hysteresis", "drift"):
         assert abs(found[name].value) < 1e-9
         assert found[name].u > 0
 
@@ -74,6 +88,40 @@ def test_a_bend_a_lag_and_a_drift_show_each_in_its_own_figure() -> None:
     assert bent["linearity"].value == pytest.approx(5e-3 * 0.25 / (span + 5e-3 * 4.5 * 1.5), rel=0.02)
     drifting = rows(measured(drift=0.01))["drift"]
     assert drifting.value == pytest.approx(0.01, rel=0.06)
+
+
+def test_each_row_names_its_equation_and_section_and_is_what_they_say() -> None:
+    found = rows(measured(bend=5e-3))
+    loads = np.array(LOADS)
+    volts = 70e-3 * loads + 5e-3 * loads**2
+    slope, level = np.polyfit(loads, volts, 1)
+    through_zero = (loads @ volts) / (loads @ loads)
+    said = {
+        "peak signal-to-noise ratio": ("greatest |residual|", "2.1.1", 20 * math.log10(volts[-1] / 2 / PEAK)),
+        "force sensitivity": ("dV/dF", "2.1.2", slope),
+        "linearity": ("V - a - b F", "2.1.5", np.abs(volts - level - slope * loads).max() / (slope * np.ptp(loads))),
+        "zero-based linearity": (
+            "V - c F", "2.1.5", np.abs(volts - through_zero * loads).max() / (through_zero * loads.max()),
+        ),
+    }  # fmt: skip
+    for quantity, (equation, section, value) in said.items():
+        assert equation in found[quantity].definition
+        assert found[quantity].thesis.startswith(section)
+        assert found[quantity].value == pytest.approx(value), quantity
+    assert all(row.definition and row.thesis.startswith("2.1") for row in found.values())
+
+
+def test_an_offset_is_no_bend_but_is_not_proportional_as_the_thesis_wants_it() -> None:
+    shifted = [replace(p, voltages_V=tuple(v + 10e-3 for v in p.voltages_V)) for p in measured()]
+    assert rows(shifted)["linearity"].value < 1e-9
+    assert rows(shifted)["zero-based linearity"].value > 0.01
+
+
+def test_the_greatest_noise_scatters_as_a_greatest_of_normals_does() -> None:
+    of = {b.quantity: b for b in evaluate(measured(), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0).budgets}
+    _, greatest = of["peak signal-to-noise ratio, total"].components
+    drawn = np.abs(np.random.default_rng(1).standard_normal((4000, 250))).max(axis=1)
+    assert greatest.u == pytest.approx(drawn.std() / drawn.mean(), rel=0.05)
 
 
 def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:
@@ -130,7 +178,12 @@ def test_the_command_measures_each_film_and_gives_the_public_names(
     monkeypatch.setattr(characterise, "DRIFT_POINTS", 3)
     arguments = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--drift-time", "2 s")
     result = palpate("characterise", *arguments, "--json", "--budget").object
-    assert result.keys() >= {"films", "rows", "points", "plot", "run", "simulated"}
+    assert result.keys() >= {"films", "rows", "elsewhere", "points", "plot", "run", "simulated"}
+    assert [(each["thesis"], each["command"]) for each in result["elsewhere"]] == [
+        ("2.1.4", "palpate sweep frequency"),
+        ("2.1.6", "palpate sweep temperature"),
+    ]
+    assert all(np.greater(p["noise_peak_V"], p["noise_V"]).all() for p in result["points"])
     assert [(row["film"], row["quantity"]) for row in result["rows"]] == [
         *((film, name) for film in ("rigid", "total") for name in QUANTITIES),
         ("", "spatial resolution"),

@@ -10,6 +10,7 @@ import click
 
 from instrument.thesis import contents
 from procedures.cli import palpate as command
+from procedures.definitions import DEFINITIONS, ELSEWHERE
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
@@ -41,9 +42,20 @@ def test_what_the_document_names_exists() -> None:
         for path in (ROOT / folder).glob("*.py")
     }
     scenes = {path.stem for path in (ROOT / "simulators" / "scenes").glob("*.toml")}
-    known = {*modules, *scenes, *commands(command), "palpate reproduce", "pickup", "--budget"}
+    known = {*modules, *scenes, *commands(command), *DEFINITIONS, "palpate reproduce", "pickup", "--budget"}
     named = set(re.findall(r"`([^`]+)`", DOCUMENT))
     assert {name for name in named - known if not (ROOT / name).is_file()} == set()
+
+
+def test_every_property_of_a_sensor_has_its_line_under_the_section_that_it_names() -> None:
+    sections = {each.thesis.split()[0].rstrip(",") for each in (*DEFINITIONS.values(), *ELSEWHERE)}
+    lines = [line.split("|") for line in DOCUMENT.splitlines() if line.startswith("| 2.1")]
+    assert sections == set(re.findall(r"2\.1[.\d]*", " ".join(line[1] for line in lines)))
+    for quantity, definition in DEFINITIONS.items():
+        section = definition.thesis.split()[0].rstrip(",")
+        assert any(section in line[1] and f"`{quantity}`" in line[3] for line in lines), quantity
+    for each in ELSEWHERE:
+        assert any(each.thesis in line[1] and f"`{each.command.removeprefix('palpate ')}`" in line[3] for line in lines)
 
 
 def test_the_files_that_a_part_is_exist() -> None:
