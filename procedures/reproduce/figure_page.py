@@ -11,9 +11,9 @@ from procedures.reproduce.figures.picture import Picture
 from procedures.run import storing
 
 WITH_SECTION = ("Figure 4.", "Figure 5.")
-# Schematics of chapter 3 that show again what a figure of chapter 4 shows.
+# Schematics of chapter 3 that show what a figure of chapter 4 shows, or a part of it.
 DRAWN_AT = {
-    "Figure 3.1": "Figure 4.1a", "Figure 3.2": "Figure 4.1a", "Figure 3.7": "Figure 4.1a", "Figure 3.8": "Figure 4.9",
+    **{f"Figure 3.{part}": "Figure 4.1a" for part in range(1, 8)}, "Figure 3.8": "Figure 4.9",
     "Figure 3.9": "Figure 4.11a",
 }  # fmt: skip
 HEADER = ("number", "section", "shows", "here", "what it is of palpate", "doubt")

@@ -17,6 +17,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
+from skfem import ElementQuadP
 
 from instrument import propagation
 from instrument.bench import BenchDescription, RtuAddress, TcpAddress
@@ -29,7 +30,7 @@ from procedures import load_cell, load_sweep, modulus
 from procedures.reproduce import everything, experiments
 from procedures.reproduce.criterion import REQUIRED
 from procedures.reproduce.everything import Everything
-from procedures.reproduce.figures import area_ratios, chapter4, chapter5, orders, setup
+from procedures.reproduce.figures import area_ratios, chapter4, chapter5, elements, orders, setup
 from procedures.reproduce.figures.experiments import WITH_THEORIES
 from procedures.reproduce.figures.measured import Measured
 from procedures.reproduce.figures.ratios import RATIO_FIGURES
@@ -359,6 +360,15 @@ def test_sensors_are_drawn_with_the_numbers_of_their_designs(whole: Whole) -> No
         plan, section = whole.panels(f"Figure {number}")
         assert {text for text in texts(plan) if text} == lengths
         assert {text for text in texts(section) if text} == {"⌀ 2.8", "⌀ 10, inside 3", "3.88", "2 × 0.55"}
+
+
+def test_an_element_has_a_dot_for_each_shape_function_of_the_models(whole: Whole) -> None:
+    flat, brick = whole.panels("Figure 4.5")
+    plane = ElementQuadP(elements.DEGREE)
+    along = elements.DEGREE + 1
+    for axes, functions in ((flat, along**2), (brick, len(plane.doflocs) * along)):
+        dots = [each for each in axes.get_lines() if str(each.get_label()).startswith("of ")]
+        assert sum(len(np.asarray(each.get_xdata())) for each in dots) == functions
 
 
 def test_under_load_the_tooth_stands_above_the_ring(whole: Whole) -> None:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from instrument.thesis import contents
 from procedures.reproduce.curves import Curves
-from procedures.reproduce.figures import area_ratios, beam, mesh, pressed, ratios, sections
+from procedures.reproduce.figures import area_ratios, beam, elements, mesh, pressed, ratios, sections
 from procedures.reproduce.figures.picture import Picture
 
 # Parameter sets, curves and folder -> the picture.
@@ -26,6 +26,7 @@ _DRAWN: Mapping[str, Draw] = {
     "Figure 4.2": _scheme(beam.draw_springs),
     "Figure 4.3": _scheme(beam.draw_elements),
     area_ratios.NUMBER: _scheme(area_ratios.draw),
+    elements.NUMBER: _scheme(elements.draw),
     mesh.NUMBER: _scheme(mesh.draw),
     **{figure.number: partial(ratios.draw, figure) for figure in ratios.RATIO_FIGURES},
     pressed.NUMBER: _scheme(pressed.draw),
