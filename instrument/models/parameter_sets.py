@@ -109,7 +109,12 @@ _GIVEN: Mapping[str, ParameterSet] = MappingProxyType({"thesis": THESIS, "physic
 # By finite-element model: others have no place for what was fitted.
 _FITTED: Mapping[str, Mapping[str, ParameterSet]] = MappingProxyType(
     {
-        "identified": {"axisymmetric": IDENTIFIED_ROUND, "solid": IDENTIFIED_SOLID, "auto": IDENTIFIED_SOLID},
+        "identified": {
+            "axisymmetric": IDENTIFIED_ROUND,
+            "solid": IDENTIFIED_SOLID,
+            "surface": IDENTIFIED_SOLID,
+            "auto": IDENTIFIED_SOLID,
+        },
         "capped": {"axisymmetric": CAPPED, "solid": CAPPED, "auto": CAPPED},
     }
 )

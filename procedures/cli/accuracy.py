@@ -10,6 +10,7 @@ from procedures.cli.accuracy_dwell import dwell_command
 from procedures.cli.accuracy_page import page
 from procedures.cli.integrators import integrators
 from procedures.cli.options import FILE_NAME, Group, Output, make_folder, output_options
+from procedures.cli.validation import validation
 
 
 @click.group(
@@ -30,6 +31,7 @@ def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: boo
 
 accuracy.add_command(integrators)
 accuracy.add_command(dwell_command, "dwell")
+accuracy.add_command(validation)
 
 
 @accuracy.command(
@@ -46,10 +48,12 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 
     Shows the stored list, with the machine that it was measured on; times are those of its processor. The error is the
     greatest distance from a converged reference, whose own uncertainty is counted in, for objects like the thesis'
-    rubber samples.
+    rubber samples. The validation error is the distance from the thesis' experiments, rms over their samples, which no
+    mesh makes smaller: see palpate accuracy validation.
     """
     from instrument.errors import UnknownName
     from instrument.models import price_list
+    from instrument.models.validation import validate
     from procedures.accuracy.machine import this_machine
     from procedures.accuracy.measure import DESIGNS, measure
     from procedures.accuracy.meshes import MODULI
@@ -71,14 +75,22 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     else:
         prices = price_list.stored() if design is None else price_list.stored().of(asked)
     designs = list(dict.fromkeys(price.design for price in prices.prices))
+    priced = dict.fromkeys((price.design, price.model) for price in prices.prices)
+    compared = [validate(of, "physical", by) for of, by in priced]
     plot = None if out is None else out / PLOT
     # The figures first: a plot that cannot be written loses none of them.
     if output.as_json:
-        output.json({**prices.model_dump(mode="json"), "plot": None if plot is None else str(plot)})
+        output.json(
+            {
+                **prices.model_dump(mode="json"),
+                "validation": [each.record() for each in compared],
+                "plot": None if plot is None else str(plot),
+            }
+        )
     elif output.for_people:
         from procedures.report.models import print_prices
 
-        print_prices(prices, designs, plot)
+        print_prices(prices, designs, compared, plot)
     if plot is not None:
         plot_prices(prices, designs, plot)
 

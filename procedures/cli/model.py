@@ -109,11 +109,14 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     Model auto takes the cheapest whose error in the price list (palpate accuracy models) meets the tolerance, and says
     which. The error estimate of a model that you name is that of its discretisation; models in closed form have none.
     The model error is what it leaves out, by the price list; none for the experiment and for what was not priced.
+    The validation error is how far the model lies from the thesis' experiments, rms over their samples, by the
+    parameter set as it is, without settings of yours: palpate accuracy validation.
     The solid model takes seconds to a minute a point; the extra "fast" shortens it. It alone knows a force in one
     point.
     The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from instrument.models.ratio import ask
+    from instrument.models.validation import validate
     from instrument.quantity import parse
 
     output = Output(as_json, quiet)
@@ -125,6 +128,8 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
         for answer in ask(question, moduli):
             answers.append(answer)
             progress(len(answers), len(moduli), f"{answer.sensed_modulus:g} Pa")
+    models = dict.fromkeys(answer.response.model for answer in answers)
+    compared = [validate(question.design, question.parameters, name) for name in models]
     if output.as_json:
         sensor = question.sensor()
         output.json(
@@ -132,13 +137,14 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
                 "design": question.design,
                 "parameters": question.parameters,
                 "at_m": question.at,
+                "validation": [found.record() for found in compared],
                 "points": [_point(sensor, a) for a in answers],
             }
         )
     elif output.for_people:
         from procedures.report.models import print_ratios
 
-        print_ratios(question.design, answers)
+        print_ratios(question.design, answers, compared)
 
 
 @model.command(

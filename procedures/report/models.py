@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from instrument.quantity import show
 from procedures.report.marks import NO_VALUE, legend
 from procedures.report.text import new_table, number, print_all, short, stamped
+from procedures.report.validation import brief, lines
 
 if TYPE_CHECKING:
     from instrument.models.price_list import PriceList
     from instrument.models.ratio import Answer
     from instrument.models.surface import ResponseSurface
+    from instrument.models.validation import Validation
 
 
-def print_ratios(design: str, answers: list[Answer]) -> None:
-    """A line a modulus."""
+def print_ratios(design: str, answers: list[Answer], compared: Sequence[Validation]) -> None:
+    """A line a modulus; `compared`: each model that answered, beside the experiments."""
     models = ", ".join(dict.fromkeys(a.response.model for a in answers))
     table = new_table(
         stamped(False, f"{design}, model {models}"),
-        "sensed modulus", "force ratio", "error estimate", "model error", "seconds",
+        "sensed modulus", "force ratio", "error estimate", "model error", "validation", "seconds",
     )  # fmt: skip
+    by_model = {found.model: brief(found) for found in compared}
     for a in answers:
         given = a.response
-        errors = [short(error) for error in (given.error_estimate, a.model_error)]
+        errors = [*(short(error) for error in (given.error_estimate, a.model_error)), by_model[given.model]]
         table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", *errors, f"{a.seconds:.2g}")
-    print_all(table, *legend(table, marks=NO_VALUE), *dict.fromkeys(a.response.why for a in answers if a.response.why))
+    why = dict.fromkeys(a.response.why for a in answers if a.response.why)
+    print_all(table, *legend(table, marks=NO_VALUE), *why, *lines(compared))
 
 
 def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
@@ -47,27 +51,35 @@ def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
     print_all(table, *legend(table, marks=NO_VALUE))
 
 
-def print_prices(prices: PriceList, designs: list[str], plot: Path | None) -> None:
-    """A table a design: error and time of every model at every refinement."""
+def print_prices(
+    prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None
+) -> None:
+    """A table a design: error and time of every model at every refinement, and how far experiments are from it."""
+    validation = {(found.design, found.model): brief(found) for found in compared}
     low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
     lowest, highest = (show(modulus, "Pa", 3) for modulus in (prices.moduli_Pa[0], prices.moduli_Pa[-1]))
     for design in designs:
         table = new_table(
             stamped(False, f"{design}: greatest error of the force ratio, and time of one answer in seconds"),
-            "model", "refinement", f"{low} to\n{high}", f"{lowest} to\n{highest}", "build", "solve", "evaluate",
-            "answer",
+            "model", "refinement", f"{low} to\n{high}", f"{lowest} to\n{highest}", "validation", "build", "solve",
+            "evaluate", "answer",
         )  # fmt: skip
         table.columns[1].justify = "left"
         failures = []
         for p in (price for price in prices.prices if price.design == design):
             everywhere = None if None in p.errors else max(error for error in p.errors if error is not None)
             times = [short(value) for value in (p.build_s, p.solve_s, p.evaluate_s, p.answer_s)]
-            table.add_row(p.model, p.refinement, short(p.errors[1]), short(everywhere), *times)
+            told = validation[design, p.model]
+            table.add_row(p.model, p.refinement, short(p.errors[1]), short(everywhere), told, *times)
             if p.failure:
                 failures.append(f"{p.model}, {p.refinement}: {p.failure}")
         how = [f"reference: {r.how}" for r in prices.references if r.design == design]
         print_all(table, *legend(table, marks=NO_VALUE), *how, *failures, "")
-    print_all(f"measured on {prices.machine.described}, {prices.machine.date}")
+    print_all(
+        "validation: rms distance from the thesis' experiments (palpate accuracy validation); input: given them; none:"
+        " nothing to compare",
+        f"measured on {prices.machine.described}, {prices.machine.date}",
+    )
     if plot is not None:
         print_all(f"plot           {plot}")
 

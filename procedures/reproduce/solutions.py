@@ -31,15 +31,15 @@ class Solutions:
     asked: dict[str, list[float]] = field(default_factory=dict)
 
     @classmethod
-    def shipped(cls) -> Self:
-        """Those that come with palpate. Raises ConfigError."""
+    def shipped(cls, file: Path = SHIPPED, renew: str = "palpate reproduce models --fresh") -> Self:
+        """Those that come with palpate, in a file that the command `renew` writes. Raises ConfigError."""
         try:
-            known = json.loads(SHIPPED.read_text(encoding="utf-8")) if SHIPPED.exists() else {}
+            known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
             if all(isinstance(number, float) for numbers in known.values() for number in numbers):
                 return cls(known)
         except (OSError, ValueError, AttributeError, TypeError, RecursionError):
             pass
-        raise ConfigError(f"{SHIPPED}: is damaged; solve anew: palpate reproduce models --fresh")
+        raise ConfigError(f"{file}: is damaged; solve anew: {renew}")
 
     def of(
         self,
@@ -59,5 +59,9 @@ class Solutions:
         """All that were asked for, as a file to ship. Raises RecordError."""
         path = folder / SHIPPED.name
         with storing(path):
-            path.write_text(json.dumps(self.asked, indent=0, sort_keys=True) + "\n", encoding="utf-8")
+            path.write_text(self.text(), encoding="utf-8")
         return path
+
+    def text(self) -> str:
+        """All that were asked for, as the file has them."""
+        return json.dumps(self.asked, indent=0, sort_keys=True) + "\n"

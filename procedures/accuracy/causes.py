@@ -1,0 +1,104 @@
+"""What could move models and experiments apart: causes by the models, and what the readings themselves tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+from instrument.designs import get_design
+from instrument.models.validation import SIGN, Validation, measured_designs, validate
+from instrument.sample import SAMPLES
+from procedures.accuracy import readings, stiffening, what_if
+from procedures.reproduce.curves import Progress
+from procedures.reproduce.solutions import Solutions
+
+# All rubber as in 5.3, and as the calibration of Table 5.1 would have it; least and greatest load of 5.4 [N].
+TIMES, LOADS = (1.0, 9.5), (1.5, 4.0)
+JUDGED = "surface"
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffening:
+    """Springs that stiffen, on one sensor: the mean over the samples of their force ratio over that of linear ones.
+
+    Attributes:
+        times: all moduli are so many times those of the thesis.
+        force: [N].
+    """
+
+    times: float
+    force: float
+    over_linear: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """One factor for all readings of an arrangement, as a wrong sensitivity of its films would be.
+
+    Attributes:
+        factor: geometric mean over the samples of model over measured.
+        left: rms of what the factor leaves [percent].
+    """
+
+    design: str
+    factor: float
+    left: float
+
+
+@dataclass(frozen=True, slots=True)
+class Causes:
+    """Everything that `palpate accuracy validation --what-if` tells."""
+
+    effects: tuple[what_if.Effect, ...]
+    measured_contrast: float
+    stiffening: tuple[Stiffening, ...]
+    gains: tuple[Gain, ...]
+    readings: tuple[readings.Copied, ...]
+
+    @classmethod
+    def of(cls, solutions: Solutions, progress: Progress) -> Self:
+        """From the models, and from the tables of the thesis. Raises EstimateError."""
+        return cls(
+            effects=tuple(what_if.effects(solutions, progress)),
+            measured_contrast=what_if.measured_contrast(),
+            stiffening=tuple(_stiffened(times, force) for times in TIMES for force in LOADS),
+            gains=tuple(_gain(validate(design, "physical", JUDGED)) for design in measured_designs()),
+            readings=tuple(readings.copied()),
+        )
+
+    def record(self) -> dict[str, Any]:
+        """Under public names."""
+        gains: list[Mapping[str, Any]] = [
+            {"design": gain.design, "factor": gain.factor, "left_rms_percent": gain.left} for gain in self.gains
+        ]
+        return {
+            "sign": SIGN,
+            "what_if": [effect.record() for effect in self.effects],
+            "measured_pair_over_single": self.measured_contrast,
+            "stiffening": [
+                {"moduli_times": each.times, "load_N": each.force, "ratio_over_linear": each.over_linear}
+                for each in self.stiffening
+            ],
+            "gains": gains,
+            "readings": [asdict(each) for each in self.readings],
+        }
+
+
+def _stiffened(times: float, force: float) -> Stiffening:
+    from instrument.models import springs
+
+    design = get_design(what_if.ONE)
+    over = [
+        stiffening.force_ratio(design, sample, force, times) / springs.force_ratio(design, sample)
+        for sample in SAMPLES.values()
+    ]
+    return Stiffening(times, force, math.fsum(over) / len(over))
+
+
+def _gain(found: Validation) -> Gain:
+    logs = [math.log1p(value / 100) for value in found.percent.values()]
+    factor = math.exp(math.fsum(logs) / len(logs))
+    left = [(1 + value / 100) / factor - 1 for value in found.percent.values()]
+    return Gain(found.design, factor, 100 * math.sqrt(math.fsum(value**2 for value in left) / len(left)))

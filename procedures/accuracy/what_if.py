@@ -1,0 +1,145 @@
+"""What would move the solid model's force ratio, and by how much, on one sensor and on a pair: one cause at a time.
+
+Each is solved on the solid model's coarsest mesh, within 1 % of the converged ratio, where only the change counts, and
+kept: all of them take some minutes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from instrument.designs import get_design
+from instrument.film_material import FilmMaterial
+from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameters import SolidParameters, solid_parameters
+from instrument.models.validation import Validation
+from instrument.sample import SAMPLES
+from procedures.reproduce.curves import Progress
+from procedures.reproduce.solutions import Solutions
+
+STORED = Path(__file__).with_name("what_if.json")
+ONE, PAIR = "single", "common_base"
+MESH = 0
+
+Changed = Callable[[SolidParameters], SolidParameters]
+
+
+@dataclass(frozen=True, slots=True)
+class WhatIf:
+    """One cause, as what it changes in the physical set's numbers."""
+
+    name: str
+    cause: str
+    changed: Changed
+
+
+def _put(**numbers: Any) -> Changed:
+    return lambda given: replace(given, **numbers)
+
+
+def _scaled(object_times: float, ring_times: float, **numbers: Any) -> Changed:
+    return lambda given: replace(
+        given,
+        sensed_modulus=given.sensed_modulus * object_times,
+        compliant_modulus=given.compliant_modulus * ring_times,
+        **numbers,
+    )
+
+
+def _squeezed(cell: float) -> Changed:
+    return _put(cell_length=cell, cell_width=cell)
+
+
+def _in_one_point(beside: float) -> Changed:
+    return lambda given: replace(given, load_at=(given.length / 2 + beside, given.width / 2))
+
+
+WHAT_IFS = (
+    WhatIf("as the thesis describes it", "-", _put()),
+    WhatIf("object slides on tooth and ring", "friction, slip", _put(interface="frictionless")),
+    WhatIf("rigid flat probe, not a uniform pressure", "load's distribution", _put(load="platen")),
+    WhatIf("force in one point, in the middle", "load's distribution", _in_one_point(0.0)),
+    WhatIf("force in one point, 1 mm off the middle", "load's distribution, tilt", _in_one_point(1e-3)),
+    WhatIf("object and plates end with the rings, cell of 10 mm", "object's geometry", _squeezed(10e-3)),
+    WhatIf("object and plates reach past the rings, cell of 12 mm", "object's geometry", _squeezed(12e-3)),
+    WhatIf("rings fill their cells", "object's support", _put(ring_outline="square")),
+    WhatIf("object of 2 mm", "object's geometry", _put(sensed_thickness=2e-3)),
+    WhatIf("object of 4 mm", "object's geometry", _put(sensed_thickness=4e-3)),
+    WhatIf("Poisson ratio of the object 0.49", "rubber", _put(sensed_poisson=0.49)),
+    WhatIf("Poisson ratio of the object 0.05", "rubber", _put(sensed_poisson=0.05)),
+    WhatIf("Poisson ratio of the ring 0.4999", "rubber", _put(compliant_poisson=0.4999)),
+    WhatIf("Poisson ratio of the ring 0.3", "rubber", _put(compliant_poisson=0.3)),
+    WhatIf("ring twice as stiff, objects as they are", "rubber that stiffens", _scaled(1.0, 2.0)),
+    WhatIf("objects 0.6 times as stiff", "moduli of the samples", _scaled(0.6, 1.0)),
+    WhatIf("all rubber 9.5 times as stiff", "calibration of the load cell", _scaled(9.5, 9.5)),
+    WhatIf("plates of 3 GPa", "base", _put(plate_modulus=3e9)),
+    WhatIf("tooth, films and plates rigid", "base, film's yielding", _put(support="rigid")),
+    WhatIf("films 100 times as soft", "film's yielding", _put(film=FilmMaterial.isotropic(22e6, 0.34))),
+    WhatIf("rigid flat probe, object slides", "two together", _put(load="platen", interface="frictionless")),
+    WhatIf("rigid flat probe, ring three times as stiff", "two together", _scaled(1.0, 3.0, load="platen")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a cause makes of both arrangements.
+
+    Attributes:
+        by_design: the distance from the experiments with it.
+        contrast: mean over the samples of the pair's force ratio over the single sensor's.
+    """
+
+    what_if: WhatIf
+    by_design: dict[str, Validation]
+    contrast: float
+
+    def record(self) -> dict[str, Any]:
+        """Under public names."""
+        return {
+            "name": self.what_if.name,
+            "cause": self.what_if.cause,
+            "designs": {name: found.record() for name, found in self.by_design.items()},
+            "pair_over_single": self.contrast,
+        }
+
+
+def effects(solutions: Solutions, progress: Progress) -> list[Effect]:
+    """Every cause. Raises EstimateError: a linear system cannot be solved accurately."""
+    found = []
+    for done, what_if in enumerate(WHAT_IFS):
+        progress(done, len(WHAT_IFS), what_if.name)
+        ratios = {design: _ratios(solutions, design, what_if.changed) for design in (ONE, PAIR)}
+        by_design = {design: _compared(design, ratios[design]) for design in ratios}
+        found.append(Effect(what_if, by_design, contrast(ratios[PAIR], ratios[ONE])))
+    return found
+
+
+def measured_contrast() -> float:
+    """`Effect.contrast` of the thesis' experiments."""
+    return contrast(get_design(PAIR).thesis_force_ratio, get_design(ONE).thesis_force_ratio)
+
+
+def contrast(pair: Any, one: Any) -> float:
+    """Mean over the samples of the pair's force ratio over the single sensor's."""
+    return math.fsum(pair[name] / one[name] for name in SAMPLES) / len(SAMPLES)
+
+
+def _compared(design: str, ratios: dict[str, float]) -> Validation:
+    measured = get_design(design).thesis_force_ratio
+    percent = {name: 100 * (ratios[name] / ratio - 1) for name, ratio in measured.items()}
+    return Validation(design, "physical", "solid", "compared", percent=percent)
+
+
+def _ratios(solutions: Solutions, design: str, changed: Changed) -> dict[str, float]:
+    """Force ratio of each sample."""
+    from instrument.models import solid
+
+    found = {}
+    for name, sample in SAMPLES.items():
+        asked = changed(solid_parameters(get_design(design), PHYSICAL.load(sample.modulus)))
+        (found[name],) = solutions.of(asked, f"what if, mesh {MESH}", lambda: [solid.solve(asked, MESH).force_ratio])  # noqa: B023
+    return found
