@@ -15,8 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.calibration import STANDARD_GRAVITY
-from instrument.load import Load
-from instrument.models.response import response
 from instrument.sample import Sample
 from simulators.clock import NEVER, VirtualClock
 from simulators.effects import EFFECTS
@@ -85,9 +83,7 @@ class Rig:
         self._begin()
 
     def mount(self, sample: Sample) -> None:
-        scene = self.scene
-        found = response(scene.design, Load(force=1.0, sensed=sample), scene.model, scene.tolerance)
-        self._lay(Mounted(scene.design, sample, response=found))
+        self._lay(Mounted(self.scene.design, sample, response=self.scene.answer(sample)))
 
     def take_off(self) -> None:
         """Nothing lies under the probe."""

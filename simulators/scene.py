@@ -16,9 +16,10 @@ from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from instrument.load import Load
-from instrument.models.response import AUTO, MODELS
+from instrument.models.parameter_sets import get_parameter_set
+from instrument.models.response import AUTO, MODELS, Response, response
 from instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
-from instrument.sample import SAMPLES
+from instrument.sample import SAMPLES, Sample
 from simulators.effects import EFFECTS, effect_class
 from simulators.effects.effect import Effect
 
@@ -53,6 +54,7 @@ class SceneFile(Config):
     purpose: str
     design: str
     model: str = "experiment"
+    parameters: str | None = None  # set that goes over design and samples; None: they are as they are
     tolerance: float | None = Field(default=None, gt=0, le=LARGEST_TOLERANCE, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
     nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
@@ -94,6 +96,15 @@ class Scene:
         cables = cast("Triboelectric | None", self.effects.get("triboelectric"))
         return cables.share if cables else 0.0
 
+    def answer(self, sample: Sample) -> Response:
+        """What the sensor does under 1 N through a sample, by the scene's model and parameter set.
+
+        Raises:
+            RangeError: the model does not answer for this sensor and sample, or not to the tolerance.
+            EstimateError: a linear system cannot be solved accurately.
+        """
+        return response(self.design, _load(self.file, sample), self.model, self.tolerance)
+
     def to_toml(self) -> str:
         """The scene file that gives this scene: its seed, the model that answers, the effects that are in."""
         import tomli_w
@@ -124,17 +135,21 @@ class Scene:
         faults = parse_faults(every, self.nodes, f"scene {self.name}")
         return replace(self, faults=faults, file=self.file.model_copy(update={"fault": every}))
 
-    def with_model(self, model: str) -> Scene:
+    def with_model(self, model: str, parameters: str | None = None) -> Scene:
         """The same scene with another sensor model, to the file's tolerance where the model refines.
 
+        Args:
+            parameters: name of the set that goes over design and samples; None: the scene's own.
+
         Raises:
-            UnknownName: no such model. RangeError: no model meets the tolerance.
+            UnknownName: no such model, or no such set of it. RangeError: no model meets the tolerance.
         """
-        file = self.file.model_copy(update={"model": model})
+        file = self.file.model_copy(update={"model": model, "parameters": parameters or self.file.parameters})
         if model in MODELS and MODELS[model].default_tolerance is None:
             file = file.model_copy(update={"tolerance": None})
-        name, tolerance, why = _chosen(self.design, file)
-        return replace(self, model=name, tolerance=tolerance, why=why, file=file)
+        design = _design(file)
+        name, tolerance, why = _chosen(design, file)
+        return replace(self, design=design, model=name, tolerance=tolerance, why=why, file=file)
 
 
 def shipped() -> dict[str, Path]:
@@ -161,7 +176,7 @@ def scene_of(file: SceneFile, path: Path) -> Scene:
     """The scene that a file describes; `path` is what messages call it. Raises ConfigError as `read_scene`."""
     listed = _listed(file, path)
     try:
-        design = get_design(file.design)
+        design = _design(file)
         model, tolerance, why = _chosen(design, file)
     except (UnknownName, RangeError) as error:
         raise ConfigError(f"{path}: {error}") from None
@@ -237,12 +252,25 @@ def _called_for(
         from simulators.planning.plan import needed
 
         others = {other: effect for other, effect in beside.items() if other != name}
-        bound = needed(listed[name], design, model, others, tolerance, file.rig)
+        bound = needed(listed[name], design, file, model, others, tolerance)
         if bound is None:
             beside = others
         else:
             called[name] = f"can change force by {bound.force:.2g} and ratio by {bound.ratio:.2g}, above {tolerance:g}"
     return {name: effect for name, effect in listed.items() if name in called}, called
+
+
+def _design(file: SceneFile) -> Design:
+    """With what its parameter set replaces. Raises UnknownName: no such design, or no such set of the model."""
+    design = get_design(file.design)
+    return design if file.parameters is None else get_parameter_set(file.parameters, file.model).design(design)
+
+
+def _load(file: SceneFile, sample: Sample) -> Load:
+    """1 N through a sample, as the parameter set has its object: of the sample's modulus."""
+    if file.parameters is None:
+        return Load(force=1.0, sensed=sample)
+    return get_parameter_set(file.parameters, file.model).load(sample.modulus)
 
 
 def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
@@ -251,7 +279,7 @@ def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
         from instrument.models.price_list import AUTO_TOLERANCE, choose
 
         asked = AUTO_TOLERANCE if file.tolerance is None else file.tolerance
-        choice = choose(design, [Load(force=1.0, sensed=sample) for sample in SAMPLES.values()], asked)
+        choice = choose(design, [_load(file, sample) for sample in SAMPLES.values()], asked)
         refines = MODELS[choice.model].default_tolerance is not None
         return choice.model, asked if refines else None, choice.why
     if file.model not in MODELS:

@@ -36,6 +36,8 @@ REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
 # More teeth take the solid model's coarsest mesh: each modulus would cost a minute on the next one.
 FEW_TEETH = 4
 STORED = Path(__file__).with_name("surfaces")
+# Parameter sets that surfaces are stored of; of the identified one those of the designs that the thesis measured.
+SETS = ("physical", "identified")
 LARGEST_SURFACE = 1_000_000  # bytes unpacked; 97 nodes have a few thousand
 
 
@@ -132,6 +134,11 @@ def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def stored_at(design: str, parameters: str) -> Path:
+    """The file of a design's surface with a parameter set."""
+    return STORED / (f"{design}.npz" if parameters == SETS[0] else f"{design}.{parameters}.npz")
+
+
 def surface_parameters(design: Design, load: Load) -> Parameters:
     """What the surface of a design is built of: the axisymmetric model where the design is round, or the solid one."""
     return (round_parameters if design.outline == "round" else solid_parameters)(design, load)
@@ -187,15 +194,15 @@ def find(design: Design, load: Load) -> ResponseSurface:
 def _find(design: Design, load: Load) -> ResponseSurface:
     """`find`, once for all moduli and forces: a surface itself answers faster than its file is looked up."""
     parameters = surface_parameters(design, load)
-    path = STORED / f"{design.name}.npz"
-    if path.exists():
+    wanted = design_hash(parameters)
+    for path in sorted(STORED.glob(f"{design.name}.*npz")):
         surface = read(path)
-        if surface.design_hash == design_hash(parameters):
+        if surface.design_hash == wanted:
             return surface
-    shipped = ", ".join(sorted(file.stem for file in STORED.glob("*.npz")))
+    shipped = ", ".join(sorted(file.stem.replace(".", " by set ") for file in STORED.glob("*.npz")))
     raise RangeError(
         f"model 'surface' has none for design {design.name!r} with these dimensions, materials and this load; it knows"
-        f" {shipped} as they are, each under a bonded object of 3 mm and Poisson ratio 0.3;"
+        f" {shipped}; without a set as they are, under a bonded object of 3 mm and Poisson ratio 0.3;"
         f" ask model {model_of(parameters)!r}"
     )
 

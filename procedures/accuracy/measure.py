@@ -14,7 +14,7 @@ from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import RangeError
 from instrument.models import beam, surface, surface_build
-from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from instrument.models.price import Price
 from instrument.models.price_list import PriceList
 from instrument.models.response import response
@@ -75,8 +75,13 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
-def build_surface(name: str, progress: Progress) -> ResponseSurface:
-    """The response surface of a design, solved in two processes.
+def sets_of(name: str) -> tuple[str, ...]:
+    """Parameter sets that the design has stored surfaces of."""
+    return surface.SETS if get_design(name).thesis_force_ratio else surface.SETS[:1]
+
+
+def build_surface(name: str, progress: Progress, parameters: str = "physical") -> ResponseSurface:
+    """The response surface of a design with a parameter set, solved in two processes.
 
     Raises:
         EstimateError: the surface does not reach its error limit, or a linear system cannot be solved accurately.
@@ -88,7 +93,9 @@ def build_surface(name: str, progress: Progress) -> ResponseSurface:
                 progress(done, len(ratios), f"{name}: {len(ratios)} moduli")
                 yield found
 
-        return surface_build.build(surface.surface_parameters(get_design(name), PHYSICAL.load(TIMED)), apply=apply)
+        chosen = get_parameter_set(parameters, "surface")
+        asked = surface.surface_parameters(chosen.design(get_design(name)), chosen.load(TIMED))
+        return surface_build.build(asked, apply=apply)
 
 
 # --- what answers at once ------------------------------------------------------------------------------

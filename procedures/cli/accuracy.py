@@ -106,8 +106,8 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
     from instrument.designs import get_design
     from instrument.errors import UnknownName
     from instrument.models import surface
-    from instrument.models.parameter_sets import PHYSICAL
-    from procedures.accuracy.measure import DESIGNS, build_surface
+    from instrument.models.parameter_sets import get_parameter_set
+    from procedures.accuracy.measure import DESIGNS, build_surface, sets_of
     from procedures.run import storing
 
     output = Output(as_json, quiet)
@@ -115,16 +115,19 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
         raise UnknownName("design with a surface", design, DESIGNS)
     found = {}
     with output.progress() as progress:
-        for name in DESIGNS if design is None else [design]:
+        asked = [(name, parameters) for name in (design and [design]) or DESIGNS for parameters in sets_of(name)]
+        for name, parameters in asked:
             if store:
-                path = surface.STORED / f"{name}.npz"
+                path = surface.stored_at(name, parameters)
                 with storing(path):
-                    build_surface(name, progress).save(path)
-            found[name] = surface.find(get_design(name), PHYSICAL.load(1e5))
+                    build_surface(name, progress, parameters).save(path)
+            chosen = get_parameter_set(parameters, "surface")
+            found[name, parameters] = surface.find(chosen.design(get_design(name)), chosen.load(1e5))
     if output.as_json:
         rows = [
             {
                 "design": name,
+                "parameters": parameters,
                 "model": known.model,
                 "nodes": len(known.coefficients),
                 "error_bound": known.error_bound,
@@ -133,7 +136,7 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
                 "highest_modulus_ratio": known.highest,
                 "build_s": known.seconds,
             }
-            for name, known in found.items()
+            for (name, parameters), known in found.items()
         ]
         output.json({"surfaces": rows})
     elif output.for_people:

@@ -75,10 +75,13 @@ def _opener(folder: Path, seed: int | None) -> Open:
     from procedures.cli.session import Session, open_session
 
     @contextmanager
-    def opened(scene: str, procedure: str) -> Iterator[Session]:
+    def opened(
+        scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+    ) -> Iterator[Session]:
         taken = sum(1 for path in folder.iterdir() if path.is_dir())
-        choice = Choice(None, scene, seed, folder / f"{taken + 1}-{procedure}-{scene}")
-        with open_session(procedure, choice, {}, lambda _: None) as session:
+        name = "-".join(part for part in (f"{taken + 1}-{procedure}-{scene}", parameters) if part)
+        choice = Choice(None, scene, seed, folder / name)
+        with open_session(procedure, choice, {}, lambda _: None, model=model, parameters=parameters) as session:
             yield session
             session.record.finish("complete", {})
 

@@ -109,6 +109,7 @@ def open_session(
     check: Check,
     *,
     model: str | None = None,
+    parameters: str | None = None,
     calibrating: Calibrating | None = None,
     resumed: Resumed | None = None,
     replay: Replay | None = None,
@@ -129,7 +130,7 @@ def open_session(
     today, wall_start = datetime.now(UTC), time.monotonic()
     before = resumed or replay
     started = today if before is None else before.run.started
-    given, chosen = _chosen(choice, model) if replay is None else (replay.wire.description, replay.scene)
+    given, chosen = _chosen(choice, model, parameters) if replay is None else (replay.wire.description, replay.scene)
     check(_target(given, chosen))
     mounting: Mounting = "simulated" if replay is None else replay.mounting
     if given is not None and replay is None:
@@ -248,20 +249,22 @@ def _target(description: BenchDescription | None, scene: Scene | None) -> Target
     return Target(design, BenchDescription.model_fields["force_limit"].default, scene.nodes, scene.model)
 
 
-def _chosen(choice: Choice, model: str | None) -> tuple[BenchDescription | None, Scene | None]:
+def _chosen(
+    choice: Choice, model: str | None, parameters: str | None = None
+) -> tuple[BenchDescription | None, Scene | None]:
     """The bench file, or the scene where none is given."""
     if choice.bench is None:
         if choice.assume_mounted:
             raise UsageError(f"{ASSUME}: a simulated bench mounts its samples itself; leave it out or give --bench")
-        return None, _scene(choice.scene, choice.seed, model)
+        return None, _scene(choice.scene, choice.seed, model, parameters)
     given = {"--scene": choice.scene, "--seed": choice.seed, "--model": model}
     if extra := [option for option, value in given.items() if value is not None]:
         raise UsageError(f"{', '.join(extra)}: only a simulated bench has it; leave it out or leave out --bench")
     return read_bench(choice.bench), None
 
 
-def _scene(name: str | None, seed: int | None, model: str | None) -> Scene:
+def _scene(name: str | None, seed: int | None, model: str | None, parameters: str | None) -> Scene:
     scene = read_scene(DEFAULT_SCENE if name is None else name)
     if seed is not None:
         scene = scene.with_seed(seed)
-    return scene.with_model(model) if model is not None else scene
+    return scene.with_model(model, parameters) if model is not None else scene

@@ -15,8 +15,6 @@ from instrument.calibration import THESIS_LOAD_CELL
 from instrument.errors import ConfigError, UnknownName
 from instrument.estimate import fit_sine
 from instrument.film_forces import film_forces
-from instrument.load import Load
-from instrument.models.response import response
 from instrument.quantity import parse
 from instrument.sample import Sample, get_sample
 from procedures import load_sweep
@@ -67,7 +65,7 @@ class Sweep:
         scene, sample = self._scene(cell), _sample(cell)
         settings = SweepSettings((sample.name,), self.loads, self.dwell, self.frequency)
         check(settings, scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes)
-        ratio = response(scene.design, Load(1.0, sample), scene.model, scene.tolerance).force_ratio
+        ratio = scene.answer(sample).force_ratio
         points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, settings)
         return [{**point, "model_force_ratio": ratio, "scene_seed": scene.seed} for point in points]
 

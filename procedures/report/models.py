@@ -84,14 +84,14 @@ def print_prices(
         print_all(f"plot           {plot}")
 
 
-def print_surfaces(surfaces: Mapping[str, ResponseSurface]) -> None:
+def print_surfaces(surfaces: Mapping[tuple[str, str], ResponseSurface]) -> None:
     """A line a surface."""
     table = new_table(
-        None, "design", "of model", "nodes", "modulus ratios", "relative error", "error of the model", "built in\ns"
+        None, "design", "set", "of model", "nodes", "modulus ratios", "relative error", "error of the model", "built in\ns"
     )
-    for name, s in surfaces.items():
+    for (name, parameters), s in surfaces.items():
         table.add_row(
-            name, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}", f"{s.error_bound:.1e}",
+            name, parameters, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}", f"{s.error_bound:.1e}",
             f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
         )  # fmt: skip
     print_all(table)

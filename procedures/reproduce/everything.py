@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -13,11 +13,12 @@ from drivers.bench import Bench
 from instrument.calibration import THESIS_LOAD_CELL
 from instrument.designs import get_design
 from instrument.evidence import Evidence, of_experiment, ratio_by
+from instrument.models.validation import SIGN, Validation
 from instrument.sample import SAMPLES
 from instrument.thesis import COMPRESSION_TABLES
 from procedures import load_cell, load_plan, load_sweep, modulus
 from procedures.record import Recorder
-from procedures.reproduce import bench_tables, experiments, models, percent
+from procedures.reproduce import bench_tables, blind, experiments, models, percent
 from procedures.reproduce.columns import RATIO
 from procedures.reproduce.criterion import Verdict, judge, write_classes
 from procedures.reproduce.curves import Progress
@@ -48,8 +49,13 @@ class Recorded(Protocol):
         """The sensor model that its force ratios come from; None: nothing is simulated."""
 
 
-# Scene and procedure -> such a bench; on the way out its run is complete.
-Open = Callable[[str, str], AbstractContextManager[Recorded]]
+class Open(Protocol):
+    """Opens such a bench; on the way out its run is complete."""
+
+    def __call__(
+        self, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+    ) -> AbstractContextManager[Recorded]:
+        """Of a scene, by its own model or by that one, with its parameter set."""
 
 
 @dataclass(slots=True)
@@ -60,6 +66,7 @@ class Everything:
     tables: list[tuple[RowTable, Path]] = field(default_factory=list)
     orders: dict[str, bool] = field(default_factory=dict)
     order_evidence: dict[str, Evidence] = field(default_factory=dict)
+    blind: list[Validation] = field(default_factory=list)
     page: Path | None = None
 
     def all_tables(self) -> list[RowTable]:
@@ -84,6 +91,7 @@ class Everything:
             "evidence": {evidence.value: verdict.record() for evidence, verdict in self.verdicts().items()},
             "softness_order_right": self.orders,
             "softness_order_evidence": {design: each.value for design, each in self.order_evidence.items()},
+            "blind": {"sign": SIGN, "runs": [found.record() for found in self.blind]},
             "met": self.met(),
             "outside": [{"table": number, **row.record()} for number, row in self.outside()],
         }
@@ -114,6 +122,16 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
         done.order_evidence[arrangement.design] = of_experiment(RATIO, ratio)
         done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))
         add(experiments.compare(arrangement, swept, ratio))
+    for parameters in blind.SETS:
+        for arrangement in experiments.ARRANGEMENTS:
+            with open_bench(arrangement.scene, load_plan.PROCEDURE, blind.MODEL, parameters) as session:
+                settings = load_plan.SweepSettings(tuple(SAMPLES), blind.loads_of(arrangement), DWELL, FREQUENCY)
+                swept = load_sweep.run(
+                    session.bench, get_design(arrangement.design), THESIS_LOAD_CELL, settings, session.record, progress
+                )
+            table, distance = blind.compare(arrangement, parameters, swept)
+            done.blind.append(distance)
+            add([table])
     with open_bench("thesis_single", load_cell.PROCEDURE) as session:
         bench = session.bench.description
         weighed = load_cell.run(session.bench, load_cell.LoadCellSettings(), session.record, progress, CREATED)

@@ -50,6 +50,11 @@ class Arrangement:
     tables: Mapping[str, str]
     summary: str
 
+    @property
+    def averaged(self) -> int:
+        """Load sets that a printed mean is of: that of the different bases is of one."""
+        return len(self.loads) if self.tables else 1
+
 
 SIX_LOADS = tuple(0.5 * n for n in range(3, 9))
 SEVEN_LOADS = (*SIX_LOADS, 4.5)

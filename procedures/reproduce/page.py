@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from instrument.evidence import Evidence
 from procedures.report.text import STAMP, number
+from procedures.reproduce.blind import told
 from procedures.reproduce.figure_page import figure_sections, heading, listed, pictures_of
 from procedures.reproduce.rows import Row, RowTable, counts_said
 from procedures.reproduce.slips import COLUMNS, slips
@@ -53,7 +54,7 @@ def write_page(done: Everything, folder: Path) -> Path:
         " alone. The error of an experiment is the experiment less the theory: above the theory it is positive.</p>",
         legend(),
         *(_verdict(verdict) for verdict in done.verdicts().values()),
-        _list(orders(done)),
+        _list([*orders(done), *(f"blind run, {told(found)}" for found in done.blind)]),
         *(_section(table) for table in tables),
         "<h1>Models</h1>",
         *(

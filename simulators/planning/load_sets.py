@@ -12,8 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from instrument.errors import RangeError
-from instrument.load import Load
-from instrument.models.response import response
 from instrument.sample import Sample
 from simulators.clock import VirtualClock
 from simulators.linear.lti import Floats
@@ -62,7 +60,7 @@ def load_sets(
     rig = Rig(scene, clock)
     clock.add(rig)
     rig.mount(sample)
-    stiffness = response(scene.design, Load(1.0, sample), scene.model, scene.tolerance).stiffness
+    stiffness = scene.answer(sample).stiffness
     pressed = PRELOAD * max(loads) * (1 / stiffness + 1 / scene.rig.suspension_stiffness)
     rig.set_position(scene.rig.sensor_position - sample.thickness + pressed)
     period_ns = round(1e9 / (SAMPLES_PER_CYCLE * frequency))

@@ -19,8 +19,7 @@ import numpy as np
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import Design
 from instrument.errors import RangeError
-from instrument.load import Load, check_force
-from instrument.models.response import response
+from instrument.load import check_force
 from instrument.sample import SAMPLES, get_sample
 from simulators.clock import VirtualClock
 from simulators.effects import EFFECTS, effect_class
@@ -139,7 +138,7 @@ def plan(scene: Scene, question: Question) -> Plan:
     if question.steady:
         steady = steady_state(rig, followed(rig) if path == TRANSITIONS else phasors(rig))
     costs = _costs(scene, question, path, found)
-    case = case_of(scene.design, scene.model, scene.effects, question, scene.rig)
+    case = case_of(scene.design, scene.model, scene.effects, question, scene.rig, scene.file.parameters)
     return Plan(
         path=path,
         why=why,
@@ -161,7 +160,7 @@ def driven(scene: Scene, question: Question, clock: VirtualClock | None = None) 
     sample = get_sample(question.sample)
     rig.mount(sample)
     touching = scene.rig.sensor_position - sample.thickness
-    stiffness = response(scene.design, Load(1.0, sample), scene.model).stiffness
+    stiffness = scene.answer(sample).stiffness
     rig.set_position(touching + PRELOAD * question.load * (1 / stiffness + 1 / scene.rig.suspension_stiffness))
     volts = question.load / 2 / abs(rig.transfer(question.frequency)[-1])
     frequency = round(question.frequency * HERTZ)
@@ -170,10 +169,15 @@ def driven(scene: Scene, question: Question, clock: VirtualClock | None = None) 
 
 
 def case_of(
-    design: Design, model: str, effects: Mapping[str, Effect], question: Question, rig: RigParameters = THESIS_RIG
+    design: Design,
+    model: str,
+    effects: Mapping[str, Effect],
+    question: Question,
+    rig: RigParameters = THESIS_RIG,
+    parameters: str | None = None,
 ) -> Case:
-    """The question as the bounds of the effects want it."""
-    file = SceneFile(name="case", purpose="bounds", design=design.name, model=model, rig=rig)
+    """The question as the bounds of the effects want it; `design` has what the parameter set replaces."""
+    file = SceneFile(name="case", purpose="bounds", design=design.name, model=model, parameters=parameters, rig=rig)
     bare = Scene("case", "bounds", design, model, None, "", 1, 1, rig, {}, {}, file)
 
     def with_these(chosen: Mapping[str, Effect]) -> Rig:
@@ -196,11 +200,16 @@ def case_of(
 
 
 def needed(
-    effect: Effect, design: Design, model: str, effects: Mapping[str, Effect], tolerance: float, rig: RigParameters
+    effect: Effect,
+    design: Design,
+    file: SceneFile,
+    model: str,
+    effects: Mapping[str, Effect],
+    tolerance: float,
 ) -> Bound | None:
     """The largest bound of an effect for the thesis' samples and loads if it exceeds the tolerance, else None."""
     bounds = [
-        effect.bound(case_of(design, model, effects, Question(sample, load), rig))
+        effect.bound(case_of(design, model, effects, Question(sample, load), file.rig, file.parameters))
         for sample in SAMPLES
         for load in THESIS_LOADS
     ]
@@ -276,8 +285,8 @@ def _finite(value: float) -> float | None:
 def _warnings(scene: Scene, question: Question) -> list[str]:
     """A rigid film that gives hardly a step of its converter, without noise to dither it, cannot be averaged."""
     rigid = next(film for film in scene.design.films if film.kind == "rigid")
-    load = Load(question.load, get_sample(question.sample))
-    amplitude = rigid.sensitivity * response(scene.design, load, scene.model).force_ratio * question.load / 2
+    ratio = scene.answer(get_sample(question.sample)).force_ratio
+    amplitude = rigid.sensitivity * ratio * question.load / 2
     step = 2 * max(RANGE_VOLTS) / 2**16
     density = getattr(scene.effects.get("white_noise"), "density", 0.0)
     noise = density * math.sqrt(RATE / 2)

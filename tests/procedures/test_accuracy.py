@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from instrument.designs import get_design
 from instrument.models import price_list, solid, surface
 from instrument.models.error_estimate import Energies, Judged
-from instrument.models.parameter_sets import PHYSICAL
+from instrument.models.parameter_sets import PHYSICAL, get_parameter_set
 from instrument.models.parameters import SolidParameters
 from instrument.models.price import Price
 from instrument.models.price_list import PriceList, stored
@@ -312,9 +312,12 @@ def test_what_cannot_be_asked_is_refused(palpate: Palpate, options: tuple[str, .
 
 def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
     found = palpate("accuracy", "surfaces", "--json").object["surfaces"]
-    assert [row["design"] for row in found] == list(measuring.DESIGNS)
+    listed = [(design, parameters) for design in measuring.DESIGNS for parameters in measuring.sets_of(design)]
+    assert [(row["design"], row["parameters"]) for row in found] == listed
+    assert ("single", "identified") in listed and ("single_round", "identified") not in listed
     for row in found:
-        mesh_leaves = 1e-2 if row["design"] == "array" else 2e-3  # the coarsest mesh
+        # The coarsest mesh; with the identified set objects slide.
+        mesh_leaves = 1e-2 if row["design"] == "array" or row["parameters"] == "identified" else 2e-3
         assert row["error_bound"] < 1e-5 and 0 < row["discretisation"] < mesh_leaves
         assert (row["lowest_modulus_ratio"], row["highest_modulus_ratio"]) == (0.1, 1e7)
     assert "relative error" in palpate("accuracy", "surfaces", "--design", "single").out
@@ -323,11 +326,17 @@ def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
 def test_a_surface_is_built_and_stored_under_the_designs_name(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = surface.find(get_design("single"), PHYSICAL.load(1e5))
-    monkeypatch.setattr(measuring, "build_surface", lambda name, progress: built)
+    def built(_name: str, _progress: object, parameters: str) -> surface.ResponseSurface:
+        return surfaces[parameters]
+
+    surfaces = {}
+    for parameters in measuring.sets_of("single"):
+        chosen = get_parameter_set(parameters, "surface")
+        surfaces[parameters] = surface.find(chosen.design(get_design("single")), chosen.load(1e5))
+    monkeypatch.setattr(measuring, "build_surface", built)
     monkeypatch.setattr(surface, "STORED", tmp_path)
     palpate("accuracy", "surfaces", "--design", "single", "--store", "--quiet")
-    assert [path.name for path in tmp_path.iterdir()] == ["single.npz"]
+    assert {path.name for path in tmp_path.iterdir()} == {"single.npz", "single.identified.npz"}
 
 
 def test_a_sweep_with_model_auto_names_the_model_that_answered(palpate: Palpate, tmp_path: Path) -> None:
