@@ -32,7 +32,7 @@ from instrument.sample import SAMPLES
 
 STORED = Path(__file__).with_name("validation.json")
 SIGN = "model less measured mean, in percent of the measured mean"
-# Of models that refine, as their estimates bound it; the errors are ten times less, and far below what is measured here.
+# Of models that refine, as their estimates bound it; the errors are ten times less, and far below these distances.
 TOLERANCE = 5e-2
 RENEW = "solve them anew: palpate accuracy validation --store"
 

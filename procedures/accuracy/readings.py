@@ -68,7 +68,9 @@ def _tooth(film: str) -> Copied:
     ]
     same = sum(_agreeing(one, pair, [0.5 * factor for factor in factors]) for one, pair in pairs)
     by_load = ", ".join(f"{factor:.2f}" for factor in factors)
-    return Copied(f"tooth film {film[4]}", loads * len(pairs), same, f"half the single sensor's times {by_load} by load")
+    return Copied(
+        f"tooth film {film[4]}", loads * len(pairs), same, f"half the single sensor's times {by_load} by load"
+    )
 
 
 def _agreeing(one: Sequence[Cell], pair: Sequence[Cell], factors: Sequence[float]) -> int:

@@ -9,21 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from instrument.designs import get_design
-from instrument.film_material import FilmMaterial
+from instrument.film_material import PVDF
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import SolidParameters, solid_parameters
 from instrument.models.validation import Validation
-from instrument.sample import SAMPLES
+from instrument.sample import SAMPLES, Sample
 from procedures.reproduce.curves import Progress
 from procedures.reproduce.solutions import Solutions
 
 STORED = Path(__file__).with_name("what_if.json")
 ONE, PAIR = "single", "common_base"
 MESH = 0
+SOFT_FILM = replace(PVDF, compliance=tuple(100 * each for each in PVDF.compliance))
 
 Changed = Callable[[SolidParameters], SolidParameters]
 
@@ -77,7 +79,7 @@ WHAT_IFS = (
     WhatIf("all rubber 9.5 times as stiff", "calibration of the load cell", _scaled(9.5, 9.5)),
     WhatIf("plates of 3 GPa", "base", _put(plate_modulus=3e9)),
     WhatIf("tooth, films and plates rigid", "base, film's yielding", _put(support="rigid")),
-    WhatIf("films 100 times as soft", "film's yielding", _put(film=FilmMaterial.isotropic(22e6, 0.34))),
+    WhatIf("films 100 times as soft", "film's yielding", _put(film=SOFT_FILM)),
     WhatIf("rigid flat probe, object slides", "two together", _put(load="platen", interface="frictionless")),
     WhatIf("rigid flat probe, ring three times as stiff", "two together", _scaled(1.0, 3.0, load="platen")),
 )
@@ -111,7 +113,7 @@ def effects(solutions: Solutions, progress: Progress) -> list[Effect]:
     found = []
     for done, what_if in enumerate(WHAT_IFS):
         progress(done, len(WHAT_IFS), what_if.name)
-        ratios = {design: _ratios(solutions, design, what_if.changed) for design in (ONE, PAIR)}
+        ratios = {design: _ratios(solutions, design, what_if) for design in (ONE, PAIR)}
         by_design = {design: _compared(design, ratios[design]) for design in ratios}
         found.append(Effect(what_if, by_design, contrast(ratios[PAIR], ratios[ONE])))
     return found
@@ -133,12 +135,21 @@ def _compared(design: str, ratios: dict[str, float]) -> Validation:
     return Validation(design, "physical", "solid", "compared", percent=percent)
 
 
-def _ratios(solutions: Solutions, design: str, changed: Changed) -> dict[str, float]:
-    """Force ratio of each sample."""
-    from instrument.models import solid
+def asked(design: str, what_if: WhatIf, sample: Sample) -> SolidParameters:
+    """What the solid model is asked."""
+    return what_if.changed(solid_parameters(get_design(design), PHYSICAL.load(sample.modulus)))
 
+
+def _ratios(solutions: Solutions, design: str, what_if: WhatIf) -> dict[str, float]:
+    """Force ratio of each sample."""
     found = {}
     for name, sample in SAMPLES.items():
-        asked = changed(solid_parameters(get_design(design), PHYSICAL.load(sample.modulus)))
-        (found[name],) = solutions.of(asked, f"what if, mesh {MESH}", lambda: [solid.solve(asked, MESH).force_ratio])  # noqa: B023
+        parameters = asked(design, what_if, sample)
+        (found[name],) = solutions.of(parameters, f"what if, mesh {MESH}", partial(_solve, parameters))
     return found
+
+
+def _solve(parameters: SolidParameters) -> list[float]:
+    from instrument.models import solid
+
+    return [solid.solve(parameters, MESH).force_ratio]

@@ -51,9 +51,7 @@ def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
     print_all(table, *legend(table, marks=NO_VALUE))
 
 
-def print_prices(
-    prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None
-) -> None:
+def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:
     """A table a design: error and time of every model at every refinement, and how far experiments are from it."""
     validation = {(found.design, found.model): brief(found) for found in compared}
     low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
@@ -87,11 +85,19 @@ def print_prices(
 def print_surfaces(surfaces: Mapping[tuple[str, str], ResponseSurface]) -> None:
     """A line a surface."""
     table = new_table(
-        None, "design", "set", "of model", "nodes", "modulus ratios", "relative error", "error of the model", "built in\ns"
+        None,
+        "design",
+        "set",
+        "of model",
+        "nodes",
+        "modulus ratios",
+        "relative error",
+        "error of the model",
+        "built in\ns",
     )
     for (name, parameters), s in surfaces.items():
         table.add_row(
-            name, parameters, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}", f"{s.error_bound:.1e}",
-            f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
+            name, parameters, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}",
+            f"{s.error_bound:.1e}", f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
         )  # fmt: skip
     print_all(table)

@@ -16,7 +16,7 @@ from instrument.designs import get_design
 from instrument.evidence import of_experiment, ratio_by
 from instrument.models.validation import SIGN, Validation
 from instrument.sample import SAMPLES
-from instrument.thesis import Cell
+from instrument.thesis import Cell, read_table
 from procedures.load_sweep import SweepResult
 from procedures.reproduce import theory
 from procedures.reproduce.experiments import AT_3_N, Arrangement
@@ -58,8 +58,8 @@ def told(found: Validation) -> str:
     """The distance in one sentence."""
     by_sample = ", ".join(f"{sample} {value:+.0f} %" for sample, value in found.percent.items())
     return (
-        f"{found.design}, {found.parameters} set by model {found.model!r}: mean {found.mean:+.1f} %, rms {found.rms:.1f}"
-        f" %, worst {found.worst:+.1f} % ({SIGN}); by sample: {by_sample}"
+        f"{found.design}, {found.parameters} set by model {found.model!r}: mean {found.mean:+.1f} %,"
+        f" rms {found.rms:.1f} %, worst {found.worst:+.1f} % ({SIGN}); by sample: {by_sample}"
     )
 
 
@@ -68,7 +68,7 @@ def _own_theory(design: str) -> str:
     column = OWN_THEORY[design]
     *_, of_experiment_ = theory.COLUMNS[column]
     rebuilt = theory.implied(column)[theory.OF_EXPERIMENT if of_experiment_ else theory.OF_THEORY]
-    samples = [sample for sample in theory.read_table("5.8").rows if sample != "average"]
+    samples = [sample for sample in read_table("5.8").rows if sample != "average"]
     measured = np.array([get_design(design).thesis_force_ratio[sample] for sample in samples])
     percent = 100 * (rebuilt / measured - 1)
     by_sample = ", ".join(f"{sample} {value:+.0f} %" for sample, value in zip(samples, percent, strict=True))

@@ -211,6 +211,12 @@ def test_a_part_that_nothing_holds_is_refused() -> None:
         linear_solver.SymmetricSolver(sparse.csc_array(np.diag([1.0, 0.0])), "superlu")
 
 
+def test_without_a_load_nothing_moves() -> None:
+    """A film that gives no charge is no load either."""
+    solution, residual = linear_solver.SymmetricSolver(sparse.csc_array(np.eye(2)), "superlu")(np.zeros(2))
+    assert not solution.any() and residual == 0.0
+
+
 @pytest.mark.parametrize(
     "change, message",
     [

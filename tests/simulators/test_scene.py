@@ -15,8 +15,10 @@ from instrument.design import Design
 from instrument.errors import ConfigError, RangeError, UnknownName, UsageError
 from instrument.load import Load
 from instrument.models import axisymmetric, price_list
+from instrument.models.parameter_sets import get_parameter_set
 from instrument.models.parameters import RoundParameters
 from instrument.models.price_list import Choice
+from instrument.models.response import response
 from instrument.quantity import parse
 from instrument.sample import SAMPLES, get_sample
 from simulators.clock import VirtualClock
@@ -378,3 +380,35 @@ def test_the_module_of_an_absent_effect_is_never_imported(tmp_path: Path) -> Non
         [sys.executable, "-c", LIFE, *files], check=True, env=environment, capture_output=True, text=True, timeout=120
     )
     assert [line.split() for line in life.stdout.splitlines()] == [sorted([*n, "effect"]) for n in growing]
+
+
+# --- parameter sets ------------------------------------------------------------------------------------
+
+
+def test_a_parameter_set_goes_over_the_scenes_design_and_samples() -> None:
+    scene = read_scene("thesis_single")
+    fitted = scene.with_model("surface", "identified")
+    chosen = get_parameter_set("identified", "surface")
+    sample = get_sample("3")
+    expected = response(chosen.design(scene.design), chosen.load(sample.modulus), "surface")
+    assert fitted.answer(sample) == expected
+    assert fitted.answer(sample).force_ratio != scene.with_model("surface").answer(sample).force_ratio
+    assert scene.with_model("surface").answer(sample) == scene.with_model("surface", "physical").answer(sample)
+
+
+def test_a_scenes_parameter_set_is_in_its_file_and_comes_back(tmp_path: Path) -> None:
+    fitted = read_scene("thesis_single").with_model("surface", "identified")
+    path = tmp_path / "again.toml"
+    path.write_text(fitted.to_toml(), encoding="utf-8")
+    assert read_scene(str(path)).design == fitted.design
+    assert "parameters" not in read_scene("thesis_single").to_toml()
+
+
+def test_a_parameter_set_that_the_model_has_not_is_refused_and_the_file_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"scene.*unknown parameter set of model 'column' 'identified'"):
+        read(tmp_path, 'model = "column"\nparameters = "identified"')
+
+
+def test_automatic_effects_are_weighed_by_the_parameter_set(tmp_path: Path) -> None:
+    scene = read(tmp_path, 'model = "surface"\nparameters = "identified"\n[effects]\nadc = "auto"')
+    assert scene.design.support == "rigid"
