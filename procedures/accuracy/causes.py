@@ -52,7 +52,7 @@ class Causes:
     """Everything that `palpate accuracy validation --what-if` tells."""
 
     effects: tuple[what_if.Effect, ...]
-    measured_contrast: float
+    measured_contrasts: Mapping[str, float]
     stiffening: tuple[Stiffening, ...]
     gains: tuple[Gain, ...]
     readings: tuple[readings.Copied, ...]
@@ -62,7 +62,7 @@ class Causes:
         """From the models, and from the tables of the thesis. Raises EstimateError."""
         return cls(
             effects=tuple(what_if.effects(solutions, progress)),
-            measured_contrast=what_if.measured_contrast(),
+            measured_contrasts=what_if.measured_contrasts(),
             stiffening=tuple(_stiffened(times, force) for times in TIMES for force in LOADS),
             gains=tuple(_gain(validate(design, "physical", JUDGED)) for design in measured_designs()),
             readings=tuple(readings.copied()),
@@ -76,7 +76,7 @@ class Causes:
         return {
             "sign": SIGN,
             "what_if": [effect.record() for effect in self.effects],
-            "measured_pair_over_single": self.measured_contrast,
+            "measured_pair_over_single": dict(self.measured_contrasts),
             "stiffening": [
                 {"moduli_times": each.times, "load_N": each.force, "ratio_over_linear": each.over_linear}
                 for each in self.stiffening

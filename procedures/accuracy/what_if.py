@@ -7,14 +7,14 @@ kept: all of them take some minutes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from instrument.designs import get_design
-from instrument.film_material import PVDF
+from instrument.film_material import FilmMaterial
 from instrument.models.parameter_sets import PHYSICAL
 from instrument.models.parameters import SolidParameters, solid_parameters
 from instrument.models.validation import Validation
@@ -25,7 +25,7 @@ from procedures.reproduce.solutions import Solutions
 STORED = Path(__file__).with_name("what_if.json")
 ONE, PAIR = "single", "common_base"
 MESH = 0
-SOFT_FILM = replace(PVDF, compliance=tuple(100 * each for each in PVDF.compliance))
+SOFT_FILM = FilmMaterial.isotropic(22e6, 0.34)
 
 Changed = Callable[[SolidParameters], SolidParameters]
 
@@ -91,12 +91,17 @@ class Effect:
 
     Attributes:
         by_design: the distance from the experiments with it.
-        contrast: mean over the samples of the pair's force ratio over the single sensor's.
+        contrasts: the pair's force ratio over the single sensor's, by sample.
     """
 
     what_if: WhatIf
     by_design: dict[str, Validation]
-    contrast: float
+    contrasts: dict[str, float]
+
+    @property
+    def contrast(self) -> float:
+        """Mean of the contrasts."""
+        return mean_of(self.contrasts)
 
     def record(self) -> dict[str, Any]:
         """Under public names."""
@@ -104,7 +109,7 @@ class Effect:
             "name": self.what_if.name,
             "cause": self.what_if.cause,
             "designs": {name: found.record() for name, found in self.by_design.items()},
-            "pair_over_single": self.contrast,
+            "pair_over_single": self.contrasts,
         }
 
 
@@ -115,18 +120,21 @@ def effects(solutions: Solutions, progress: Progress) -> list[Effect]:
         progress(done, len(WHAT_IFS), what_if.name)
         ratios = {design: _ratios(solutions, design, what_if) for design in (ONE, PAIR)}
         by_design = {design: _compared(design, ratios[design]) for design in ratios}
-        found.append(Effect(what_if, by_design, contrast(ratios[PAIR], ratios[ONE])))
+        found.append(Effect(what_if, by_design, _contrasts(ratios[PAIR], ratios[ONE])))
     return found
 
 
-def measured_contrast() -> float:
-    """`Effect.contrast` of the thesis' experiments."""
-    return contrast(get_design(PAIR).thesis_force_ratio, get_design(ONE).thesis_force_ratio)
+def measured_contrasts() -> dict[str, float]:
+    """The pair's measured force ratio over the single sensor's, by sample."""
+    return _contrasts(get_design(PAIR).thesis_force_ratio, get_design(ONE).thesis_force_ratio)
 
 
-def contrast(pair: Any, one: Any) -> float:
-    """Mean over the samples of the pair's force ratio over the single sensor's."""
-    return math.fsum(pair[name] / one[name] for name in SAMPLES) / len(SAMPLES)
+def mean_of(by_sample: Mapping[str, float]) -> float:
+    return math.fsum(by_sample.values()) / len(by_sample)
+
+
+def _contrasts(pair: Mapping[str, float], one: Mapping[str, float]) -> dict[str, float]:
+    return {name: pair[name] / one[name] for name in SAMPLES}
 
 
 def _compared(design: str, ratios: dict[str, float]) -> Validation:

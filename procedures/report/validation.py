@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from instrument.models.validation import SIGN, Validation
 from instrument.sample import SAMPLES
+from procedures.accuracy.what_if import mean_of
 from procedures.report.text import new_table, print_all, stamped
 
 if TYPE_CHECKING:
@@ -65,7 +66,11 @@ def print_causes(found: Causes) -> None:
     for effect in found.effects:
         cells = [f"{value:{form}}" for each in effect.by_design.values() for value, form in _mean_and_rms(each)]
         table.add_row(effect.what_if.name, effect.what_if.cause, *cells, f"{effect.contrast:.3f}")
-    table.add_row("measured", "", "", "", "", "", f"{found.measured_contrast:.3f}")
+    table.add_row("measured", "", "", "", "", "", f"{mean_of(found.measured_contrasts):.3f}")
+    contrasts = [
+        f"pair over single by sample, {name}: " + ", ".join(f"{sample}: {value:.2f}" for sample, value in of.items())
+        for name, of in (("measured", found.measured_contrasts), ("as described", found.effects[0].contrasts))
+    ]
     stiffer = [
         f"rubber that stiffens (neo-Hookean springs), moduli times {each.times:g}, {each.force:g} N: the ratio of a"
         f" single sensor is {each.over_linear:.2f} times that of linear springs"
@@ -80,7 +85,7 @@ def print_causes(found: Causes) -> None:
         f"common base, {each.film}: {each.same} of {each.cells} printed readings are {each.how}"
         for each in found.readings
     ]
-    print_all(table, *stiffer, "", *gains, "", *copies)
+    print_all(table, *contrasts, "", *stiffer, "", *gains, "", *copies)
 
 
 def _mean_and_rms(found: Validation) -> list[tuple[float, str]]:

@@ -19,6 +19,7 @@ from instrument.sample import SAMPLES
 from instrument.thesis import Cell, read_table
 from procedures.load_sweep import SweepResult
 from procedures.reproduce import theory
+from procedures.reproduce.columns import RATIO
 from procedures.reproduce.experiments import AT_3_N, Arrangement
 from procedures.reproduce.rows import Row, RowTable
 
@@ -45,13 +46,14 @@ def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tu
         measured, mean = design.thesis_force_ratio[sample], means[sample]
         ours, ours_u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
         u = math.hypot(design.ratio_scatter * measured / math.sqrt(arrangement.averaged), ours_u)
-        evidence = of_experiment("force_ratio", ratio, arrangement.summary)
-        rows.append(Row(sample, "force_ratio", Cell(f"{measured:g}", measured), ours, u, evidence, measured=True))
+        evidence = of_experiment(RATIO, ratio, arrangement.summary)
+        rows.append(Row(sample, RATIO, Cell(f"{measured:g}", measured), ours, u, evidence, by=f"{MODEL}, {parameters}"))
         percent[sample] = 100 * (ours / measured - 1)
     found = Validation(design.name, parameters, MODEL, "compared", percent=percent)
-    title = f"whole bench by model {MODEL!r}, {parameters} set, which knows nothing of the experiments: {design.name}"
-    number = f"blind {design.name} {parameters}"
-    return RowTable(number, title, "", tuple(rows), (told(found), _own_theory(design.name)), blind=True), found
+    title = f"whole bench by finite elements that know nothing of the experiments, {design.name}, beside measured means"
+    said = (told(found), _own_theory(design.name))
+    number, name = f"{arrangement.summary}, {parameters} set", f"blind_{design.name}_{parameters}"
+    return RowTable(number, title, "", tuple(rows), said, name=name), found
 
 
 def told(found: Validation) -> str:

@@ -127,8 +127,8 @@ def test_each_class_is_held_to_its_own_and_the_exit_status_says_so(
     assert (said.status, said.err) == (0 if met else 1, "")
     answer = json.loads(said.out)
     assert answer.keys() == {
-        "folder", "page", "evidence", "softness_order_right", "softness_order_evidence", "met", "outside", "tables",
-        "models",
+        "folder", "page", "evidence", "softness_order_right", "softness_order_evidence", "blind", "met", "outside",
+        "tables", "models",
     }  # fmt: skip
     assert answer["met"] is met is all(one["met"] for one in answer["evidence"].values())
     assert list(answer["evidence"]) == ["input", "fitted", "predicted"]

@@ -58,7 +58,7 @@ class Whole:
     """One `reproduce` of everything, its benches and their noise left out."""
 
     done: Everything
-    opened: list[tuple[str, str]]
+    opened: list[tuple[str | None, ...]]
     page: str
     figures: dict[str, Figure]
 
@@ -74,13 +74,15 @@ class Whole:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
     folder = tmp_path_factory.mktemp("whole")
-    opened: list[tuple[str, str]] = []
+    opened: list[tuple[str | None, ...]] = []
     figures: dict[str, Figure] = {}
 
     @contextmanager
-    def open_bench(scene: str, procedure: str) -> Iterator[Any]:
-        opened.append((scene, procedure))
-        yield SimpleNamespace(bench=SimpleNamespace(description=BENCH), record=None, model="experiment")
+    def open_bench(
+        scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+    ) -> Iterator[Any]:
+        opened.append((scene, procedure, model, parameters))
+        yield SimpleNamespace(bench=SimpleNamespace(description=BENCH), record=None, model=model or "experiment")
 
     def keep(figure: Figure, path: Path, **_: object) -> None:
         figures[Path(path).name] = figure
@@ -112,13 +114,17 @@ def texts(axes: Axes) -> list[str]:
 
 
 def test_everything_is_measured_judged_and_on_one_page(whole: Whole) -> None:
-    assert [procedure for _, procedure in whole.opened] == [
-        *3 * ["sweep-loads"],
-        "calibrate-load-cell",
-        *2 * ["test-modulus"],
+    scenes = [arrangement.scene for arrangement in experiments.ARRANGEMENTS]
+    assert [(scene, *by) for scene, procedure, *by in whole.opened if procedure == "sweep-loads"] == [
+        (scene, *by) for by in ((None, None), ("surface", "physical"), ("surface", "identified")) for scene in scenes
     ]
+    assert [procedure for _, procedure, *_ in whole.opened[9:]] == ["calibrate-load-cell", *2 * ["test-modulus"]]
     assert whole.done.orders == {"single": True, "common_base": True, "different_base": True}
     summary = whole.done.summary()
+    assert [(run["parameters"], run["design"]) for run in summary["blind"]["runs"]] == [
+        (parameters, each.design) for parameters in ("physical", "identified") for each in experiments.ARRANGEMENTS
+    ]
+    assert whole.page.count("blind run, ") == 6
     tables = whole.done.all_tables()
     assert {table.number for table in tables if table.again} == {"5.5", "5.6", "5.8", "5.8 (definitions)", *REPEATS}
     once = [row.within for table in tables if not table.again for row in table.judged]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from pathlib import Path
@@ -28,7 +27,13 @@ def effects() -> dict[str, what_if.Effect]:
 
 
 def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: Palpate) -> None:
-    found = palpate("accuracy", "validation", "--json").object
+    found = palpate("accuracy", "validation", "--what-if", "--json").object
+    assert found.keys() == {
+        "sign", "models", "what_if", "measured_pair_over_single", "stiffening", "gains", "readings",
+    }  # fmt: skip
+    assert [each["design"] for each in found["gains"]] == ["single", "common_base", "different_base"]
+    assert all(math.isfinite(each["left_rms_percent"]) for each in found["gains"])
+    assert (len(found["what_if"]), len(found["readings"])) == (len(what_if.WHAT_IFS), 3)
     assert found["sign"] == "model less measured mean, in percent of the measured mean"
     assert {(m["design"], m["model"]) for m in found["models"]} == {
         (design, model) for design in ("single", "common_base", "different_base") for model in MODELS
@@ -40,7 +45,6 @@ def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: 
     assert min(surface["samples_percent"].values()) > 20 and max(surface["samples_percent"].values()) < 36.2
     solid_ = by["single", "physical", "solid"]
     assert solid_["mean_percent"] == pytest.approx(surface["mean_percent"], abs=0.5)  # one model, two meshes
-    assert "what_if" not in found
 
 
 def test_people_read_the_distance_sample_by_sample_and_why_there_is_none(palpate: Palpate) -> None:
@@ -69,8 +73,6 @@ def test_a_ratio_comes_with_the_distance_of_its_model_from_the_experiments(palpa
     assert (found["model"], found["kind"], round(found["rms_percent"])) == ("surface", "compared", 28)
     said = palpate(*ratio).out
     assert " 28 % " in said and "validation of surface (physical set, single): mean +27.3 %" in said
-    given = palpate(*ratio, "--model", "experiment").out
-    assert " input " in given and "validation of experiment" in given
     none = palpate(*ratio, "--design", "single_round", "--model", "column").out
     assert " none " in none and "nothing was measured with design 'single_round'" in none
 
@@ -92,6 +94,7 @@ def test_every_cause_is_kept_and_nothing_is_solved(monkeypatch: pytest.MonkeyPat
     assert [effect.what_if.name for effect in found] == [each.name for each in what_if.WHAT_IFS]
 
 
+@pytest.mark.slow
 def test_a_kept_effect_is_the_models_own_now(effects: dict[str, what_if.Effect]) -> None:
     (slides,) = (each for each in what_if.WHAT_IFS if each.name == "object slides on tooth and ring")
     asked = what_if.asked("single", slides, get_sample("2"))
@@ -113,7 +116,7 @@ def test_what_lies_below_the_ring_moves_nothing_and_the_flat_probe_moves_both_al
     for name in ("plates of 3 GPa", "tooth, films and plates rigid", "films 100 times as soft"):
         for design, found in effects[name].by_design.items():
             assert found.mean == pytest.approx(plain.by_design[design].mean, abs=0.1)
-    measured = what_if.measured_contrast()
+    measured = what_if.mean_of(what_if.measured_contrasts())
     assert plain.contrast < 0.8 < 0.9 < measured < effects["rigid flat probe, not a uniform pressure"].contrast < 1
     assert abs(effects["object slides on tooth and ring"].contrast - plain.contrast) < 0.02
 
@@ -145,6 +148,7 @@ def test_springs_that_stiffen_are_linear_under_a_small_load_and_raise_the_ratio_
 # --- the document --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_figure_of_the_document_is_printed_by_a_command_that_it_names(palpate: Palpate) -> None:
     """Blocks begin with the command; their lines stand in its output, and the text's figures in the blocks."""
     parts = DOCUMENT.read_text(encoding="utf-8").split("```")
@@ -159,13 +163,3 @@ def test_every_figure_of_the_document_is_printed_by_a_command_that_it_names(palp
     figures = re.findall(r"(?<![\w.])[-+−]?\d+\.\d+", text)
     assert len(figures) > 10
     assert [each for each in figures if each.replace("−", "-").lstrip("+") not in printed] == []
-
-
-def test_json_has_everything_that_the_tables_have(palpate: Palpate) -> None:
-    found = palpate("accuracy", "validation", "--what-if", "--json").object
-    assert found.keys() == {
-        "sign", "models", "what_if", "measured_pair_over_single", "stiffening", "gains", "readings",
-    }  # fmt: skip
-    assert [each["design"] for each in found["gains"]] == ["single", "common_base", "different_base"]
-    assert all(math.isfinite(each["left_rms_percent"]) for each in found["gains"])
-    assert len(json.dumps(found["what_if"])) > 1000 and len(found["readings"]) == 3
