@@ -220,7 +220,7 @@ def test_fewer_nodes_make_a_worse_surface_and_only_the_whole_one_is_to_be_had(me
 
 def test_the_stored_list_is_printed_as_json_with_its_names(palpate: Palpate) -> None:
     said = palpate(*MODELS_COMMAND, "--json").object
-    assert set(said) == {"format", "machine", "moduli_Pa", "references", "prices", "plot"}
+    assert set(said) == {"format", "machine", "moduli_Pa", "references", "prices", "validation", "plot"}
     assert set(said["machine"]) == {"cpu", "cores", "system", "python", "date"}
     assert set(said["references"][0]) == {"design", "fingerprint", "force_ratios", "uncertainties", "how"}
     assert set(said["prices"][0]) == {

@@ -149,7 +149,7 @@ def test_a_force_in_one_point_is_the_solid_models(palpate: Palpate, monkeypatch:
 def test_json_is_one_object_and_nothing_else(palpate: Palpate) -> None:
     said = palpate(*COLUMN, "--quiet")
     assert (said.err, said.out) == ("", json.dumps(said.object, indent=2) + "\n")
-    assert list(said.object) == ["design", "parameters", "at_m", "points"]
+    assert list(said.object) == ["design", "parameters", "at_m", "validation", "points"]
     (point,) = said.object["points"]
     assert list(point) == [
         "sensed_modulus_Pa", "force_ratio", "error_estimate", "model_error", "model", "why", "seconds", "films",
