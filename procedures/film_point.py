@@ -131,7 +131,7 @@ def measure(
 def _attempt(
     films: Films, servo: LoadServo, load: float, dwell: float | DwellChoice, attempt: int, compare: bool
 ) -> FilmPoint:
-    short, settling, settled = films.settle(servo.watch)
+    short, settling, settled = films.settle(servo.watch, dwell if isinstance(dwell, float) else None)
     heard = films.emergencies()
     record, duration, predicted_u = _recorded(films, dwell, short)
     reading = servo.read()

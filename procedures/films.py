@@ -15,6 +15,7 @@ from instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS, RAN
 from instrument.design import Design
 from instrument.errors import DeviceError, EstimateError, RangeError
 from instrument.estimate import SineFit, fit_sine
+from instrument.sine_columns import sine_columns
 
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
@@ -23,6 +24,7 @@ SHORT_RECORD = 0.2  # s, and whole cycles, two or more
 SETTLING_LIMIT = 30.0  # s, and ten short records or more
 AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
 BEND = 0.1  # of a standard uncertainty, that a change of trend may leave in an amplitude
+LONGEST_BROKEN = 10_000  # samples; over more, broken cycles are a small part of the record
 FINEST_CHANGE = 1e-4  # of the amplitude: what is smaller counts as settled [A]
 
 Floats = npt.NDArray[np.float64]
@@ -149,12 +151,15 @@ class Films:
                 raise
             return fit_sine(record.time[finite], record.voltage[:, finite], self.frequency)
 
-    def settle(self, watch: Callable[[], object]) -> tuple[SineFit, float, bool]:
+    def settle(self, watch: Callable[[], object], dwell: float | None = None) -> tuple[SineFit, float, bool]:
         """Wait until short records agree; `watch` is called between them.
 
         Two that follow each other must have the same amplitudes within their uncertainty. What still decays shows
         sooner in the trend: where it changes by Δ from one record to the next, T apart, the signal is curved, and over
-        whole cycles an amplitude is off by 2 Δ/(T ω²).
+        whole cycles an amplitude is off by 2 Δ/(T ω²), over a dwell of broken cycles by up to ten times as much.
+
+        Args:
+            dwell: s, of the record that follows; None: of whole cycles.
 
         Returns:
             The last short record's fit, the time taken [s], and whether it did settle within the limit.
@@ -162,24 +167,34 @@ class Films:
         length = short_length(self.frequency)
         began = self.bench.clock.now_ns()
         limit = max(SETTLING_LIMIT, 10 * length)
+        bent = self._bent(dwell)
         before: tuple[int, SineFit] | None = None
         while True:
             start = self.bench.clock.now_ns()
             fit = self.fit(self.acquire(length))
             watch()
             took = self.bench.clock.now_ns() - began
-            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]))
+            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]), bent)
             if settled or took >= 1e9 * limit:
                 return fit, 1e-9 * took, settled
             before = start, fit
 
+    def _bent(self, dwell: float | None) -> float:
+        """By how much a signal that bends by 1 V/s² puts an amplitude off that is measured over `dwell` [V]."""
+        whole = 2 / (2 * math.pi * self.frequency) ** 2
+        rate = SAMPLES_PER_CYCLE * self.frequency
+        if dwell is None or dwell * rate > LONGEST_BROKEN or abs(math.remainder(dwell * self.frequency, 1)) < 1e-6:
+            return whole
+        basis = sine_columns(np.arange(round(dwell * rate)) / rate, self.frequency)
+        return max(whole, float(np.linalg.norm(basis.weights() @ (basis.time**2 / 2))))
 
-def _agree(before: SineFit, after: SineFit, gap: float) -> bool:
-    """Whether two short records, begun `gap` s apart, are of a settled signal."""
+
+def _agree(before: SineFit, after: SineFit, gap: float, bent: float) -> bool:
+    """Whether two short records, begun `gap` s apart, are of a settled signal: `bent` as `Films._bent` has it."""
     finest = FINEST_CHANGE * after.amplitude
     step = np.abs(after.amplitude - before.amplitude)
     step_u = np.hypot(before.amplitude_u, after.amplitude_u)
-    bend = 2 * np.abs(after.trend - before.trend) / gap / (2 * np.pi * after.frequency) ** 2
+    bend = bent * np.abs(after.trend - before.trend) / gap
     return bool(
         np.all(step <= np.maximum(AGREEMENT * step_u, finest))
         and np.all(bend <= np.maximum(BEND * after.amplitude_u, finest))

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.benchmarks import (
+    agreement,
     array,
     bounds,
     coverage,
@@ -67,6 +68,7 @@ PARTS = {
 }
 # A quarter of an hour and more (bounds, estimates: hours, resumable): only by name.
 LONG = {
+    "agreement": agreement.measure,
     "bounds": bounds.measure,
     "estimates": estimates.measure,
     "faults": faults.measure,

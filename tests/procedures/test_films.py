@@ -110,6 +110,20 @@ def test_what_is_left_of_a_transient_is_below_the_uncertainty(signals: Signals, 
     assert (left <= np.maximum(0.2 * fit.amplitude_u, 1e-4 * TRUE)).all()
 
 
+def test_a_dwell_of_broken_cycles_waits_until_a_transient_is_below_its_uncertainty(
+    signals: Signals, tmp_path: Path
+) -> None:
+    """Over 10.5 cycles a falling offset leaks into the amplitude eight times as much as over 10."""
+    signals.decay, signals.noise = 2.0, 100e-6
+    point, _ = measured(signals, Held(), tmp_path / "run", 1.05)
+    began = 1e-9 * signals.bench.clock.now_ns() - 1.05
+    offset = signals.decay * np.exp(-began - point.record.time)
+    turned = TRUE[:, None] * np.sin(2 * np.pi * (10 * (began + point.record.time)))
+    left = abs(fit_sine(point.record.time, turned + offset, 10.0).amplitude - TRUE)
+    assert point.valid
+    assert (left <= 0.5 * point.fit.amplitude_u).all()
+
+
 def test_what_never_settles_is_flagged_at_the_limit(signals: Signals) -> None:
     signals.drift = 0.05
     _, took, settled = signals.settle(lambda: None)
