@@ -110,7 +110,7 @@ class Row:
             "difference": self.difference if answered else None,
             "error_percent_of_theory": of_theory,
             "error_percent_of_experiment": of_experiment,
-            "scatter_u": self.u,
+            "scatter_u": self.u if self.u is not None and math.isfinite(self.u) else None,
             "evidence": self.evidence.value,
             "within": self.within,
             "outside_because": self.because,
