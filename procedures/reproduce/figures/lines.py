@@ -41,7 +41,6 @@ class Line:
     @property
     def source(self) -> str:
         """Where the thesis prints its values; empty: nowhere."""
-
         if self.model != "beam":
             return f"Table {TABLES[self.design][self.ring]}"
         return "rebuilt from Table 5.8" if self.ring == RING else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 SENSORS = {"Figure 4.1a": "single", "Figure 4.9": "different_base", "Figure 4.11a": "common_base"}
 MM = 1e3
-COLORS = {"object": "#f2cfc0", "ring": "0.35", "tooth": "#e8e2c8", "plate": "#bcd7ea", "film": "C3"}
+BODIES = {"object": "#f2cfc0", "compliant ring": "0.35", "rigid tooth": "#e8e2c8", "base plates": "#bcd7ea"}
 SLIT = 0.04  # mm on either side of the cut between bases that stand side by side
 DIMENSION = {"arrowstyle": "<->", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
 
@@ -28,10 +27,8 @@ def draw(number: str, folder: Path) -> Picture:
     _draw_plan(plan, design)
     _draw_section(section, design)
     length, width = _size(design)
-    plan.set_ylim(-2.0, width + 2.0)
-    section.set_ylim(-2.0, width + 2.0)
     for axes in (plan, section):
-        axes.set(aspect="equal", xlim=(-3.5, length + 0.5))
+        axes.set(aspect="equal", xlim=(-3.5, length + 0.5), ylim=(-2.0, width + 2.0))
         axes.axis("off")
     plan.set_title("plan", fontsize=10)
     section.set_title("section through the axes of the teeth" if len(design.teeth) > 1 else "section", fontsize=10)
@@ -45,89 +42,58 @@ def draw(number: str, folder: Path) -> Picture:
 
 
 def _draw_plan(axes: Axes, design: Design) -> None:
-    from matplotlib.patches import Circle, Rectangle
+    from matplotlib.patches import Circle
 
     for x, y, length, width in _bases(design):
-        axes.add_patch(Rectangle((x, y), length, width, fc=COLORS["plate"], ec="k", lw=0.8))
-    ring, tooth = design.ring, design.tooth
+        _block(axes, "base plates", x, y, length, width)
+    circles = (
+        ("compliant ring", design.ring.outer_radius),
+        ("base plates", design.ring.inner_radius),
+        ("rigid tooth", design.tooth.radius),
+    )
     for x, y in design.teeth:
-        centre = (MM * x, MM * y)
-        axes.add_patch(Circle(centre, MM * ring.outer_radius, fc=COLORS["ring"], ec="k", lw=0.6))
-        axes.add_patch(Circle(centre, MM * ring.inner_radius, fc=COLORS["plate"], ec="k", lw=0.6))
-        axes.add_patch(Circle(centre, MM * tooth.radius, fc=COLORS["tooth"], ec="k", lw=0.6))
+        for body, radius in circles:
+            axes.add_patch(Circle((MM * x, MM * y), MM * radius, fc=BODIES[body], ec="k", lw=0.6))
     length, width = _size(design)
     _across(axes, 0.0, length, -1.4, f"{length:g}")
     _up(axes, 0.0, width, -1.2, f"{width:g}")
     if len(design.teeth) > 1:
-        _across(
-            axes,
-            MM * design.teeth[0][0],
-            MM * design.teeth[1][0],
-            width + 0.5,
-            f"{MM * (design.teeth[1][0] - design.teeth[0][0]):g}",
-        )
+        first, second = (MM * x for x, _ in design.teeth[:2])
+        _across(axes, first, second, width + 0.5, f"{second - first:g}")
 
 
 def _draw_section(axes: Axes, design: Design) -> None:
-    from matplotlib.patches import Rectangle
-
-    ring, tooth, plate = design.ring, design.tooth, design.plate
-    t = MM * plate.thickness
-    base, top = design.plate_count * t, design.plate_count * t + MM * max(ring.height, tooth.height)
+    ring, tooth = design.ring, design.tooth
+    radius, inner, outer = MM * tooth.radius, MM * ring.inner_radius, MM * ring.outer_radius
+    plate, sensed = MM * design.plate.thickness, MM * PHYSICAL.sensed_thickness
+    base = design.plate_count * plate
+    top = base + MM * tooth.height
     for x, _, length, _ in _bases(design):
         for number in range(design.plate_count):
-            axes.add_patch(
-                Rectangle(
-                    (x, number * t),
-                    length,
-                    t,
-                    fc=COLORS["plate"],
-                    ec="k",
-                    lw=0.6,
-                    label=_once("base plates", x, number),
-                )
-            )
-        axes.plot(
-            [x, x + length], [t, t], color=COLORS["film"], lw=2.5, solid_capstyle="butt", label=_once("films", x, 0)
-        )
+            _block(axes, "base plates", x, number * plate, length, plate)
+        _film(axes, x, x + length, plate)
     for x in (MM * place for place, _ in design.teeth):
-        for side in (-1, 1):
-            inner, outer = sorted((x + side * MM * ring.inner_radius, x + side * MM * ring.outer_radius))
-            axes.add_patch(
-                Rectangle(
-                    (inner, base), outer - inner, MM * ring.height, fc=COLORS["ring"], ec="k", lw=0.6,
-                    label=_once("compliant ring", x - MM * design.teeth[0][0], side + 1),
-                )
-            )  # fmt: skip
-        r = MM * tooth.radius
-        axes.add_patch(
-            Rectangle(
-                (x - r, base),
-                2 * r,
-                MM * tooth.height,
-                fc=COLORS["tooth"],
-                ec="k",
-                lw=0.6,
-                label=_once("rigid tooth", x - MM * design.teeth[0][0], 0),
-            )
-        )
-        axes.plot([x - r, x + r], [base, base], color=COLORS["film"], lw=2.5, solid_capstyle="butt")
-    length, _ = _size(design)
-    sensed = MM * PHYSICAL.sensed_thickness
-    axes.add_patch(Rectangle((0, top), length, sensed, fc=COLORS["object"], ec="k", lw=0.6, label="object"))
+        for start in (x - outer, x + inner):
+            _block(axes, "compliant ring", start, base, outer - inner, MM * ring.height)
+        _block(axes, "rigid tooth", x - radius, base, 2 * radius, MM * tooth.height)
+        _film(axes, x - radius, x + radius, base)
+    _block(axes, "object", 0.0, top, _size(design)[0], sensed)
     first = MM * design.teeth[0][0]
-    _across(
-        axes, first - MM * tooth.radius, first + MM * tooth.radius, top + 0.3 * sensed, f"⌀ {2 * MM * tooth.radius:g}"
-    )
-    _across(
-        axes,
-        first - MM * ring.outer_radius,
-        first + MM * ring.outer_radius,
-        -1.2,
-        f"⌀ {2 * MM * ring.outer_radius:g}, inside {2 * MM * ring.inner_radius:g}",
-    )
-    _up(axes, base, top, -1.2, f"{MM * ring.height:g}")
-    _up(axes, 0.0, base, -1.2, f"{design.plate_count} × {t:g}")
+    _across(axes, first - radius, first + radius, top + 0.3 * sensed, f"⌀ {2 * radius:g}")
+    _across(axes, first - outer, first + outer, -1.2, f"⌀ {2 * outer:g}, inside {2 * inner:g}")
+    _up(axes, base, top, -1.2, f"{MM * tooth.height:g}")
+    _up(axes, 0.0, base, -1.2, f"{design.plate_count} × {plate:g}")
+
+
+def _block(axes: Axes, body: str, x: float, z: float, length: float, height: float) -> None:
+    """A rectangle with its lower left corner at x, z [mm]."""
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(Rectangle((x, z), length, height, fc=BODIES[body], ec="k", lw=0.6, label=body))
+
+
+def _film(axes: Axes, start: float, end: float, height: float) -> None:
+    axes.plot([start, end], [height, height], color="C3", lw=2.5, solid_capstyle="butt", label="films")
 
 
 def _bases(design: Design) -> list[tuple[float, float, float, float]]:
@@ -142,11 +108,6 @@ def _size(design: Design) -> tuple[float, float]:
     """Length and width of the whole sensor [mm]."""
     length, width = design.cell
     return MM * length * design.columns, MM * width * design.rows
-
-
-def _once(label: str, place: float, number: int) -> str:
-    """The label for the first of its kind, none for the others."""
-    return label if math.isclose(place, 0.0, abs_tol=2 * SLIT) and number == 0 else "_"
 
 
 def _across(axes: Axes, start: float, end: float, height: float, words: str) -> None:
