@@ -122,6 +122,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
         done.order_evidence[arrangement.design] = of_experiment(RATIO, ratio)
         done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))
         add(experiments.compare(arrangement, swept, ratio))
+    blind_sweeps = {}
     for parameters in blind.SETS:
         for arrangement in experiments.ARRANGEMENTS:
             with open_bench(arrangement.scene, load_plan.PROCEDURE, blind.MODEL, parameters) as session:
@@ -129,6 +130,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
                 swept = load_sweep.run(
                     session.bench, get_design(arrangement.design), THESIS_LOAD_CELL, settings, session.record, progress
                 )
+            blind_sweeps[arrangement.design, parameters] = swept
             table, distance = blind.compare(arrangement, parameters, swept)
             done.blind.append(distance)
             add([table])
@@ -146,7 +148,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     curves = models.run(models.SETS, done.models, progress)
     add(percent.of_bench(found, sweeps) for found, _ in done.models.tables if found.table.number == "5.8")
     add([percent.definitions()])
-    measured = Measured(bench, sweeps, done.order_evidence, tested)
+    measured = Measured(bench, sweeps, done.order_evidence, blind_sweeps, tested)
     done.models.pictures += [draw(measured, models.SETS, curves, folder) for draw in FIGURES.values()]
     write_slips(folder)
     write_classes(done.verdicts(), folder)

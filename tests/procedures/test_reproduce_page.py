@@ -317,7 +317,7 @@ def test_experiments_are_squares_circles_and_diamonds_at_the_samples_moduli(whol
         moduli, ratios = line(axes, f"thesis, {words}")
         thesis = get_design(design).thesis_force_ratio
         assert dict(zip(moduli, ratios, strict=True)) == {SAMPLES[name].modulus: thesis[name] for name in thesis}
-    assert sum(isinstance(each, ErrorbarContainer) for each in axes.containers) == 18
+    assert sum(isinstance(each, ErrorbarContainer) for each in axes.containers) == 3
     assert axes.get_xlim() == (1e4, 1e6)
 
 
@@ -328,6 +328,14 @@ def test_the_single_sensors_experiments_stand_with_2d_and_3d_the_pairs_with_3d(w
         "Figure 5.8": {"thesis, common base"},
         "Figure 5.9": {"thesis, different bases"},
     }
+
+
+def test_benches_that_know_nothing_of_the_experiments_stand_beside_them_as_predicted(whole: Whole) -> None:
+    for figure in WITH_THEORIES:
+        (axes,) = whole.panels(figure.number)
+        said = [str(each.get_label()) for each in axes.containers if isinstance(each, ErrorbarContainer)]
+        assert said[0].endswith(": bench, input")
+        assert said[1:] == ["ours: bench by physical set, predicted", "ours: bench by identified set, predicted"]
 
 
 def _theories(whole: Whole) -> dict[str, list[str]]:
@@ -357,7 +365,7 @@ def test_the_set_up_is_that_of_the_bench(whole: Whole, tmp_path: Path, monkeypat
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
     other = BENCH.model_copy(update={"sample_changer": TcpAddress(host="here"), "positioner": RtuAddress(unit=9)})
-    setup.draw(Measured(other, {}, {}, {}), tmp_path)
+    setup.draw(Measured(other, {}, {}, {}, {}), tmp_path)
     assert {"sample changer", "unit 9", "mounts"} <= set(texts(drawn[0].axes[0]))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from instrument.designs import get_design
+from instrument.evidence import of_experiment, ratio_by
 from instrument.sample import SAMPLES
 from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
+from procedures.load_sweep import SweepResult
+from procedures.reproduce.blind import MODEL
+from procedures.reproduce.columns import RATIO
 from procedures.reproduce.curves import Case, Curves
 from procedures.reproduce.figures.lines import Line
 from procedures.reproduce.figures.measured import Measured
@@ -83,15 +87,20 @@ def draw(
                 moduli, line.ours(name, moduli, curves), style, color=color, lw=1.3,
                 label=f"ours, {line.words}: {line.by(name)}, {line.evidence(name, *figure.tables).value}",
             )  # fmt: skip
-            said.append(f"{line.words} by the {line.by(name)} {line.evidence(name).value}")
+            said.append(f"{line.words}, model {line.model}, {name} set: {line.evidence(name).value}")
     _experiment(axes, figure.design, measured, "C3")
+    for (design, name), swept in measured.blind.items():
+        if design == figure.design:
+            worth = of_experiment(RATIO, ratio_by(MODEL, name), *figure.tables)
+            _bench(axes, design, swept, COLORS[name], f"ours: bench by {name} set, {worth.value}")
     _finish(axes)
     legend(drawing)
     caption = (
         f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
         f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
-        f" {_worth(measured, figure.design)}. Curves: ours on the ring of 24 kPa, none fitted to the experiments;"
-        f" beside the thesis' theories they are: {'; '.join(said)}."
+        f" {_worth(measured, figure.design)}. In the curves' colours: the same benches by finite elements of that set"
+        f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa, none fitted to experiments;"
+        f" beside the thesis' theories they are worth ({'; '.join(said)})."
     )
     return save(drawing, figure.number, caption, folder)
 
@@ -103,20 +112,27 @@ def cases(parameters: Sequence[str]) -> list[Case]:
 
 
 def _experiment(axes: Axes, design: str, measured: Measured, color: str) -> None:
+    """The thesis' and ours beside it."""
     marker, words = ARRANGEMENTS[design]
-    thesis: Mapping[str, float] = get_design(design).thesis_force_ratio
+    thesis = get_design(design).thesis_force_ratio
     moduli = [SAMPLES[name].modulus for name in thesis]
-    axes.plot(
-        moduli, list(thesis.values()), marker, color=THESIS, ms=7, mfc="none", label=f"thesis, {words}: experiment"
-    )
+    label = f"thesis, {words}: experiment"
+    axes.plot(moduli, list(thesis.values()), marker, color=THESIS, ms=7, mfc="none", label=label)
+    label = f"ours, {words}: bench, {measured.evidence[design].value}"
+    _bench(axes, design, measured.swept[design], color, label)
+
+
+def _bench(axes: Axes, design: str, swept: SweepResult, color: str, label: str) -> None:
+    """Mean ratios of a sweep with their standard uncertainty."""
     means = [
         (SAMPLES[mean.sample].modulus, mean.force_ratio, mean.force_ratio_u)
-        for mean in measured.swept[design].samples
+        for mean in swept.samples
         if mean.force_ratio is not None and mean.force_ratio_u is not None
     ]
-    label = f"ours, {words}: bench, {measured.evidence[design].value}"
-    for said, (modulus, ratio, u) in zip([label, *"_" * len(means)], means, strict=False):
-        axes.errorbar(modulus, ratio, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=said)
+    if means:
+        moduli, ratios, u = zip(*means, strict=True)
+        marker, _ = ARRANGEMENTS[design]
+        axes.errorbar(moduli, ratios, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=label)
 
 
 def _worth(measured: Measured, *designs: str) -> str:

@@ -19,10 +19,12 @@ class Measured:
         bench: that of the single sensor, which measured the first of it.
         swept: design -> load sweep over all samples.
         evidence: design -> what the force ratios of its sweep are worth beside the thesis' own.
+        blind: design and parameter set -> the same sweep by a model that knows nothing of the experiments.
         tested: sample -> compression test.
     """
 
     bench: BenchDescription
     swept: Mapping[str, SweepResult]
     evidence: Mapping[str, Evidence]
+    blind: Mapping[tuple[str, str], SweepResult]
     tested: Mapping[str, ModulusResult]
