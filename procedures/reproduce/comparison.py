@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.evidence import REPEATS, Evidence, of_model, ratio_by
-from instrument.thesis import Cell, Table
+from instrument.thesis import MODULUS, Cell, Table
 from procedures.reproduce.rows import WITHIN, Group, Row, RowTable
 
 Array = NDArray[np.float64]
+
+HARD_END = 0.9  # force ratio, from which on there is little left that theories can differ in
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +150,7 @@ class Comparison:
                 key, column.quantity, Cell(cell.printed, abs(cell.value), cell.reason), float(ours), column.u,
                 evidence, False, by=f"{series.model}, {series.parameters}",
                 group=None if column.u is None else Group(column.quantity, column.u, column.u),
+                telling=self.table.key != MODULUS or abs(cell.value) < HARD_END,
             )
             for column in self.columns
             for series in column.ours

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from instrument.evidence import Evidence
 from procedures.reproduce.bias import Bias, all_means, limit
-from procedures.reproduce.rows import WITHIN, RowTable
+from procedures.reproduce.comparison import HARD_END
+from procedures.reproduce.rows import WITHIN, Count, RowTable
 from procedures.run import storing
 
 LEAST_SHARE = 0.93  # of the input rows: one in twenty is outside by chance
@@ -32,20 +33,17 @@ class Verdict:
     """What a class comes to.
 
     Attributes:
-        rows: of the class; `answered` have a number of ours at all, `judged` a stated scatter, and `within` of these
-            lie within twice of it.
-        by: what ours is by, judged, and within: a model and its parameters, where a class has several.
+        count: of its rows; `answered` of them have a number of ours at all.
+        by: the same of each model with its parameters.
         farthest: of those judged, in standard uncertainties; `by_chance`: how many of so many normal differences lie
             outside, and how far the farthest lies.
         means: that were looked at for a bias; `limit`: how far chance puts the farthest of them, once in twenty runs.
     """
 
     evidence: Evidence
-    rows: int
+    count: Count
     answered: int
-    judged: int
-    within: int
-    by: tuple[tuple[str, int, int], ...]
+    by: Mapping[str, Count]
     farthest: float
     by_chance: tuple[float, float]
     means: tuple[Bias, ...]
@@ -53,7 +51,7 @@ class Verdict:
 
     @property
     def share(self) -> float | None:
-        return self.within / self.judged if self.judged else None
+        return self.count.within / self.count.judged if self.count.judged else None
 
     @property
     def biased(self) -> list[Bias]:
@@ -65,19 +63,17 @@ class Verdict:
     def met(self) -> bool:
         """Whether the class has what is required of it."""
         if self.evidence is Evidence.INPUT:
-            return self.within >= LEAST_SHARE * self.judged and not self.biased
+            return self.count.within >= LEAST_SHARE * self.count.judged and not self.biased
         if self.evidence is Evidence.FITTED:
-            return self.within == self.judged
-        return self.answered == self.rows
+            return self.count.within == self.count.judged
+        return self.answered == self.count.rows
 
     def record(self) -> dict[str, Any]:
         """Under public names."""
         return {
-            "rows": self.rows,
-            "judged": self.judged,
-            "within": self.within,
+            **asdict(self.count),
             "share": self.share,
-            "by": {name: {"judged": judged, "within": within} for name, judged, within in self.by},
+            "by": {name: asdict(count) for name, count in self.by.items()},
             "farthest": self.farthest,
             "outside_by_chance": self.by_chance[0],
             "farthest_by_chance": self.by_chance[1],
@@ -91,19 +87,24 @@ class Verdict:
     def counted(self) -> str:
         """How many lie within, in words."""
         share = "" if self.share is None else f" lie within their stated scatter, {self.share:.1%}"
-        rest = self.rows - self.judged
-        return f"{self.within} of {self.judged} rows{share}" + (f"; {rest} more have none stated" if rest else "")
+        rest = self.count.rows - self.count.judged
+        more = f"; {rest} more have none stated" if rest else ""
+        return f"{self.count.within} of {self.count.judged} rows{share}{_telling(self.count)}{more}"
 
     def said(self) -> list[str]:
         """Sentences for people, the share first."""
         lines = [self.counted(), f"required: {REQUIRED[self.evidence]}: {'met' if self.met else 'NOT MET'}"]
-        if self.evidence is Evidence.INPUT and self.judged:
+        judged = self.count.judged
+        if self.evidence is Evidence.INPUT and judged:
             outside, farthest = self.by_chance
             lines.append(
-                f"{self.judged - self.within} outside, the farthest by {self.farthest:.1f} standard uncertainties; of"
-                f" {self.judged} normal ones chance puts {outside:.0f} outside, the farthest at some {farthest:.1f}"
+                f"{judged - self.count.within} outside, the farthest by {self.farthest:.1f} standard uncertainties; of"
+                f" {judged} normal ones chance puts {outside:.0f} outside, the farthest at some {farthest:.1f}"
             )
-        lines += [f"{name}: {within} of {judged} rows, {within / judged:.1%}" for name, judged, within in self.by]
+        lines += [
+            f"{name}: {count} rows, {count.within / count.judged:.1%}{_telling(count)}"
+            for name, count in self.by.items()
+        ]
         if self.means:
             lines.append(
                 f"means over a table: {len(self.biased) or 'none'} of {len(self.means)} biased; of so many chance puts"
@@ -117,6 +118,13 @@ class Verdict:
         return lines
 
 
+def _telling(count: Count) -> str:
+    """Where some rows are such that no theory can miss them: how many of the others lie within."""
+    if count.telling == count.judged:
+        return ""
+    return f" ({count.telling_within} of {count.telling} where the force ratio is below {HARD_END:g})"
+
+
 def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
     """Every class alone, in the order of what a match is worth."""
     from scipy.special import ndtr, ndtri
@@ -127,21 +135,15 @@ def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
     for evidence in Evidence:
         rows = [row for table in chosen if not table.again for row in table.rows if row.evidence is evidence]
         answered = [row for row in rows if math.isfinite(row.ours)]
-        judged = [row for row in rows if row.within is not None]
-        by: dict[str, list[bool]] = {}
-        for row in judged:
-            if row.by:
-                by.setdefault(row.by, []).append(bool(row.within))
+        names = dict.fromkeys(row.by for row in rows if row.by and row.within is not None)
         found = tuple(mean for mean in means if mean.evidence is evidence)
         verdicts[evidence] = Verdict(
             evidence=evidence,
-            rows=len(rows),
+            count=(count := Count.of(rows)),
             answered=len(answered),
-            judged=len(judged),
-            within=sum(bool(row.within) for row in judged),
-            by=tuple((name, len(within), sum(within)) for name, within in by.items()),
+            by={name: Count.of(row for row in rows if row.by == name) for name in names},
             farthest=max((abs(row.difference) / row.u for row in answered if row.u), default=0.0),
-            by_chance=(2 * float(ndtr(-WITHIN)) * len(judged), float(ndtri(1 - 1 / (4 * max(len(judged), 1))))),
+            by_chance=(2 * float(ndtr(-WITHIN)) * count.judged, float(ndtri(1 - 1 / (4 * max(count.judged, 1))))),
             means=found,
             limit=limit(len(found)),
         )
@@ -151,11 +153,11 @@ def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
 def write_classes(verdicts: Mapping[Evidence, Verdict], folder: Path) -> Path:
     """Counts and share of each class as CSV; returns the file. Raises RecordError."""
     path = folder / "classes.csv"
-    header = ("class", "rows", "judged", "within", "share", "means", "biased", "required", "met")
+    header = ("class", *Count.__slots__, "share", "means", "biased", "required", "met")
     with storing(path), path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         for evidence, v in verdicts.items():
-            counted = (v.rows, v.judged, v.within, "" if v.share is None else v.share, len(v.means), len(v.biased))
+            counted = (*astuple(v.count), "" if v.share is None else v.share, len(v.means), len(v.biased))
             writer.writerow((evidence.value, *counted, REQUIRED[evidence], v.met))
     return path

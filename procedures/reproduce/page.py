@@ -51,7 +51,9 @@ def write_page(done: Everything, folder: Path) -> Path:
         f" Graspers. What is measured is <b class=stamp>{STAMP}</b>. Yellow: a slip of the thesis, repaired, with the"
         " reason; red: outside its stated scatter.</p>",
         "<p>Each row is of one of three classes, by what of the thesis went into our number, and each class is counted"
-        " alone. The error of an experiment is the experiment less the theory: above the theory it is positive.</p>",
+        " alone. Signs: a difference is ours less the thesis', and of a model beside measured means the model less the"
+        " measured one. Percent errors, as in Table 5.8, have the thesis' sign, which is the other way round: the"
+        " experiment less the theory.</p>",
         legend(),
         *(_verdict(verdict) for verdict in done.verdicts().values()),
         _list([*orders(done), *(f"blind run, {told(found)}" for found in done.blind)]),

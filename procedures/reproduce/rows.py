@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from instrument.evidence import Evidence
 from instrument.thesis import Cell
@@ -47,6 +48,7 @@ class Row:
         measured: the thesis' number is an experiment and ours stands for the theory, or the other way round.
         because: where the difference comes from, of a row outside; "" where nothing is known.
         group: how it moves with others; None: with none, and its quantity is a kind of its own.
+        telling: a theory can miss it; under an object much harder than the ring the ratio of all tends to 1.
     """
 
     row: str
@@ -59,6 +61,7 @@ class Row:
     because: str = ""
     group: Group | None = None
     by: str = ""
+    telling: bool = True
 
     @property
     def difference(self) -> float:
@@ -168,24 +171,32 @@ class RowTable:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """How many rows of a class a table has, how many of them are judged, and how many of these lie within."""
+    """How many rows there are, how many of them are judged, and how many of these lie within; those that tell, too."""
 
     rows: int
     judged: int
     within: int
+    telling: int
+    telling_within: int
+
+    @classmethod
+    def of(cls, rows: Iterable[Row]) -> Self:
+        every = list(rows)
+        judged = [row for row in every if row.within is not None]
+        telling = [row for row in judged if row.telling]
+        return cls(len(every), len(judged), _inside(judged), len(telling), _inside(telling))
 
     def __str__(self) -> str:
         return f"{self.within} of {self.judged}" if self.judged else "not judged" if self.rows else ""
 
 
+def _inside(rows: Iterable[Row]) -> int:
+    return sum(row.within is True for row in rows)
+
+
 def counts(table: RowTable) -> dict[Evidence, Count]:
     """Of every class alone."""
-    found = {}
-    for evidence in Evidence:
-        rows = [row.within for row in table.rows if row.evidence is evidence]
-        judged = [within for within in rows if within is not None]
-        found[evidence] = Count(len(rows), len(judged), sum(judged))
-    return found
+    return {each: Count.of(row for row in table.rows if row.evidence is each) for each in Evidence}
 
 
 def counts_record(table: RowTable) -> dict[str, Any]:

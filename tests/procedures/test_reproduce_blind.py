@@ -44,7 +44,7 @@ def test_the_thesis_own_finite_elements_stand_beside_it_by_the_same_sign() -> No
 def test_a_prediction_that_misses_is_counted_as_one_and_fails_nothing() -> None:
     table, _ = blind.compare(SINGLE, "identified", above(SINGLE, 1.3))
     verdict = judge([table])[Evidence.PREDICTED]
-    assert (verdict.judged, verdict.within, verdict.met) == (6, 0, True)
+    assert (verdict.count.judged, verdict.count.within, verdict.met) == (6, 0, True)
 
 
 def test_the_samples_of_every_arrangement_are_swept_at_three_of_its_loads() -> None:

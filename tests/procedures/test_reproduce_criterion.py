@@ -141,10 +141,25 @@ def test_each_class_is_held_to_its_own_and_the_exit_status_says_so(
 def test_a_class_is_counted_alone_and_a_number_that_is_printed_twice_once() -> None:
     mixed = table(*rows(10, 1, INPUT), *rows(20, 0, FITTED), *rows(30, 20, PREDICTED), number="A2.1")
     twice = judge([mixed, replace(mixed, number="4.1", again=True)])
-    assert {each: (v.judged, v.within, v.share) for each, v in twice.items()} == {
+    assert {each: (v.count.judged, v.count.within, v.share) for each, v in twice.items()} == {
         INPUT: (10, 9, 0.9), FITTED: (20, 20, 1.0), PREDICTED: (30, 10, pytest.approx(1 / 3)),
     }  # fmt: skip
     assert [str(count) for count in counts(mixed).values()] == ["9 of 10", "20 of 20", "10 of 30"]
+
+
+def test_rows_that_no_theory_can_miss_are_told_apart() -> None:
+    """Under an object much harder than the ring every ratio tends to 1."""
+    hard = [replace(each, telling=False, by="solid, physical") for each in rows(10, 0, PREDICTED)]
+    verdict = judge([table(*hard, *(replace(each, by="solid, physical") for each in rows(10, 9, PREDICTED)))])[
+        PREDICTED
+    ]
+    assert verdict.counted() == (
+        "11 of 20 rows lie within their stated scatter, 55.0% (1 of 10 where the force ratio is below 0.9)"
+    )
+    assert "solid, physical: 11 of 20 rows, 55.0% (1 of 10 where the force ratio is below 0.9)" in verdict.said()
+    assert verdict.record()["by"] == {
+        "solid, physical": {"rows": 20, "judged": 20, "within": 11, "telling": 10, "telling_within": 1}
+    }
 
 
 def test_rows_outside_are_told_beside_what_chance_would_put_there() -> None:

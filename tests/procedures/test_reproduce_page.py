@@ -168,8 +168,8 @@ def test_the_page_gives_each_class_its_own_share_and_no_count_over_all(whole: Wh
     for evidence, verdict in verdicts.items():
         section = whole.page.partition(f"<h3>{evidence.value.capitalize()}</h3>")[2].partition("</div>")[0]
         assert escape(verdict.counted()) in section and escape(REQUIRED[evidence]) in section
-    every = sum(verdict.judged for verdict in verdicts.values())
-    assert all(verdict.judged < every for verdict in verdicts.values())
+    every = sum(verdict.count.judged for verdict in verdicts.values())
+    assert all(verdict.count.judged < every for verdict in verdicts.values())
     assert f" of {every} rows" not in whole.page
 
 
