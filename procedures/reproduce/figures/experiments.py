@@ -100,7 +100,7 @@ def draw(
         f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
         f" {_worth(measured, figure.design)}. In the curves' colours: the same benches by finite elements of that set"
         f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa, none fitted to experiments;"
-        f" beside the thesis' theories they are worth ({'; '.join(said)})."
+        f" beside the thesis' theories they are: {'; '.join(said)}."
     )
     return save(drawing, figure.number, caption, folder)
 
