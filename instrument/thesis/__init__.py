@@ -230,6 +230,34 @@ def contents() -> Mapping[str, Content]:
     return MappingProxyType(listed)
 
 
+@dataclass(frozen=True, slots=True)
+class ProgramLine:
+    """A line of the program of Appendix A2.1 that is not to be taken as it stands.
+
+    Attributes:
+        line: of the listing, counted without blank ones.
+        kind: "scan": damaged characters; "slip": the program's own mistake.
+        printed: as the scan has it, what is damaged of it.
+        repaired: as it must be; of a slip, what model "beam" has in its place.
+        why: one line.
+    """
+
+    line: int
+    kind: str
+    printed: str
+    repaired: str
+    why: str
+
+
+@cache
+def program_lines() -> tuple[ProgramLine, ...]:
+    """Damaged lines first, then slips, each by the line."""
+    return tuple(
+        ProgramLine(int(row["line"]), row["kind"], row["printed"], row["repaired"], row["why"])
+        for row in _read("program_A2_1.csv")
+    )
+
+
 def _read(name: str) -> list[dict[str, str]]:
     text = (resources.files(__name__) / name).read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instrument.designs import get_design
+from instrument.models import beam_printed
 from instrument.models.response import response
 from instrument.sample import get_sample
-from instrument.thesis import Cell, Table, read_table
+from instrument.thesis import Cell, Table, program_lines, read_table
 from procedures.reproduce.comparison import Column, Comparison, Series, fit_sentence
 from procedures.reproduce.curves import RING, Case, Curves
 
@@ -89,9 +91,25 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
             said.append(fit_sentence(comparison, quantity))
     if "physical" in parameters:
         said.append("single_vs_2D: the beam's thickness and length were chosen to meet this column: a fit")
+        said.append(program_sentence(moduli))
     else:
         said.append("single_vs_2D: the beam has no identified set, so that nothing of ours stands beside it")
     return Comparison(samples_only, tuple(columns), tuple(said))
+
+
+def program_sentence(moduli: Array) -> str:
+    """What the program of Appendix A2.1 gives as it is printed, at moduli of the object [Pa]."""
+    single, hardest = get_design("single"), float(moduli.max())
+    printed = [beam_printed.force_ratio(single, replace(get_sample("1"), modulus=float(m))) for m in moduli]
+    frozen, renewed = (beam_printed.ratios(single, beam_printed.SERIES, each) for each in (True, False))
+    kinds = [each.kind for each in program_lines()]
+    return (
+        f"Appendix A2.1's program as printed has {min(printed):.2f} to {max(printed):.2f} at these moduli, up to"
+        f" {hardest / 1e3:.0f} kPa: its line K = subs(K) keeps the stiffness of the loop's first modulus. Over its own"
+        f" series that gives {frozen[0]:.2f} to {frozen[-1]:.2f}, rising; renewed, K would give {min(renewed):.1f} to"
+        f" {max(renewed):.1f}. {kinds.count('scan')} of its lines are repaired where the scan is damaged, and"
+        f" {kinds.count('slip')} slips are its own (instrument/thesis/program_A2_1.csv)"
+    )
 
 
 def _samples(table: Table) -> tuple[str, ...]:

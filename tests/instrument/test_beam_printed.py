@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 import re
 from dataclasses import replace
-from importlib import resources
 
 import numpy as np
 import pytest
@@ -17,13 +15,12 @@ from instrument.designs import get_design
 from instrument.errors import RangeError
 from instrument.models import beam_printed
 from instrument.sample import get_sample
+from instrument.thesis import program_lines
 
 Array = NDArray[np.float64]
 
 SINGLE = get_design("single")
-LISTING = resources.files("instrument.thesis") / "program_A2_1.csv"
-LINES = list(csv.DictReader(LISTING.read_text(encoding="utf-8").splitlines()))
-SCANNED = {row["line"]: row["repaired"] for row in LINES if row["kind"] == "scan"}
+SCANNED = {each.line: each.repaired for each in program_lines() if each.kind == "scan"}
 
 
 def polynomials(text: str, length: float) -> list[Polynomial]:
@@ -48,7 +45,7 @@ def products(one: list[Polynomial], other: list[Polynomial], length: float) -> A
 @functools.cache
 def element(length: float) -> tuple[Array, Array, Array]:
     """Lines 11 to 20 for an element of that length: bending over E I, foundation over Kf, load over P."""
-    n, m, c = (polynomials(SCANNED[line], length) for line in ("11", "12", "14"))
+    n, m, c = (polynomials(SCANNED[line], length) for line in (11, 12, 14))
     load = np.array([each.integ()(length) for each in m])
     return products(c, [each.deriv(2) for each in n], length), products(m, n, length), -load
 
@@ -80,7 +77,7 @@ def run_listing(moduli: list[float], frozen: bool) -> list[float]:
 
 def test_the_repaired_second_derivatives_are_those_of_the_repaired_shape_functions() -> None:
     for length in (1.4e-3, 3.5e-3):
-        rows, columns, curvatures = (polynomials(SCANNED[line], length) for line in ("11", "12", "14"))
+        rows, columns, curvatures = (polynomials(SCANNED[line], length) for line in (11, 12, 14))
         for row, column, curvature in zip(rows, columns, curvatures, strict=True):
             assert row == column
             np.testing.assert_allclose(row.deriv(2).coef, curvature.coef[:2], rtol=1e-12)
@@ -128,3 +125,12 @@ def test_the_program_overlooks_the_thickness_of_the_object() -> None:
 def test_a_modulus_that_is_none_is_refused(modulus: float) -> None:
     with pytest.raises(RangeError, match="modulus"):
         beam_printed.ratios(SINGLE, [1.49e4, modulus])
+
+
+def test_every_line_that_does_not_stand_as_printed_has_its_reason() -> None:
+    lines = program_lines()
+    assert [each.kind for each in lines] == ["scan"] * 16 + ["slip"] * 5
+    for kind in ("scan", "slip"):
+        numbers = [each.line for each in lines if each.kind == kind]
+        assert numbers == sorted(set(numbers))
+    assert all(each.printed and each.repaired and each.why and each.printed != each.repaired for each in lines)
