@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import statistics
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from instrument.evidence import Evidence
 from procedures.reproduce.bias import Bias, all_means, limit
 from procedures.reproduce.comparison import HARD_END
-from procedures.reproduce.rows import WITHIN, Count, RowTable
+from procedures.reproduce.rows import WITHIN, Count, Row, RowTable
 from procedures.run import storing
 
 LEAST_SHARE = 0.93  # of the input rows: one in twenty is outside by chance
@@ -35,6 +36,7 @@ class Verdict:
     Attributes:
         count: of its rows; `answered` of them have a number of ours at all.
         by: the same of each model with its parameters.
+        unjudged: rows without a stated scatter by kind of quantity: how many, and the median of ours over the thesis'.
         farthest: of those judged, in standard uncertainties; `by_chance`: how many of so many normal differences lie
             outside, and how far the farthest lies.
         means: that were looked at for a bias; `limit`: how far chance puts the farthest of them, once in twenty runs.
@@ -44,6 +46,7 @@ class Verdict:
     count: Count
     answered: int
     by: Mapping[str, Count]
+    unjudged: Mapping[str, tuple[int, float]]
     farthest: float
     by_chance: tuple[float, float]
     means: tuple[Bias, ...]
@@ -74,6 +77,7 @@ class Verdict:
             **asdict(self.count),
             "share": self.share,
             "by": {name: asdict(count) for name, count in self.by.items()},
+            "unjudged": {kind: {"rows": rows, "factor": factor} for kind, (rows, factor) in self.unjudged.items()},
             "farthest": self.farthest,
             "outside_by_chance": self.by_chance[0],
             "farthest_by_chance": self.by_chance[1],
@@ -87,9 +91,7 @@ class Verdict:
     def counted(self) -> str:
         """How many lie within, in words."""
         share = "" if self.share is None else f" lie within their stated scatter, {self.share:.1%}"
-        rest = self.count.rows - self.count.judged
-        more = f"; {rest} more have none stated" if rest else ""
-        return f"{self.count.within} of {self.count.judged} rows{share}{_telling(self.count)}{more}"
+        return f"{self.count.within} of {self.count.judged} rows{share}{_telling(self.count)}"
 
     def said(self) -> list[str]:
         """Sentences for people, the share first."""
@@ -105,6 +107,9 @@ class Verdict:
             f"{name}: {count} rows, {count.within / count.judged:.1%}{_telling(count)}"
             for name, count in self.by.items()
         ]
+        if self.unjudged:
+            kinds = [f"{rows} rows of {kind}, {factor:.3g}" for kind, (rows, factor) in self.unjudged.items()]
+            lines.append(f"without a stated scatter, with the median of ours over the thesis': {'; '.join(kinds)}")
         if self.means:
             lines.append(
                 f"means over a table: {len(self.biased) or 'none'} of {len(self.means)} biased; of so many chance puts"
@@ -116,6 +121,16 @@ class Verdict:
                 off = max(self.means, key=lambda mean: abs(mean.distance))
                 lines.append(f"the farthest: {off.said()}")
         return lines
+
+
+def _unjudged(rows: Iterable[Row]) -> dict[str, tuple[int, float]]:
+    """Rows without a stated scatter by the first word of their quantity, theories that Table 5.8 implies as such."""
+    kinds: dict[str, list[float]] = {}
+    for row in rows:
+        if row.within is None and row.cell.value:
+            kind = "theory" if "_vs_" in row.quantity else row.quantity.partition("_")[0]
+            kinds.setdefault(kind, []).append(abs(row.ours / row.cell.value))
+    return {kind: (len(factors), statistics.median(factors)) for kind, factors in kinds.items()}
 
 
 def _telling(count: Count) -> str:
@@ -141,6 +156,7 @@ def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
             evidence=evidence,
             count=(count := Count.of(rows)),
             answered=len(answered),
+            unjudged=_unjudged(rows),
             by={name: Count.of(row for row in rows if row.by == name) for name in names},
             farthest=max((abs(row.difference) / row.u for row in answered if row.u), default=0.0),
             by_chance=(2 * float(ndtr(-WITHIN)) * count.judged, float(ndtri(1 - 1 / (4 * max(count.judged, 1))))),

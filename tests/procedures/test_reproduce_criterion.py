@@ -162,6 +162,15 @@ def test_rows_that_no_theory_can_miss_are_told_apart() -> None:
     }
 
 
+def test_rows_without_a_stated_scatter_are_told_with_how_far_they_are() -> None:
+    volts = [replace(row(1e-3, ours, None, evidence=PREDICTED), quantity="voltage_pvdf2_V") for ours in (0.5, 0.6, 0.7)]
+    verdict = judge([table(*rows(10, 0, PREDICTED), *volts)])[PREDICTED]
+    assert (
+        "without a stated scatter, with the median of ours over the thesis': 3 rows of voltage, 600" in verdict.said()
+    )
+    assert verdict.record()["unjudged"] == {"voltage": {"rows": 3, "factor": pytest.approx(600)}}
+
+
 def test_rows_outside_are_told_beside_what_chance_would_put_there() -> None:
     off = [*[0.5] * 98, 2.2, -2.5]
     (said,) = [
