@@ -28,7 +28,10 @@ def print_scene(scene: dict[str, Any]) -> None:
 
     out = console()
     out.print(f"{scene['scene']}: {scene['purpose']}", soft_wrap=True)
-    out.print(f"design {scene['design']}, model {scene['model']}, seed {scene['seed']}, nodes {scene['nodes']}\n")
+    chosen = f" with the {scene['parameter_set']} set" if scene["parameter_set"] else ""
+    out.print(
+        f"design {scene['design']}, model {scene['model']}{chosen}, seed {scene['seed']}, nodes {scene['nodes']}\n"
+    )
     table = Table(box=None, padding=(0, 2, 0, 0))
     for column in ("", "parameter", "value"):
         table.add_column(column)

@@ -16,6 +16,7 @@ from instrument.design import Design
 from instrument.designs import get_design
 from instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from instrument.load import Load
+from instrument.models import springs
 from instrument.models.parameter_sets import get_parameter_set
 from instrument.models.response import AUTO, MODELS, Response, response
 from instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
@@ -99,11 +100,14 @@ class Scene:
     def answer(self, sample: Sample) -> Response:
         """What the sensor does under 1 N through a sample, by the scene's model and parameter set.
 
+        The stack that the shaker presses is as stiff as the sample is: a set's object is one for the model alone.
+
         Raises:
             RangeError: the model does not answer for this sensor and sample, or not to the tolerance.
             EstimateError: a linear system cannot be solved accurately.
         """
-        return response(self.design, _load(self.file, sample), self.model, self.tolerance)
+        found = response(self.design, _load(self.file, sample), self.model, self.tolerance)
+        return replace(found, stiffness=springs.stiffness(self.design, sample))
 
     def to_toml(self) -> str:
         """The scene file that gives this scene: its seed, the model that answers, the effects that are in."""

@@ -75,7 +75,14 @@ def explain(
     if output.as_json:
         faults = chosen.file.fault or []
         output.json(
-            {"scene": chosen.name, "model": chosen.model, "tolerance": limit, **asdict(answer), "faults": faults}
+            {
+                "scene": chosen.name,
+                "model": chosen.model,
+                "parameter_set": chosen.file.parameters,
+                "tolerance": limit,
+                **asdict(answer),
+                "faults": faults,
+            }
         )
     elif output.for_people:
         _print(chosen, answer, limit)

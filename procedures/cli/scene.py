@@ -112,6 +112,7 @@ def _head(scene: Scene) -> dict[str, Any]:
         "purpose": scene.purpose,
         "design": scene.design.name,
         "model": scene.model,
+        "parameter_set": scene.file.parameters,
         "seed": scene.seed,
         "nodes": scene.nodes,
         "effects": list(scene.effects),

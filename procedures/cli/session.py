@@ -85,6 +85,7 @@ class Session:
             "design": self.design.name,
             "scene": self.scene.name if self.scene else None,
             "model": self.model,
+            "parameter_set": self.scene.file.parameters if self.scene else None,
             "evidence": None if self.model is None else of_experiment("force_ratio", ratio_by(self.model)).value,
             "seed": self.scene.seed if self.scene else None,
             "calibration": f"{self.calibration.source}{self.calibration.marks()}",

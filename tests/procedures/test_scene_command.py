@@ -20,7 +20,7 @@ from simulators.planning.waveforms import Waveforms, waveforms
 from simulators.scene import read_scene, shipped
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
-HEAD = {"scene", "purpose", "design", "model", "seed", "nodes", "effects"}
+HEAD = {"scene", "purpose", "design", "model", "parameter_set", "seed", "nodes", "effects"}
 
 
 # --- list, show, check ---------------------------------------------------------------------------------

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -163,3 +165,21 @@ def test_every_figure_of_the_document_is_printed_by_a_command_that_it_names(palp
     figures = re.findall(r"(?<![\w.])[-+−]?\d+\.\d+", text)
     assert len(figures) > 10
     assert [each for each in figures if each.replace("−", "-").lstrip("+") not in printed] == []
+
+
+def test_what_is_solved_anew_replaces_what_is_kept(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(validation, "solve", lambda *_: dict.fromkeys(SAMPLES, 0.5))
+    monkeypatch.setattr(solid, "solve", lambda *_: SimpleNamespace(force_ratio=0.25))
+    monkeypatch.setattr(validation, "STORED", tmp_path / "validation.json")
+    monkeypatch.setattr(what_if, "STORED", tmp_path / "what_if.json")
+    found = palpate("accuracy", "validation", "--store", "--what-if", "--json").object
+    validation.stored.cache_clear()
+    by = {(m["design"], m["parameters"], m["model"]): m for m in found["models"]}
+    assert by["single", "physical", "solid"]["samples_percent"]["1"] == pytest.approx(100 * (0.5 / 0.314 - 1))
+    assert found["what_if"][0]["pair_over_single"] == dict.fromkeys(SAMPLES, 1.0)
+    solved = json.loads((tmp_path / "what_if.json").read_text())
+    assert [0.25] in solved.values() and len(solved) > 100
+    kept = json.loads((tmp_path / "validation.json").read_text())["answers"]
+    assert [(k["design"], k["parameters"], k["model"]) for k in kept] == list(validation.refining())
