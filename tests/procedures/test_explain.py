@@ -27,8 +27,8 @@ def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds(palpate: Palpate) -> None:
     found = palpate("scene", "explain", "thesis_single", "--load", "4 N", "--json").object
     assert set(found) == {
-        "scene", "model", "parameter_set", "tolerance", "path", "why", "transitions", "included", "omitted", "seconds", "warnings",
-        "steady", "faults",
+        "scene", "model", "parameter_set", "tolerance", "path", "why", "transitions", "included", "omitted", "seconds",
+        "warnings", "steady", "faults",
     }  # fmt: skip
     assert (found["scene"], found["model"], found["tolerance"]) == ("thesis_single", "experiment", 1e-4)
     assert (found["path"], found["transitions"]) == ("closed form", 0.0)
