@@ -213,16 +213,17 @@ def test_the_cells_of_table_5_7_are_the_means_that_went_in() -> None:
 # --- Table 5.8 -----------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def theories(monkeypatch: pytest.MonkeyPatch) -> Comparison:
+@pytest.fixture(scope="module")
+def theories() -> Comparison:
     """Table 5.8 by the models, each theory half the thesis' mean ratio."""
 
     def half(_curves: object, design: str, *_: object) -> np.ndarray:
         measured = theory.get_design(design).thesis_force_ratio
         return np.array([measured[sample] / 2 for sample in "123456"])
 
-    monkeypatch.setattr(theory, "_ratios", half)
-    return theory.compare(("physical", "identified"), Curves([]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(theory, "_ratios", half)
+        return theory.compare(("physical", "identified"), Curves([]))
 
 
 def bench_table(theories: Comparison) -> RowTable:
@@ -261,6 +262,7 @@ def test_averages_are_told_by_model_and_class_beside_the_thesis_own(theories: Co
         " -11.2 %" in said
     )
     assert "common_base_vs_3D, average: +50.0 % by solid, physical (predicted), the thesis 23.64 %" in said
+    assert row(1.0, 2.0, None).errors() != (None, None)
     assert {each.errors() for each in bench_table(theories).rows} == {(None, None)}
 
 
