@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Self
 
-from instrument.design import FILM_KINDS, Design
+from instrument.design import FILM_KINDS, Design, Film
 from instrument.errors import RangeError, UnknownName
 from instrument.load import Load
 from instrument.models import beam, beam_printed, column_fitted, experiment, hetenyi, springs
@@ -170,9 +170,7 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
     stresses = (*solution.tooth_films, *solution.base_films)
     films = {}
     for film in design.films:
-        place = film.teeth[0]
-        if film.kind != FILM_KINDS[0]:
-            place = len(solution.tooth_forces) + (place if design.separate_bases else 0)
+        place = place_among_films(design, film)
         felt = FilmLoad(forces[place])
         if stresses:
             voltage, charge = solution.signals[place]
@@ -189,6 +187,14 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
         films=films,
         stiffness=springs.stiffness(design, load.sensed),
     )
+
+
+def place_among_films(design: Design, film: Film) -> int:
+    """Of a film where the solid model has those of all teeth, and then those of the bases."""
+    tooth = film.teeth[0]
+    if film.kind == FILM_KINDS[0]:
+        return tooth
+    return len(design.teeth) + (tooth if design.separate_bases else 0)
 
 
 def _surface(design: Design, load: Load, tolerance: float | None) -> Response:

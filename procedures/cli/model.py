@@ -12,6 +12,7 @@ import click
 
 from instrument.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from instrument.quantity import show
+from procedures.cli.model_shear import shear
 from procedures.cli.options import FILE_NAME, Group, Output, output_options, store
 
 if TYPE_CHECKING:
@@ -35,6 +36,9 @@ _SETTINGS = {
 @click.group(cls=Group)
 def model() -> None:
     """Ask the sensor models, without a bench."""
+
+
+model.add_command(shear)
 
 
 def question_options(command: Callable[..., None]) -> Callable[..., None]:

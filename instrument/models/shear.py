@@ -1,0 +1,128 @@
+"""What a force along the sensor's face does to the films, and which load off centre does the same to each of them.
+
+    shear(get_design("common_base"), get_sample("1"))["rigid_1"].off_centre("object")    # m N/N
+
+By the solid model with a bonded object. The force acts along x, the line of the teeth: on the top of the first tooth
+alone, or evenly on the object's upper side, as a probe drags it. All is linear, and given for 1 N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instrument.design import Design
+from instrument.load import Load
+from instrument.models.parameters import solid_parameters
+from instrument.models.response import place_among_films
+from instrument.models.solid import REFINEMENTS, resolution_of
+from instrument.models.solid_body import PlanElements
+from instrument.models.solid_forces import evaluate
+from instrument.models.solid_mesh import TOOTH
+from instrument.models.solid_system import System
+from instrument.sample import Sample
+
+Vector = NDArray[np.float64]
+
+DRAGGED = ("tooth", "object")
+NOTHING = 1e-6  # of the load: what rounding leaves of a force that symmetry makes zero
+MESHES = REFINEMENTS[:2]  # the third takes minutes
+ALIKE = 0.1  # of a place: that two films name one
+
+
+@dataclass(frozen=True, slots=True)
+class FilmShear:
+    """Compression of a film.
+
+    Attributes:
+        pressed: by 1 N spread evenly over the object.
+        leaning: by a pressure that rises evenly along x, per metre that its resultant of 1 N is off centre [N/m].
+        dragged: by 1 N of shear, by what it acts on (`DRAGGED`) [N].
+        length: of the object [m].
+    """
+
+    pressed: float
+    leaning: float
+    dragged: Mapping[str, float]
+    length: float
+
+    def off_centre(self, what: str) -> float | None:
+        """Where along x a load acts that adds as much as an equal shear does [m]; None: no load off centre adds any."""
+        if abs(self.leaning) * self.length < NOTHING:
+            return None
+        return self.dragged[what] / self.leaning
+
+    def cleaned(self, what: str) -> float:
+        """`dragged`, without what rounding leaves of zero [N]."""
+        return self.dragged[what] if abs(self.dragged[what]) > NOTHING else 0.0
+
+    def change(self, coarse: FilmShear) -> float:
+        """The greatest of forces by shear from another mesh to this one [N]."""
+        return max(abs(self.cleaned(what) - coarse.cleaned(what)) for what in DRAGGED)
+
+    def summary(self, coarse: FilmShear) -> dict[str, float | None]:
+        """Under public names; `coarse`: the same film on the mesh before."""
+        found: dict[str, float | None] = {"pressed_N": self.pressed, "change_N": self.change(coarse)}
+        for what in DRAGGED:
+            found |= {f"{what}_N": self.cleaned(what), f"{what}_off_centre_m": self.off_centre(what)}
+        return found
+
+
+def told(films: Mapping[str, FilmShear]) -> str:
+    """What films tell of shear on the object: "not", as of one place "off centre", or of places "apart"."""
+    places = [place for film in films.values() if (place := film.off_centre("object")) is not None]
+    if not places:
+        return "not"
+    return "apart" if max(places) - min(places) > ALIKE * max(map(abs, places)) else "off centre"
+
+
+def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> dict[str, FilmShear]:
+    """Of each film by its name.
+
+    Raises:
+        RangeError: no such refinement, or a length or modulus that no mesh resolves.
+        EstimateError: the linear system cannot be solved accurately.
+    """
+    parameters = replace(solid_parameters(design, Load(1.0, sensed, "bonded")), load_at=None)
+    system = System(parameters, resolution_of(refinement), mirrored=(False, True))
+    stack, upper = system.stack, system.stack.object.body.plan
+    below = PlanElements(stack.basis, np.flatnonzero((stack.plan.region == TOOTH) & (stack.plan.cell == 0)), 1)
+    on_tooth = np.zeros(len(upper.nodes))
+    on_tooth[np.searchsorted(upper.nodes, below.nodes)] = below.integrals / (2 * below.areas.sum())
+    off_centre = stack.places[0] - parameters.length / 2 * stack.one
+    lever = _first_moments(upper, off_centre)
+    pressed, *others = (
+        _compressions(system, axis, level, weights)
+        for axis, level, weights in (
+            (2, -1, -upper.integrals / parameters.load_area),
+            (2, -1, -lever / (2 * float(lever @ off_centre[upper.nodes]))),
+            (0, 0, on_tooth),
+            (0, -1, upper.integrals / parameters.load_area),
+        )
+    )
+    films = {}
+    for film in design.films:
+        place = place_among_films(design, film)
+        leaning, tooth, whole = (float(found[place]) for found in others)
+        films[film.name] = FilmShear(
+            float(pressed[place]), leaning, dict(zip(DRAGGED, (tooth, whole), strict=True)), parameters.length
+        )
+    return films
+
+
+def _compressions(system: System, axis: int, level: int, weights: Vector) -> Vector:
+    """Of teeth and then bases [N], by forces on the object's nodes of one height, along one axis [N]."""
+    load = np.zeros(system.unknowns)
+    np.add.at(load, system.stack.object.names[axis, level], weights)
+    forces = evaluate(system, system.solve(load))
+    return np.concatenate((forces.teeth, forces.bases))
+
+
+def _first_moments(plan: PlanElements, coordinate: Vector) -> Vector:
+    """Integrals of a coordinate times the shape functions, by node of the plan; `coordinate`: its coefficients."""
+    found = np.zeros(len(plan.nodes))
+    np.add.at(found, plan.local, (plan.mass @ coordinate[plan.nodes][plan.local][..., None])[..., 0])
+    return found
