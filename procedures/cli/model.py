@@ -166,21 +166,26 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
 
     Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
     The interval holds the uncertainty of the ratio, the model's error estimate, and, where the price list knows it,
-    what the model leaves out (model error).
+    what the model leaves out (model error). It does not hold the validation error: how far the model lies from the
+    thesis' experiments is told below it.
     Models in closed form and surfaces take less than a second, the axisymmetric one some 20 s, the solid one half
     an hour.
     """
+    from instrument.models.validation import validate
     from instrument.quantity import parse
     from procedures import model_modulus
 
     output = Output(as_json, quiet)
     ratios = [parse(text, "") for text in force_ratio.split(",")]
     points = model_modulus.estimate(question, ratios, None if uncertainty is None else parse(uncertainty, ""))
+    models = dict.fromkeys(point["model"] for point in points)
+    compared = [validate(question.design, question.parameters, name) for name in models]
     if output.as_json:
         output.json(
             {
                 "design": question.design,
                 "parameters": question.parameters,
+                "validation": [found.record() for found in compared],
                 "coverage": model_modulus.COVERAGE,
                 "points": points,
             }
@@ -188,7 +193,7 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     elif output.for_people:
         from procedures.report.models import print_moduli
 
-        print_moduli(question.design, points)
+        print_moduli(question.design, points, compared)
 
 
 @model.command(

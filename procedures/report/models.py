@@ -34,8 +34,8 @@ def print_ratios(design: str, answers: list[Answer], compared: Sequence[Validati
     print_all(table, *legend(table, marks=NO_VALUE), *why, *lines(compared))
 
 
-def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
-    """A line a force ratio."""
+def print_moduli(design: str, points: list[dict[str, Any]], compared: Sequence[Validation]) -> None:
+    """A line a force ratio; `compared`: each model that answered, beside the experiments."""
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
         stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
@@ -48,7 +48,7 @@ def print_moduli(design: str, points: list[dict[str, Any]]) -> None:
             number(p["sensitivity"]),
             ": ".join(text for text in (p["kind"], p["note"]) if text),
         )  # fmt: skip
-    print_all(table, *legend(table, marks=NO_VALUE))
+    print_all(table, *legend(table, marks=NO_VALUE), *lines(compared))
 
 
 def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:

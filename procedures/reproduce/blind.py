@@ -25,6 +25,7 @@ from procedures.reproduce.rows import Row, RowTable
 
 MODEL = "surface"  # of the solid model: it answers at once
 SETS = ("physical", "identified")
+OTHER_SIGN = "the columns of percent below keep the sign of Table 5.8, which is the other one: experiment less theory"
 # Columns of Table 5.8, by design: the thesis' own finite elements.
 OWN_THEORY = {
     design: name for name, (design, _, source, _) in theory.COLUMNS.items() if source is not None
@@ -51,7 +52,7 @@ def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tu
         percent[sample] = 100 * (ours / measured - 1)
     found = Validation(design.name, parameters, MODEL, "compared", percent=percent)
     title = f"whole bench by finite elements that know nothing of the experiments, {design.name}, beside measured means"
-    said = (told(found), _own_theory(design.name))
+    said = (told(found), _own_theory(design.name), OTHER_SIGN)
     number, name = f"{arrangement.summary}, {parameters} set", f"blind_{design.name}_{parameters}"
     return RowTable(number, title, "", tuple(rows), said, name=name), found
 
