@@ -82,6 +82,6 @@ def _agreeing(one: Sequence[Cell], pair: Sequence[Cell], factors: Sequence[float
 
 
 def _unit(cell: Cell) -> float:
-    """Of the last digit that is printed."""
-    text = f"{cell.value!r}"
+    """Of the last digit that is printed; of a repaired cell, that its best value has."""
+    text = repr(cell.value) if cell.reason else cell.printed
     return 10.0 ** -len(text.partition(".")[2])

@@ -131,10 +131,12 @@ def test_the_pairs_readings_are_the_single_sensors_times_constants() -> None:
 
 
 def test_readings_of_their_own_are_not_called_copies() -> None:
-    one = [Cell("", value) for value in (100.0, 145.0, 184.0)]
-    other = [Cell("", value) for value in (51.234, 70.117, 90.502)]
-    assert readings._agreeing(one, other, [0.5, 0.5, 0.5]) == 0
-    assert readings._agreeing(one, [Cell("", 50.0), Cell("", 72.5), Cell("", 92.0)], [0.5, 0.5, 0.5]) == 3
+    def cells(*printed: str) -> list[Cell]:
+        return [Cell(text, float(text)) for text in printed]
+
+    one, half = cells("100", "145", "184"), [0.5, 0.5, 0.5]
+    assert readings._agreeing(one, cells("50.003", "70.117", "92.5"), half) == 0
+    assert readings._agreeing(one, cells("50.001", "72.50", "92"), half) == 3
 
 
 def test_springs_that_stiffen_are_linear_under_a_small_load_and_raise_the_ratio_under_a_large_one() -> None:
