@@ -47,6 +47,7 @@ class SineFit:
         trend: (channels,) V/s.
         amplitude_u: (channels,) V, standard uncertainty from `noise` and `hum_u`, with `degrees_of_freedom`.
             No gain, no coherent pick-up. Linear, so for amplitudes well above it.
+        phase_u: (channels,) rad, standard uncertainty from `noise` and `hum_u`; infinite where the amplitude is zero.
         amplitude_bias: (channels,) V, what noise adds to an amplitude in the mean: it is a length.
         hum_u: (channels,) V, what hum may have in an amplitude that shows but wanders unseen in so short a record.
         residual: (channels,) V, rms with `samples` less columns degrees of freedom; of hum what was not told apart.
@@ -69,6 +70,7 @@ class SineFit:
     offset: Floats
     trend: Floats
     amplitude_u: Floats
+    phase_u: Floats
     amplitude_bias: Floats
     hum_u: Floats
     residual: Floats
@@ -127,7 +129,7 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
     spread = np.linalg.norm(direction, axis=0)
     across = np.linalg.norm(basis.direction(at_middle + np.pi / 2), axis=0)
     around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
-    amplitude, noise_u = np.hypot(a, b), around.sigma * spread
+    amplitude, noise_u, across_u = np.hypot(a, b), around.sigma * spread, around.sigma * across
     hum_u = _wandering(basis, scaled)
     amplitude_u = np.hypot(noise_u, hum_u)
     of_noise = np.divide(noise_u, amplitude_u, out=np.ones_like(noise_u), where=amplitude_u > 0)
@@ -142,7 +144,10 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         offset=level[:, 0] + offset,
         trend=trend,
         amplitude_u=amplitude_u,
-        amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - (around.sigma * across) ** 2, 0.0)),
+        phase_u=np.divide(
+            np.hypot(across_u, hum_u), amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0
+        ),
+        amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - across_u**2, 0.0)),
         hum_u=hum_u,
         residual=residual,
         residual_peak=np.abs(residuals).max(axis=1),

@@ -53,9 +53,9 @@ class FilmForces:
         force_ratio: mean over the bases of the force on a base's teeth to the force on the base, as in Tables 5.7 and
             A2.9 to A2.20; `force_ratio_u` with the scatter of the gains and the films' calibration.
         noise_u, calibration_u, pickup_u: what noise, the films' calibration and the cables' pick-up have in it.
-        degrees_of_freedom: of `noise_u`.
+        degrees_of_freedom: of `noise_u`, and of `force_total_noise_u`.
         force_rigid_u, force_total_u: of the sums, with noise, scatter, calibration and pick-up, all as they hang
-            together.
+            together; `force_total_noise_u` is what noise has in it.
     """
 
     voltage_rigid_V: float
@@ -70,6 +70,7 @@ class FilmForces:
     degrees_of_freedom: float
     force_rigid_u: float
     force_total_u: float
+    force_total_noise_u: float
     teeth: tuple[ToothPoint, ...]
 
 
@@ -150,6 +151,7 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
         degrees_of_freedom=fit.degrees_of_freedom,
         force_rigid_u=_u(of_rigid, whole_covariance),
         force_total_u=_u(1 - of_rigid, whole_covariance),
+        force_total_noise_u=_u(1 - of_rigid, covariance),
         teeth=tuple(teeth),
     )
 

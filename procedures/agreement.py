@@ -12,22 +12,36 @@ import numpy as np
 
 from instrument.contracts import signal_generator
 from instrument.errors import EstimateError
-from instrument.estimate import SineFit
 from instrument.film_forces import FilmForces
+from instrument.uncertainty import Budget, Component
 from procedures.films import FilmRecord, Films
 
 FORCE, FREQUENCY = "force", "frequency"
-APART = 4.0  # standard uncertainties of a difference: 6 points in 1e5 by chance
+FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties, where they are well known
 CHARGE_AMPLIFIER = 1.0  # s, time constant [A]; what it takes at low frequencies is in no film's sensitivity
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 CRYSTALS = 1e-4  # relative, of two clocks [A]
 
 
-def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: float) -> bool:
-    """Whether films and load cell tell of another force [N, peak to peak] at a frequency [Hz]."""
+def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: float, known: float = math.inf) -> bool:
+    """Whether films and load cell tell of another force [N, peak to peak] at a frequency [Hz].
+
+    Args:
+        known: degrees of freedom of `load_u`.
+    """
     passed = 1 / math.hypot(1.0, 1 / (2 * math.pi * frequency * CHARGE_AMPLIFIER))
-    allowed = APART * math.hypot(forces.force_total_u, load_u) + (1 - passed) * load
-    return not abs(forces.force_total_N - load) <= allowed
+    noise_u = forces.force_total_noise_u
+    difference = Budget(
+        "films less load cell",
+        forces.force_total_N - load,
+        "N",
+        (
+            Component("films' noise", noise_u, degrees_of_freedom=forces.degrees_of_freedom),
+            Component("films' gains", math.sqrt(max(forces.force_total_u**2 - noise_u**2, 0.0))),
+            Component("load cell", load_u, degrees_of_freedom=known),
+        ),
+    )
+    return _differ(difference, (1 - passed) * load)
 
 
 def frequencies_differ(films: Films, record: FilmRecord) -> bool:
@@ -43,16 +57,18 @@ def frequencies_differ(films: Films, record: FilmRecord) -> bool:
     except EstimateError:
         return False  # too few good samples, of which other flags tell
     loudest = int(np.argmax(first.amplitude))
+    if not min(first.amplitude[loudest], second.amplitude[loudest]) > 0:
+        return False
     turned = math.remainder(float(second.phase[loudest] - first.phase[loudest]), 2 * math.pi)
-    between = float(record.time[-half:].mean() - record.time[:half].mean())
-    off, off_u = turned / (2 * math.pi * between), _phase_u(first, second, loudest) / (2 * math.pi * between)
-    return not abs(off) <= APART * off_u + CRYSTALS * films.frequency + FREQUENCY_STEP / 2
+    between = 2 * math.pi * float(record.time[-half:].mean() - record.time[:half].mean())
+    halves = tuple(
+        Component(name, float(fit.phase_u[loudest]) / between, degrees_of_freedom=fit.degrees_of_freedom)
+        for name, fit in (("first half", first), ("second half", second))
+    )
+    off = Budget("frequency less what was set", turned / between, "Hz", halves)
+    return _differ(off, CRYSTALS * films.frequency + FREQUENCY_STEP / 2)
 
 
-def _phase_u(first: SineFit, second: SineFit, film: int) -> float:
-    """Of a change of phase [rad]."""
-    relative = [
-        float(fit.amplitude_u[film] / fit.amplitude[film]) if fit.amplitude[film] > 0 else math.inf
-        for fit in (first, second)
-    ]
-    return math.hypot(*relative)
+def _differ(difference: Budget, allowed: float) -> bool:
+    """Whether a difference is more than what is allowed and what its uncertainty makes of it by chance."""
+    return not abs(difference.value) <= difference.expanded(1 - FALSE_ALARMS) + allowed

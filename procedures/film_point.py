@@ -9,6 +9,7 @@ point.fit.amplitude, point.flags, film_forces(design, point.fit).force_ratio
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -137,6 +138,7 @@ def _attempt(
     reading = servo.read()
     films.bench.amplifier.check()
     measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
+    known = float(servo.calibration.degrees_of_freedom or math.inf)
     fit = films.fit(record)
     defects = {
         CLIPPED: record.clipped.any(),
@@ -147,7 +149,7 @@ def _attempt(
     }
     flags = [flag for flag, raised in defects.items() if raised]
     if not flags:  # of a bad record nothing more is to be said
-        flags = _disagreements(films, record, fit, compare, measured, measured_u)
+        flags = _disagreements(films, record, fit, compare, measured, measured_u, known)
     if not flags:
         flags = _marks(films.design, fit)
     return FilmPoint(
@@ -165,11 +167,11 @@ def _attempt(
 
 
 def _disagreements(
-    films: Films, record: FilmRecord, fit: SineFit, compare: bool, load: float, load_u: float
+    films: Films, record: FilmRecord, fit: SineFit, compare: bool, load: float, load_u: float, known: float
 ) -> list[str]:
     """Flags where two devices know one quantity and do not agree."""
     found = []
-    if compare and forces_differ(film_forces(films.design, fit), films.frequency, load, load_u):
+    if compare and forces_differ(film_forces(films.design, fit), films.frequency, load, load_u, known):
         found.append(FORCE)
     if frequencies_differ(films, record):
         found.append(FREQUENCY)

@@ -65,7 +65,7 @@ POLICIES = (
     Policy("films clipped, not finite, unsettled; emergency in a dwell; load drifted", "of a point", MARK, ATTEMPTS),
     Policy(
         "films and load cell tell of two forces (`force`), films and generator of two frequencies (`frequency`): "
-        "4 standard uncertainties apart",
+        "further apart than 6 points of 100,000 are by chance",
         "of a point", MARK, ATTEMPTS,
     ),
     Policy("hum, or the noise that prevails, cannot be told in so short a record (`hum`, `short`)", "of a point", USE),

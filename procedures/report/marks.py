@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.table import Table
 
-APART = "more than 4 standard uncertainties apart"
+APART = "further apart than 6 points of 100,000 are by chance"
 FLAGS: dict[str, str] = {
     "clipped": "a film's voltage passes the range of its converter; take a smaller load",
     "not finite": "a film gives samples that are no numbers; check its sensor node",

@@ -155,13 +155,13 @@ def test_hum_over_one_cycle_widens_the_uncertainty_by_as_much_as_its_wander_may_
     assert np.std(fit.amplitude) == pytest.approx(fit.hum_u[0], rel=0.3)
 
 
-@pytest.mark.parametrize("duration", [0.06, 0.12, 0.2])
+@pytest.mark.parametrize("duration", [0.06, 0.2])
 def test_noise_that_falls_as_1_over_f_is_held_by_a_record_that_cannot_tell_it(duration: float) -> None:
     """Over one cycle 25 samples look all but alike with it and without."""
     count, time = round(duration * RATE), times(4.0)
     pieces = coloured(time, lambda line: FREQUENCY / line)[:, : time.size // count * count].reshape(-1, 1, count)[::3]
     short = times(duration)
-    fits = [fit_sine(short, tone(short, FREQUENCY, 1.0) + piece, FREQUENCY) for piece in pieces[:REPEATS]]
+    fits = [fit_sine(short, tone(short, FREQUENCY, 1.0) + piece, FREQUENCY) for piece in pieces[: REPEATS // 2]]
     assert np.mean([held(fit, 1.0) for fit in fits]) >= LEAST
     assert max(fit.degrees_of_freedom for fit in fits) < FEW_DEGREES
 

@@ -2,12 +2,59 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
-from tests.benchmarks.agreement import DWELLS, false_alarms
-from tests.benchmarks.coverage import LOADS, LOUD
+from instrument.designs import get_design
+from instrument.estimate import FEW_DEGREES
+from instrument.film_forces import film_forces
+from instrument.uncertainty import coverage_factor
+from procedures.agreement import CRYSTALS, FALSE_ALARMS, FREQUENCY_STEP, forces_differ, frequencies_differ
+from procedures.films import FilmRecord
+from tests.benchmarks.agreement import DWELLS, OnPaper, false_alarms
+from tests.benchmarks.coverage import FREQUENCY, LOADS, LOUD, RATE
 
 SEEDS = 20  # the benchmark `agreement` takes 300
+FILMS = OnPaper(get_design("single"))
+ALLOWED = CRYSTALS * FREQUENCY + FREQUENCY_STEP / 2  # Hz, beside what is uncertain
+
+
+def record(dwell: float, turned: float, noise: float) -> FilmRecord:
+    """Of films whose phase turns by an angle [rad] from the first half to the second."""
+    time = np.arange(round(dwell * RATE)) / RATE
+    angle = 2 * np.pi * FREQUENCY * time + turned * (time >= dwell / 2)
+    volts = np.array([[0.012], [0.10]]) * np.cos(angle)
+    volts += noise * np.random.default_rng(3).standard_normal(volts.shape)
+    return FilmRecord(RATE, time, volts, np.zeros(volts.shape, bool))
+
+
+def test_four_standard_uncertainties_between_short_halves_are_chance_and_twenty_times_as_many_are_not() -> None:
+    """Of 25 samples noise is known so badly that the same level of false alarms takes more of them."""
+    dwell, noise = 0.2, 2e-3
+    halves = [FILMS.fit(part(dwell / 2)) for whole in [record(dwell, 0.0, noise)] for part in (whole.first, whole.last)]
+    assert max(fit.degrees_of_freedom for fit in halves) < FEW_DEGREES
+    turned_u = math.hypot(*(float(fit.phase_u[1]) for fit in halves))
+    drawn = float(halves[1].phase[1] - halves[0].phase[1])
+    allowed = ALLOWED * math.pi * dwell  # rad between the halves' middles
+    flagged = [
+        frequencies_differ(FILMS, record(dwell, allowed + times * turned_u - drawn, noise)) for times in (4.5, 20)
+    ]
+    assert flagged == [False, True]
+
+
+def test_few_samples_of_loud_noise_tell_of_another_force_by_what_their_degrees_of_freedom_allow() -> None:
+    fit = FILMS.fit(record(0.1, 0.0, 20e-3))
+    forces = film_forces(FILMS.design, fit)
+    least, most = (
+        coverage_factor(freedom, 1 - FALSE_ALARMS) * forces.force_total_u
+        for freedom in (math.inf, forces.degrees_of_freedom)
+    )
+    assert least < 0.8 * most
+    differ = [forces_differ(forces, 1e9, forces.force_total_N - off, 0.0) for off in (0.99 * least, 1.01 * most)]
+    assert differ == [False, True]
+    assert not forces_differ(forces, 1e9, forces.force_total_N - 1.01 * least, 0.0)
 
 
 @pytest.mark.slow

@@ -213,9 +213,9 @@ def test_a_point_that_hum_may_spoil_is_marked(signals: Signals, tmp_path: Path, 
 
 def test_a_load_that_swings_within_a_turn_of_the_mains_is_marked(signals: Signals, tmp_path: Path) -> None:
     """Two lines closer than one over the dwell cannot be told apart, whether hum shows or not."""
-    signals.frequency, signals.noise = 49.0, 20e-6
-    near, _ = measured(signals, Held(), tmp_path / "near", 0.9)
-    far, _ = measured(signals, Held(), tmp_path / "far", 1.5)
+    signals.frequency, signals.noise = 45.0, 20e-6
+    near, _ = measured(signals, Held(), tmp_path / "near", 0.18)
+    far, _ = measured(signals, Held(), tmp_path / "far", 0.3)
     assert (near.flags, far.flags) == (("hum",), ())
 
 
