@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from instrument.config import LARGEST_FILE, Config
 from instrument.design import Design
@@ -103,6 +103,14 @@ class Kept(Config):
     fingerprint: str
     force_ratios: dict[str, float] = Field(default_factory=dict)
     failure: str = ""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """A ratio for every measured sample, or a failure."""
+        measured = DESIGNS[self.design].thesis_force_ratio if self.design in DESIGNS else {}
+        if not self.failure and self.force_ratios.keys() != measured.keys():
+            raise ValueError(f"{self.design}: ratios are not of the samples {', '.join(measured)}")
+        return self
 
 
 class KeptList(Config):

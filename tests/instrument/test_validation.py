@@ -100,7 +100,10 @@ def test_a_damaged_list_and_unknown_names_are_refused(tmp_path: Path, monkeypatc
     monkeypatch.setattr(validation, "STORED", tmp_path / "validation.json")
     validation.stored.cache_clear()
     try:
-        for text in (None, "[", '{"format": 1, "answers": [{}]}', '{"format": 2, "answers": []}'):
+        short = (
+            '{"design": "single", "parameters": "physical", "model": "solid", "fingerprint": "", "force_ratios": {}}'
+        )
+        for text in (None, "[", f'{{"format": 1, "answers": [{short}]}}', '{"format": 2, "answers": []}'):
             if text is not None:
                 validation.STORED.write_text(text, encoding="utf-8")
             with pytest.raises(ConfigError, match="palpate accuracy validation --store"):
