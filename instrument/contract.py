@@ -15,90 +15,12 @@ import struct
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 from instrument.errors import ConfigError, RangeError, UnknownName
+from instrument.field import NUL, SIZE, STRUCT, Access, Field, Value, sdo
 
-Type = Literal["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "text"]
-Access = Literal["ro", "rw", "wo"]
-Value = float | str
-
-TYPES, ACCESSES = get_args(Type), get_args(Access)
-
-_STRUCT: dict[str, str] = {
-    "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
-}  # fmt: skip
-_SIZE = {name: struct.calcsize(code) for name, code in _STRUCT.items()}
-NUL = "\0"  # fills a text up to its length
-
-
-def sdo(index: int, subindex: int = 0) -> int:
-    """The address of a CANopen object, `index << 8 | subindex`."""
-    return index << 8 | subindex
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """One register (or run of registers) or one CANopen object.
-
-    `physical value = scale * raw value`, in `unit`; `minimum` and `maximum` are physical.
-    `choices` names the raw values of a setting, `bits` the bit numbers of a status word. A text on Modbus takes
-    `length` bytes, two a register: UTF-8, filled up with NUL (as SunSpec has it); on CANopen it is as long as it is.
-    """
-
-    name: str
-    address: int
-    type: Type
-    meaning: str
-    unit: str = ""
-    scale: float = 1.0
-    access: Access = "ro"
-    minimum: float | None = None
-    maximum: float | None = None
-    default: Value = 0.0
-    choices: Mapping[str, int] = field(default_factory=dict)
-    bits: Mapping[str, int] = field(default_factory=dict)
-    length: int = 0
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError: the field cannot be what it says."""
-        if self.type not in TYPES:
-            raise ConfigError(f"field {self.name}: no type {self.type!r}; valid: {', '.join(TYPES)}")
-        if self.access not in ACCESSES:
-            raise ConfigError(f"field {self.name}: no access {self.access!r}; valid: {', '.join(ACCESSES)}")
-        if not (math.isfinite(self.scale) and self.scale > 0):
-            raise ConfigError(f"field {self.name}: scale {self.scale:g} is not finite and above 0")
-        if self.type == "text":
-            return
-        limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
-        wrong = [
-            value for value in (*limits, *(self.scale * raw for raw in self.choices.values())) if not self._holds(value)
-        ]
-        if wrong or limits != sorted(limits):
-            raise ConfigError(f"field {self.name}: {wrong or limits} cannot be limits or choices of a {self.type}")
-        if any(not 0 <= number < 8 * self.size for number in self.bits.values()) or (self.bits and self.type[0] != "u"):
-            raise ConfigError(f"field {self.name}: a {self.type} has no bits {dict(self.bits)}")
-
-    def _holds(self, value: float) -> bool:
-        """Whether the type has room for a physical value."""
-        try:
-            struct.pack(_STRUCT[self.type], _to_raw(self, value))
-        except (struct.error, OverflowError, ValueError):
-            return False
-        return math.isfinite(value)
-
-    @property
-    def size(self) -> int:
-        """Bytes on the wire."""
-        return self.length if self.type == "text" else _SIZE[self.type]
-
-    @property
-    def index(self) -> int:
-        return self.address >> 8
-
-    @property
-    def subindex(self) -> int:
-        return self.address & 0xFF
+__all__ = ["PROBE", "Access", "Contract", "Field", "Identity", "Pdo", "Value", "probe", "sdo"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +62,7 @@ class Contract:
         """Raises ConfigError: its fields cannot stand on its bus, or beside each other."""
         for f in self.fields:
             if self.bus == "modbus" and (f.size % 2 or not f.size):
-                wide = ", ".join([*(name for name, size in _SIZE.items() if size % 2 == 0), "text of an even length"])
+                wide = ", ".join([*(name for name, size in SIZE.items() if size % 2 == 0), "text of an even length"])
                 raise ConfigError(
                     f"{self.title}: {f.name} is of type {f.type}, which fills no whole 16-bit registers; valid: {wide}"
                 )
@@ -154,7 +76,7 @@ class Contract:
         object.__setattr__(
             self,
             "_codec",
-            {f.name: struct.Struct(order + _STRUCT[f.type]) for f in self.fields if f.type != "text"},
+            {f.name: struct.Struct(order + STRUCT[f.type]) for f in self.fields if f.type != "text"},
         )
 
     def __getitem__(self, name: str) -> Field:
@@ -180,7 +102,7 @@ class Contract:
             return f.choices[value]
         if not self.allows(name, value):
             raise RangeError(f"{self.title}: {self._beyond(f, value)}")
-        return _to_raw(f, value)
+        return f.to_raw(value)
 
     def misread(self, name: str, value: float) -> str:
         """What is wrong with a value that a device gave; empty: nothing.
@@ -198,7 +120,7 @@ class Contract:
         given = f"{f.name} = {value:g} {f.unit}".rstrip()
         if f.choices:
             return f"{given} is no choice; valid: {_listed(f.choices)}"
-        low, high = _limits(f)
+        low, high = f.limits
         return f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip()
 
     def described(self, name: str, value: Value) -> str:
@@ -206,7 +128,7 @@ class Contract:
         f = self[name]
         if f.type == "text":
             return f"{name} = {value!r} (text of up to {f.length} bytes)"
-        limits = ", ".join(f.choices) if f.choices else "{:g} to {:g}".format(*_limits(f))
+        limits = ", ".join(f.choices) if f.choices else "{:g} to {:g}".format(*f.limits)
         return f"{name} = {value} {f.unit}".rstrip() + f" ({limits})"
 
     def allows(self, name: str, value: float) -> bool:
@@ -214,12 +136,12 @@ class Contract:
         f = self[name]
         if not math.isfinite(value / f.scale):
             return False
-        low, high = (_to_raw(f, limit) if math.isfinite(limit) else limit for limit in _limits(f))
-        return low <= _to_raw(f, value) <= high and (not f.choices or value in f.choices.values())
+        low, high = (f.to_raw(limit) if math.isfinite(limit) else limit for limit in f.limits)
+        return low <= f.to_raw(value) <= high and (not f.choices or value in f.choices.values())
 
     def pack(self, name: str, value: float) -> bytes:
         """Wire bytes of a reading, without limits. Raises struct.error where it does not fit the type."""
-        return self._codec[name].pack(_to_raw(self._by_name[name], value))
+        return self._codec[name].pack(self._by_name[name].to_raw(value))
 
     def encode(self, name: str, value: Value) -> bytes:
         """Wire bytes of `value`. Raises RangeError as `raw` does; of a text, as `encode_text`."""
@@ -314,14 +236,6 @@ class Contract:
             "pdos": [asdict(p) for p in self.pdos],
         }
         return hashlib.sha256(json.dumps(declared, sort_keys=True).encode()).hexdigest()
-
-
-def _limits(f: Field) -> tuple[float, float]:
-    return (-math.inf if f.minimum is None else f.minimum, math.inf if f.maximum is None else f.maximum)
-
-
-def _to_raw(f: Field, value: float) -> float:
-    return value if f.type == "float32" else round(value / f.scale)
 
 
 def _slots(f: Field) -> dict[str, object]:

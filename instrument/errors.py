@@ -25,7 +25,10 @@ Every message says what was wrong, the value, the limit and what to do.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 class PalpateError(Exception):
@@ -61,6 +64,13 @@ class UnknownName(UsageError, LookupError):
         more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
         listed = f"valid: {', '.join(names[:MOST_LISTED] + more)}" if names else "there is none yet"
         super().__init__(f"unknown {kind} {str(name)!r}{nearest(str(name), names)}; {listed}")
+
+
+def named(kind: str, name: str, among: Mapping[str, T]) -> T:
+    """What has that name. Raises UnknownName: nothing has."""
+    if name not in among:
+        raise UnknownName(kind, name, among)
+    return among[name]
 
 
 class BenchError(PalpateError):

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.errors import RangeError, UnknownName
+from instrument.errors import RangeError, named
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,4 @@ def get_film_material(name: str) -> FilmMaterial:
     Raises:
         UnknownName: no such material.
     """
-    try:
-        return FILM_MATERIALS[name]
-    except KeyError:
-        raise UnknownName("film material", name, FILM_MATERIALS) from None
+    return named("film material", name, FILM_MATERIALS)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from instrument.errors import RangeError, UnknownName
+from instrument.errors import RangeError, named
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +87,7 @@ def get_sample(name: str) -> Sample:
     Raises:
         UnknownName: no such sample.
     """
-    try:
-        return SAMPLES[name]
-    except KeyError:
-        raise UnknownName("sample", name, SAMPLES) from None
+    return named("sample", name, SAMPLES)
 
 
 def parse_samples(text: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from instrument.designs.common_base import COMMON_BASE
 from instrument.designs.different_base import DIFFERENT_BASE
 from instrument.designs.single import SINGLE
 from instrument.designs.single_round import SINGLE_ROUND
-from instrument.errors import UnknownName
+from instrument.errors import named
 
 DESIGNS: dict[str, Design] = {
     design.name: design for design in (SINGLE, SINGLE_ROUND, COMMON_BASE, DIFFERENT_BASE, ARRAY, array_of(16))
@@ -21,7 +21,4 @@ def get_design(name: str) -> Design:
     Raises:
         UnknownName: no such design.
     """
-    try:
-        return DESIGNS[name]
-    except KeyError:
-        raise UnknownName("design", name, DESIGNS) from None
+    return named("design", name, DESIGNS)

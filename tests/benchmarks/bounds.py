@@ -26,6 +26,7 @@ import numpy as np
 from instrument.errors import PalpateError
 from simulators.effects import EFFECTS, effect_class
 from simulators.planning.plan import case_of
+from tests.benchmarks.lines import read
 from tests.benchmarks.row import Row
 from tests.simulators.measured import changes
 from tests.simulators.random_scenes import drawn
@@ -97,7 +98,7 @@ def measure() -> Iterator[Row]:
     goal = int(os.environ.get("PALPATE_SCENES", SCENES))
     file = Path(os.environ.get("PALPATE_CAMPAIGN", "campaigns")) / f"bounds-{_version()}.jsonl"
     file.parent.mkdir(parents=True, exist_ok=True)
-    known = {each.number: each for each in _read(file)}
+    known = {each.number: each for each in read(file, Tried)}
     missing = [number for number in range(goal) if number not in known]
     try:
         with file.open("a", encoding="utf-8") as out:
@@ -119,14 +120,6 @@ def _batches(numbers: Sequence[int]) -> Iterator[list[Tried]]:
     else:
         with ProcessPoolExecutor(workers) as pool:
             yield from pool.map(_batch, batches)
-
-
-def _read(file: Path) -> Iterator[Tried]:
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
-        try:
-            yield Tried(**json.loads(line))
-        except (ValueError, TypeError):
-            continue  # cut off when the command was ended
 
 
 def _version() -> str:

@@ -25,6 +25,7 @@ from instrument.models.error_estimate import Bounds, Energies, Judged
 from instrument.models.mesh import CLOSED
 from instrument.models.parameters import RoundParameters, SolidParameters
 from instrument.models.surface import CODE_VERSION
+from tests.benchmarks.lines import read
 from tests.benchmarks.row import Row
 from tests.settings import disc, round_sensors, solid_sensors
 
@@ -182,7 +183,7 @@ def measure() -> Iterator[Row]:
     goal = int(os.environ.get("PALPATE_SENSORS", SENSORS))
     file = Path(os.environ.get("PALPATE_CAMPAIGN", "campaigns")) / f"estimates-{CODE_VERSION}.jsonl"
     file.parent.mkdir(parents=True, exist_ok=True)
-    known = {each.number: each for each in _read(file)}
+    known = {each.number: each for each in read(file, Tried)}
     try:
         with file.open("a", encoding="utf-8") as out:
             for number in range(goal):
@@ -193,14 +194,6 @@ def measure() -> Iterator[Row]:
     except KeyboardInterrupt:
         print(f"{len(known)} of {goal} sensors; give the command again to go on", file=sys.stderr)  # noqa: T201
     yield from rows([known[number] for number in sorted(known)], goal)
-
-
-def _read(file: Path) -> Iterator[Tried]:
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
-        try:
-            yield Tried(**json.loads(line))
-        except (ValueError, TypeError):
-            continue  # cut off when the command was ended
 
 
 # --- figures -------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from drivers.modbus_device import ModbusDevice
 from drivers.rtu import RtuClient
 from instrument.contract import Contract, Field
 from instrument.contracts import CONTRACTS
+from tests.drivers.virtual_line import checked
 from tests.fuzz.target import Target, require, same_number
 
 UNIT = 5
@@ -74,22 +75,12 @@ class SerialClient(RtuClient):
         return super().send(request, addr)
 
 
-def crc(data: bytes) -> bytes:
-    """Modbus over serial line 6.2.2, bit by bit."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ 0xA001 if value & 1 else value >> 1
-    return value.to_bytes(2, "little")
-
-
 def tcp_frame(pdu: bytes, transaction: int = 1, unit: int = UNIT) -> bytes:
     return struct.pack(">HHHB", transaction, 0, len(pdu) + 1, unit) + pdu
 
 
 def rtu_frame(pdu: bytes, unit: int = UNIT) -> bytes:
-    return bytes([unit]) + pdu + crc(bytes([unit]) + pdu)
+    return checked(bytes([unit]) + pdu)
 
 
 def physical(field: Field, data: bytes) -> float:
@@ -116,7 +107,7 @@ def held_by_rtu(stream: bytes) -> list[bytes]:
     found = []
     for at in range(len(stream) - 3):
         for end in range(at + 4, len(stream) + 1) if stream[at] == UNIT else ():
-            if crc(stream[at : end - 2]) == stream[end - 2 : end]:
+            if checked(stream[at : end - 2]) == stream[at:end]:
                 found.append(stream[at + 1 : end - 2])
     return found
 
@@ -153,7 +144,7 @@ class Exchanges:
         number, repair, cut, stream = data[0] % self.count if data else 0, data[1:2], data[2:3], data[3:]
         if repair and repair[0] & 1 and len(stream) > 7:
             length = (len(stream) - 6).to_bytes(2, "big")
-            stream = stream[:4] + length + stream[6:] if self.tcp else stream[:-2] + crc(stream[:-2])
+            stream = stream[:4] + length + stream[6:] if self.tcp else checked(stream[:-2])
         at = cut[0] % (len(stream) + 1) if cut else 0
         self.client.pieces = [piece for piece in (stream[:at], stream[at:]) if piece]
         self.client.transaction.next_tid = 0
