@@ -69,7 +69,9 @@ class Transfers:
         ]
         first += [b"\x60" + _multiplexer(f.address) + bytes(4) for f in self.writes]
         text = b"\x41" + _multiplexer(NAME) + struct.pack("<I", 12) + b"\x00Palpate" + b"\x15 SN-1\0\0"
-        return [bytes([number, 0]) + answers for number, answers in enumerate([*first, text])]
+        return [
+            bytes([number, 0]) + answers for number, answers in enumerate([*first, 2 * text])
+        ]  # a text is read twice
 
     def decode(self, data: bytes) -> None:
         number, control, rest = data[0] if data else 0, data[1] if len(data) > 1 else 0, data[2:]

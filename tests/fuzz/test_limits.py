@@ -110,9 +110,9 @@ def test_a_run_that_could_go_on_for_ever_or_holds_a_huge_row_is_refused(
         Run.open(huge)
 
 
-def test_damaged_solutions_say_how_to_make_them_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solutions, "SHIPPED", tmp_path / "solutions.json")
+def test_damaged_solutions_say_how_to_make_them_anew(tmp_path: Path) -> None:
+    shipped = tmp_path / "solutions.json"
     for content in ('{"a": [1.0', '{"a": ["1"]}', "[1]", "[" * 10_000):
-        solutions.SHIPPED.write_text(content)
+        shipped.write_text(content)
         with pytest.raises(ConfigError, match="solve anew: palpate reproduce models --fresh"):
-            solutions.Solutions.shipped()
+            solutions.Solutions.shipped(shipped)
