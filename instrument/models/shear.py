@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instrument.design import Design
+from instrument.errors import RangeError
 from instrument.load import Load
 from instrument.models.parameters import solid_parameters
 from instrument.models.response import place_among_films
@@ -83,9 +84,14 @@ def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> d
     """Of each film by its name.
 
     Raises:
-        RangeError: no such refinement, or a length or modulus that no mesh resolves.
+        RangeError: several rows of teeth, no such refinement, or a length or modulus that no mesh resolves.
         EstimateError: the linear system cannot be solved accurately.
     """
+    if design.rows > 1:
+        raise RangeError(
+            f"design {design.name!r} has {design.rows} rows of teeth; shear is worked out for one row: take"
+            " 'common_base' or 'different_base'"
+        )
     parameters = replace(solid_parameters(design, Load(1.0, sensed, "bonded")), load_at=None)
     system = System(parameters, resolution_of(refinement), mirrored=(False, True))
     stack, upper = system.stack, system.stack.object.body.plan

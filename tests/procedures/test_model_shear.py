@@ -40,6 +40,7 @@ def test_the_command_gives_forces_places_and_the_change_from_the_mesh_before(pal
     assert "shear looks like a load off centre" in shown
 
 
-def test_an_unknown_design_or_sample_is_refused(palpate: Palpate) -> None:
+def test_an_unknown_design_or_sample_and_several_rows_are_refused(palpate: Palpate) -> None:
+    assert "design 'array' has 2 rows of teeth" in palpate("model", "shear", "--design", "array").complaint
     assert "unknown sample '9'" in palpate("model", "shear", "--sample", "9").complaint
     assert "did you mean 'single'" in palpate("model", "shear", "--design", "singel").complaint
