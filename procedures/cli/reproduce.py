@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -48,13 +48,8 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     output = Output(as_json, quiet)
     with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
         done = everything.Everything(Reproduction(folder))
-        try:
-            with output.progress() as progress:
-                everything.run(_opener(folder, seed), done, progress)
-        except BaseException as error:
-            if done.tables:
-                error.add_note(f"{len(done.tables)} tables that were done are kept in {folder}")
-            raise
+        with _kept(done.tables, folder), output.progress() as progress:
+            everything.run(_opener(folder, seed), done, progress)
     if output.as_json:
         output.json(
             {
@@ -68,6 +63,17 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     elif output.for_people:
         print_everything(done)
     return 0 if done.met() else 1
+
+
+@contextmanager
+def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
+    """Whatever ends the work says how many tables were done by then."""
+    try:
+        yield
+    except BaseException as error:
+        if tables:
+            error.add_note(f"{len(tables)} tables that were done are kept in {folder}")
+        raise
 
 
 def _opener(folder: Path, seed: int | None) -> Open:
@@ -112,13 +118,8 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
     chosen = against.parameter_sets(parameters)
     with result_folder(out, against.PROCEDURE, datetime.now(UTC)) as folder:
         done = against.Reproduction(folder)
-        try:
-            with output.progress("solving") as progress:
-                against.run(chosen, done, progress, fresh)
-        except BaseException as error:
-            if done.tables:
-                error.add_note(f"{len(done.tables)} tables that were done are kept in {folder}")
-            raise
+        with _kept(done.tables, folder), output.progress("solving") as progress:
+            against.run(chosen, done, progress, fresh)
     if output.as_json:
         output.json(
             {
