@@ -23,7 +23,7 @@ class Bias:
     """A mean of ours less the thesis' over one kind of quantity, in standard uncertainties.
 
     Attributes:
-        of: number of the table, or name of all tables of an arrangement.
+        of: the table, or all tables of an arrangement.
         kind: of quantity.
         mean: of the differences, each over its standard uncertainty.
         u: standard deviation of that mean, were there no bias.
@@ -59,8 +59,8 @@ class Bias:
     def said(self) -> str:
         plain = "" if self.difference is None else f", in its own unit {self.difference:+.3g}"
         return (
-            f"Table {self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties of a row{plain}: off"
-            f" by {abs(self.distance):.1f}"
+            f"{self.of}, {self.kind}: {self.mean:+.2f} ± {self.u:.2f} standard uncertainties of a row{plain}:"
+            f" {abs(self.distance):.1f} standard deviations off"
         )
 
 
@@ -71,7 +71,10 @@ def biases(table: RowTable) -> list[Bias]:
         if not math.isfinite(row.ours):
             continue
         kinds.setdefault((row.kind, row.evidence), {}).setdefault(row.row, []).append(row)
-    return [_mean(table.number, kind, evidence, list(loads.values())) for (kind, evidence), loads in kinds.items()]
+    return [
+        _mean(f"Table {table.number}", kind, evidence, list(loads.values()))
+        for (kind, evidence), loads in kinds.items()
+    ]
 
 
 def all_means(tables: Iterable[RowTable]) -> list[Bias]:
@@ -84,9 +87,7 @@ def all_means(tables: Iterable[RowTable]) -> list[Bias]:
         found.extend(biases(table))
         if table.arrangement:
             arrangements.setdefault(table.arrangement, []).extend(biases(table))
-    return found + [
-        mean for name, of_it in arrangements.items() for mean in together(f"s of {name}, all together", of_it)
-    ]
+    return found + [mean for name, of_it in arrangements.items() for mean in together(f"all tables of {name}", of_it)]
 
 
 def together(of: str, found: Iterable[Bias]) -> list[Bias]:

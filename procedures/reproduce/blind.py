@@ -41,19 +41,21 @@ def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tu
     """The means of a sweep by a parameter set beside the measured ones, sample by sample."""
     design = get_design(arrangement.design)
     ratio = ratio_by(MODEL, parameters)
+    tables = tuple(arrangement.tables.values()) or (arrangement.summary,)  # in which the means are printed
     means = {mean.sample: mean for mean in swept.samples}
     rows, percent = [], {}
     for sample in SAMPLES:
         measured, mean = design.thesis_force_ratio[sample], means[sample]
         ours, ours_u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
         u = math.hypot(design.ratio_scatter * measured / math.sqrt(arrangement.averaged), ours_u)
-        evidence = of_experiment(RATIO, ratio, arrangement.summary)
+        evidence = of_experiment(RATIO, ratio, *tables)
         rows.append(Row(sample, RATIO, Cell(f"{measured:g}", measured), ours, u, evidence, by=f"{MODEL}, {parameters}"))
         percent[sample] = 100 * (ours / measured - 1)
     found = Validation(design.name, parameters, MODEL, "compared", percent=percent)
-    title = f"whole bench by finite elements that know nothing of the experiments, {design.name}, beside measured means"
+    title = f"blind run of {design.name}: measured means beside a bench that knows nothing of them"
     said = (told(found), _own_theory(design.name), OTHER_SIGN)
-    number, name = f"{arrangement.summary}, {parameters} set", f"blind_{design.name}_{parameters}"
+    number = f"{' to '.join(dict.fromkeys((tables[0], tables[-1])))}, {parameters} set"
+    name = f"blind_{design.name}_{parameters}"
     return RowTable(number, title, "", tuple(rows), said, name=name), found
 
 

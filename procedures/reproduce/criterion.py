@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from instrument.evidence import Evidence
-from procedures.reproduce.bias import Bias, all_means, limit
+from procedures.reproduce.bias import BY_CHANCE, Bias, all_means, limit
 from procedures.reproduce.comparison import HARD_END
 from procedures.reproduce.rows import WITHIN, Count, Row, RowTable
 from procedures.run import storing
@@ -93,33 +93,53 @@ class Verdict:
         share = "" if self.share is None else f" lie within their stated scatter, {self.share:.1%}"
         return f"{self.count.within} of {self.count.judged} rows{share}{_telling(self.count)}"
 
+    def required(self) -> str:
+        """What is required of the class, and whether it is met."""
+        return f"required: {REQUIRED[self.evidence]}: {'met' if self.met else 'NOT MET'}"
+
     def said(self) -> list[str]:
         """Sentences for people, the share first."""
-        lines = [self.counted(), f"required: {REQUIRED[self.evidence]}: {'met' if self.met else 'NOT MET'}"]
+        lines = [self.counted(), self.required()]
         judged = self.count.judged
         if self.evidence is Evidence.INPUT and judged:
             outside, farthest = self.by_chance
             lines.append(
-                f"{judged - self.count.within} outside, the farthest by {self.farthest:.1f} standard uncertainties; of"
-                f" {judged} normal ones chance puts {outside:.0f} outside, the farthest at some {farthest:.1f}"
+                f"{judged - self.count.within} rows lie outside, the farthest by {self.farthest:.1f} standard"
+                f" uncertainties; of {judged} normally distributed differences chance puts {outside:.0f} outside, and"
+                f" the farthest at about {farthest:.1f}"
             )
         lines += [
             f"{name}: {count} rows, {count.within / count.judged:.1%}{_telling(count)}"
             for name, count in self.by.items()
         ]
         if self.unjudged:
-            kinds = [f"{rows} rows of {kind}, {factor:.3g}" for kind, (rows, factor) in self.unjudged.items()]
-            lines.append(f"without a stated scatter, with the median of ours over the thesis': {'; '.join(kinds)}")
+            kinds = [
+                f"{rows} rows of {kind}, of which the median is {factor:.3g} times the thesis'"
+                for kind, (rows, factor) in self.unjudged.items()
+            ]
+            lines.append(f"not judged, as no scatter is stated: {'; '.join(kinds)}")
         if self.means:
-            lines.append(
-                f"means over a table: {len(self.biased) or 'none'} of {len(self.means)} biased; of so many chance puts"
-                f" the farthest {self.limit:.1f} of its standard deviations off"
-            )
+            lines.append(self.tested())
             if self.biased:
                 lines += [f"BIASED: {mean.said()}" for mean in self.biased]
             else:
                 off = max(self.means, key=lambda mean: abs(mean.distance))
-                lines.append(f"the farthest: {off.said()}")
+                lines.append(f"the farthest mean: {off.said()}")
+        return lines
+
+    def tested(self) -> str:
+        """How many means are biased, in words."""
+        return (
+            f"means over a table or arrangement: {len(self.biased) or 'none'} of {len(self.means)} farther off than"
+            f" {self.limit:.1f} of their standard deviations, which chance exceeds once in {1 / BY_CHANCE:.0f} runs"
+        )
+
+    def brief(self) -> list[str]:
+        """The verdict alone, and why it is not met."""
+        lines = [self.counted(), self.required(), *([self.tested()] if self.means else [])]
+        if not self.met:
+            lines += [f"BIASED: {mean.said()}" for mean in self.biased]
+            lines += [f"without an answer: {self.count.rows - self.answered} rows"] * (self.answered < self.count.rows)
         return lines
 
 

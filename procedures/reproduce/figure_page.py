@@ -10,6 +10,7 @@ from instrument.thesis import Content, contents
 from procedures.reproduce.figures.picture import Picture
 from procedures.run import storing
 
+ALL = "All tables and figures of the thesis"
 WITH_SECTION = ("Figure 4.", "Figure 5.")
 # Schematics of chapter 3 that show what a figure of chapter 4 shows, or a part of it.
 DRAWN_AT = {
@@ -49,7 +50,6 @@ def listed(anchors: Container[str]) -> list[str]:
         cells = (each.section, each.shows, KINDS[each.ours], each.part, each.doubt)
         rows.append(f"<tr><td>{number}</td>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>")
     return [
-        "<h1>All tables and figures of the thesis</h1>",
         f"<table class=words><tr>{''.join(f'<th>{name}</th>' for name in HEADER)}</tr>",
         *rows,
         "</table>",

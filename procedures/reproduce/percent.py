@@ -28,7 +28,7 @@ SLIPPED = 0.5  # percent points that a slip in the thesis' own theory must make 
 
 
 def definitions() -> RowTable:
-    """Each printed percentage beside both that follow from the thesis' own numbers.
+    """Each printed percentage beside both that follow from the thesis' own numbers, or by the beam where it has none.
 
     No scatter is stated for a percentage: nothing is judged, the sentences say which definition fits.
     """
@@ -36,17 +36,20 @@ def definitions() -> RowTable:
     rows, said = [], []
     for name in COLUMNS:
         cells = table.columns[f"{name}_error_percent"]
+        by, evidence = "the thesis", Evidence.INPUT
+        if COLUMNS[name][2] is None:  # of its two-dimensional model it prints no numbers: by the beam fitted to this
+            by, evidence = "the thesis against beam", Evidence.FITTED
         misfit = {}
         for definition in ("theory", "experiment"):
             percent = _by_the_thesis(name, definition == "experiment")
             misfit[definition] = _rms(percent, cells)
             rows += [
-                Row(row, f"{name}_percent_of_{definition}", cell, float(ours), None, Evidence.INPUT, by="the thesis")
+                Row(row, f"{name}_percent_of_{definition}", cell, float(ours), None, evidence, by=by)
                 for row, cell, ours in zip(table.rows, cells, percent, strict=True)
             ]
         best = min(misfit, key=lambda definition: misfit[definition])
         said.append(
-            f"{name}: percent of the {best} fits best, {misfit[best]:.1f} points rms; of the other"
+            f"{name}, {by}: percent of the {best} fits best, {misfit[best]:.1f} points rms; of the other"
             f" {max(misfit.values()):.1f}"
         )
     title = "the same from the thesis' own ratios and tables, by both definitions: what its percentages are percent of"

@@ -80,20 +80,23 @@ def test_forces_that_are_off_in_the_mean_are_biased_though_each_cell_may_lie_wit
 def test_biases_are_told_beside_what_chance_would_put_there() -> None:
     found, by = [replace(each, ours=1.1) for each in rows(100, 0, INPUT)], rows(100, 0, INPUT)
     (biased, told), (fair, farthest) = (judge([table(*each)])[INPUT].said()[-2:] for each in (found, by))
-    assert biased.startswith("means over a table: 1 of 1 biased; of so many chance puts the farthest 2.0 of its")
+    assert biased == (
+        "means over a table or arrangement: 1 of 1 farther off than 2.0 of their standard deviations, which chance"
+        " exceeds once in 20 runs"
+    )
     assert told.startswith("BIASED: Table 5.5, force_ratio: +1.00 ± 0.10 standard uncertainties of a row, in its own")
-    assert (fair.startswith("means over a table: none of 1 biased"), farthest[:13]) == (True, "the farthest:")
+    assert ("none of 1 farther off" in fair, farthest[:18]) == (True, "the farthest mean:")
 
 
 def test_a_bias_that_hides_in_every_table_is_found_over_all_of_an_arrangement() -> None:
     found = judge(experiments.compare(SINGLE, swept(SINGLE, 0.95 / 1.029), MEANS))[INPUT]
-    assert [mean.of for mean in found.biased] == ["s of single, all together"]
+    assert [mean.of for mean in found.biased] == ["all tables of single"]
     assert not judge(experiments.compare(SINGLE, swept(SINGLE, 1 / 1.029), MEANS))[INPUT].biased
 
 
 def test_what_every_table_shares_does_not_average_out_over_an_arrangement() -> None:
     means = all_means(experiments.compare(SINGLE, swept(SINGLE), MEANS))
-    assert {mean.kind for mean in means if "all together" in mean.of} == {
+    assert {mean.kind for mean in means if "all tables of" in mean.of} == {
         "force_ratio", "forces and voltages",
     }  # fmt: skip
     assert {mean.u for mean in means if mean.kind == "meter_reading_mV"} == {1.0}
@@ -166,7 +169,8 @@ def test_rows_without_a_stated_scatter_are_told_with_how_far_they_are() -> None:
     volts = [replace(row(1e-3, ours, None, evidence=PREDICTED), quantity="voltage_pvdf2_V") for ours in (0.5, 0.6, 0.7)]
     verdict = judge([table(*rows(10, 0, PREDICTED), *volts)])[PREDICTED]
     assert (
-        "without a stated scatter, with the median of ours over the thesis': 3 rows of voltage, 600" in verdict.said()
+        "not judged, as no scatter is stated: 3 rows of voltage, of which the median is 600 times the thesis'"
+        in verdict.said()
     )
     assert verdict.record()["unjudged"] == {"voltage": {"rows": 3, "factor": pytest.approx(600)}}
 
@@ -179,8 +183,8 @@ def test_rows_outside_are_told_beside_what_chance_would_put_there() -> None:
         if "outside" in line
     ]
     assert said == (
-        "2 outside, the farthest by 2.5 standard uncertainties; of 100 normal ones chance puts 5 outside, the farthest"
-        " at some 2.8"
+        "2 rows lie outside, the farthest by 2.5 standard uncertainties; of 100 normally distributed differences chance"
+        " puts 5 outside, and the farthest at about 2.8"
     )
 
 

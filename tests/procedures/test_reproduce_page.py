@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,16 +28,18 @@ from instrument.models import springs
 from instrument.sample import SAMPLES
 from instrument.thesis import contents, read_table
 from procedures import load_cell, load_sweep, modulus
+from procedures.report.reproduce import print_everything
 from procedures.reproduce import everything, experiments
 from procedures.reproduce.criterion import REQUIRED
 from procedures.reproduce.everything import Everything
+from procedures.reproduce.figure_page import anchor
 from procedures.reproduce.figures import area_ratios, chapter4, chapter5, elements, orders, setup
 from procedures.reproduce.figures.experiments import WITH_THEORIES
 from procedures.reproduce.figures.measured import Measured
 from procedures.reproduce.figures.ratios import RATIO_FIGURES
 from procedures.reproduce.models import Reproduction
-from procedures.reproduce.page import write_page
-from procedures.reproduce.rows import RowTable
+from procedures.reproduce.page import PARTS, write_page
+from procedures.reproduce.rows import RowTable, counts
 from tests.procedures.conftest import silent
 from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
 
@@ -171,6 +174,54 @@ def test_the_page_gives_each_class_its_own_share_and_no_count_over_all(whole: Wh
     every = sum(verdict.count.judged for verdict in verdicts.values())
     assert all(verdict.count.judged < every for verdict in verdicts.values())
     assert f" of {every} rows" not in whole.page
+
+
+def test_the_page_leads_to_every_table_and_part_and_marks_what_is_counted_elsewhere(whole: Whole) -> None:
+    top, _, rest = whole.page.partition('id="table-by-table"')
+    overview = rest.partition("<h1")[0]
+    for part in PARTS:
+        assert f'<a href="#{anchor(part)}">{part}</a>' in top
+    tables = whole.done.all_tables()
+    assert overview.count("<a href=") == len(tables)
+    assert len(re.findall(r"</a> \*</td>", overview)) == sum(table.again for table in tables)
+    for _, count in (found for table in tables for found in counts(table).items()):
+        assert f"<td>{count}</td>" in overview
+
+
+def test_the_page_says_what_could_turn_the_sign_and_where_every_cause_is_gone_through(whole: Whole) -> None:
+    section = whole.page.partition('id="models-beside-the-experiments"')[2].partition("<h1")[0]
+    assert section.count("<li>blind run, ") == 6
+    assert "change of sign" in section
+    root = Path(__file__).parents[2]
+    assert (root / re.search(r"docs/\w+\.md", section).group()).is_file()  # type: ignore[union-attr]
+    assert "palpate accuracy validation --what-if" in section
+
+
+def test_the_terminal_has_the_tables_and_verdicts_and_leaves_the_rest_to_the_page(
+    whole: Whole, capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_everything(whole.done)
+    lines = capsys.readouterr().out.splitlines()
+    tables = whole.done.all_tables()
+    assert len(lines) < len(tables) + 45
+    said = "\n".join(lines)
+    for evidence, verdict in whole.done.verdicts().items():
+        assert f"{evidence.value.upper()}: {evidence.meaning}" in said
+        assert all(line in said for line in verdict.brief())
+    assert {
+        line.split()[0].rstrip("*") for line in lines if line.rstrip().endswith(tuple(table.title for table in tables))
+    } >= {table.number for table in tables if " " not in table.number}
+    assert f"page      {whole.done.page}" in said
+
+
+def test_a_class_that_is_not_met_says_why_in_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    biased = RowTable("9.9", "", "", tuple(replace(row(1.0, 1.15, 0.1), row=str(n)) for n in range(9)))
+    unanswered = RowTable("9.8", "", "", (row(1.0, math.nan, 0.1, evidence=Evidence.PREDICTED),))
+    print_everything(Everything(Reproduction(tmp_path), [(table, tmp_path / "a") for table in (biased, unanswered)]))
+    said = capsys.readouterr().out
+    assert "BIASED: Table 9.9, force_ratio: +1.50" in said
+    assert "without an answer: 1 rows" in said
+    assert said.count("NOT MET") == 2
 
 
 def test_every_number_of_the_thesis_is_on_the_page(whole: Whole) -> None:
