@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from procedures.cli.options import Output, output_options
+from procedures.cli.options import Command, Output, output_options
 
 
 @click.command(
+    cls=Command,
     epilog="Examples:\n\n  palpate accuracy validation\n\n  palpate accuracy validation --design single --json"
-    "\n\n  palpate accuracy validation --what-if"
+    "\n\n  palpate accuracy validation --what-if",
 )
 @click.option("--design", help="single, common_base or different_base (default: all).")
 @click.option("--what-if", "causes", is_flag=True, help="What could move models and experiments apart, and how far.")
