@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from instrument.evidence import Evidence
 from procedures.report.text import STAMP, number
 from procedures.reproduce.blind import told
+from procedures.reproduce.cells import every_cell
 from procedures.reproduce.figure_page import ALL, anchor, figure_sections, heading, listed, pictures_of
 from procedures.reproduce.rows import Row, RowTable, counts, counts_said
 from procedures.reproduce.slips import COLUMNS, slips
@@ -211,6 +212,7 @@ def _comparison(comparison: Comparison, taken: Container[str]) -> str:
             f"<table><tr>{_cells('th', header)}</tr>",
             *(f'<tr class="{evidence}">{_cells("td", row)}</tr>' for evidence, row in rows),
             "</table>",
+            every_cell(comparison),
             f"<details><summary>{len(repaired)} repaired cells</summary>{_list(repaired)}</details>"
             if repaired
             else "",

@@ -250,6 +250,26 @@ def test_what_the_thesis_draws_from_data_is_drawn_here_under_its_number_and_noth
     assert whole.page.count("<img") == len(numbers)
 
 
+def test_every_cell_of_a_theory_is_on_the_page_as_printed_and_marked_where_it_is_off(whole: Whole) -> None:
+    for comparison, _ in whole.done.models.tables:
+        number = comparison.table.number
+        section = next(
+            part for part in whole.page.split("<h2 ") if re.match(rf'id="[^"]*">Table {number}( \(theories\))?:', part)
+            and "every cell beside ours" in part
+        )  # fmt: skip
+        body = section.partition("every cell beside ours")[2].partition("</details>")[0]
+        rows = re.findall(r"<tr([^>]*)>(<td.*)</tr>", body)
+        assert len(rows) == sum(len(column.cells) for column in comparison.columns)
+        assert sum("class=repaired" in kind for kind, _ in rows) == len(comparison.table.repaired()) or number == "5.8"
+        off = sum(
+            int((abs(column.difference(series)) > column.goal).sum())
+            for column in comparison.columns if column.goal is not None for series in column.ours
+        )  # fmt: skip
+        assert body.count("<td class=outside>") == off
+    first = whole.page.partition(">Table 4.1:")[2].partition("</details>")[0]
+    assert "<details open>" in first and "<td>-0.3089</td><td>0.3221</td>" in first
+
+
 def test_the_page_needs_no_other_file_and_its_links_lead_somewhere(whole: Whole) -> None:
     assert re.findall(r'(?:src|href)="(?!data:|#)', whole.page) == []
     places = re.findall(r'id="([^"]*)"', whole.page)
