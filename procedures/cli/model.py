@@ -41,6 +41,11 @@ def model() -> None:
 model.add_command(shear)
 
 
+def _changed(question: Question) -> list[str]:
+    """Options that say something else than the parameter set does."""
+    return [f"--{name.replace('_', '-')}" for name in (*question.settings, *(["at"] if question.at else []))]
+
+
 def question_options(command: Callable[..., None]) -> Callable[..., None]:
     """Which sensor, by which model, from which numbers: the command gets one `question`."""
 
@@ -85,7 +90,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 "--parameters",
                 default="physical",
                 show_default=True,
-                help="What is not given above: thesis, physical or identified.",
+                help="What is not given above: thesis, physical, identified or capped.",
             ),
             click.option(
                 "--tolerance", help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid)."
@@ -117,7 +122,7 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     parameter set as it is, without settings of yours: palpate accuracy validation.
     The solid model takes seconds to a minute a point; the extra "fast" shortens it. It alone knows a force in one
     point.
-    The identified parameters are fitted to the thesis' tables: effective values, not physical ones.
+    The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from instrument.models.ratio import ask
     from instrument.models.validation import validate
@@ -148,7 +153,7 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     elif output.for_people:
         from procedures.report.models import print_ratios
 
-        print_ratios(question.design, answers, compared)
+        print_ratios(question.design, answers, compared, _changed(question))
 
 
 @model.command(
@@ -193,7 +198,7 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     elif output.for_people:
         from procedures.report.models import print_moduli
 
-        print_moduli(question.design, points, compared)
+        print_moduli(question.design, points, compared, _changed(question))
 
 
 @model.command(

@@ -107,8 +107,8 @@ def _opener(folder: Path, seed: int | None) -> Open:
 def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Finite-element tables, theories of Table 5.8 and figures of chapter 4, beside the sensor models.
 
-    Tables 4.1, 4.3, 4.5, A2.1, A2.3, A2.5, A2.7 and 5.8 cell by cell as CSV, repaired cells marked; figures of chapter
-    4 as PNG, the thesis' values as marks and ours as curves, its schematics from designs and meshes; a summary.
+    Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, repaired cells marked; figures of chapter 4 as PNG,
+    the thesis' values as marks and ours as curves, its schematics from designs and meshes; a summary.
     """
     from procedures.reproduce import models as against
     from procedures.reproduce.files import table_object

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from instrument.models.validation import Validation
 
 
-def print_ratios(design: str, answers: list[Answer], compared: Sequence[Validation]) -> None:
-    """A line a modulus; `compared`: each model that answered, beside the experiments."""
+def print_ratios(
+    design: str, answers: list[Answer], compared: Sequence[Validation], changed: Sequence[str] = ()
+) -> None:
+    """A line a modulus; `compared`: each model that answered, beside the experiments, without the options `changed`."""
     models = ", ".join(dict.fromkeys(a.response.model for a in answers))
     table = new_table(
         stamped(False, f"{design}, model {models}"),
@@ -31,11 +33,13 @@ def print_ratios(design: str, answers: list[Answer], compared: Sequence[Validati
         errors = [*(short(error) for error in (given.error_estimate, a.model_error)), by_model[given.model]]
         table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", *errors, f"{a.seconds:.2g}")
     why = dict.fromkeys(a.response.why for a in answers if a.response.why)
-    print_all(table, *legend(table, marks=NO_VALUE), *why, *lines(compared))
+    print_all(table, *legend(table, marks=NO_VALUE), *why, *lines(compared, changed))
 
 
-def print_moduli(design: str, points: list[dict[str, Any]], compared: Sequence[Validation]) -> None:
-    """A line a force ratio; `compared`: each model that answered, beside the experiments."""
+def print_moduli(
+    design: str, points: list[dict[str, Any]], compared: Sequence[Validation], changed: Sequence[str] = ()
+) -> None:
+    """A line a ratio; `compared`: each model that answered, beside the experiments, without the options `changed`."""
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
         stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
@@ -48,7 +52,7 @@ def print_moduli(design: str, points: list[dict[str, Any]], compared: Sequence[V
             number(p["sensitivity"]),
             ": ".join(text for text in (p["kind"], p["note"]) if text),
         )  # fmt: skip
-    print_all(table, *legend(table, marks=NO_VALUE), *lines(compared))
+    print_all(table, *legend(table, marks=NO_VALUE), *lines(compared, changed))
 
 
 def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:

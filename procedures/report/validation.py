@@ -19,8 +19,12 @@ def brief(found: Validation) -> str:
     return found.kind if found.rms is None else f"{found.rms:.0f} %"
 
 
-def lines(found: Iterable[Validation]) -> list[str]:
-    """A sentence for each model beside its error estimate: how far the experiments are from it."""
+def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]:
+    """A sentence for each model beside its error estimate: how far the experiments are from it.
+
+    Args:
+        changed: options that say something else than the parameter set, which alone was compared.
+    """
     told = []
     for each in found:
         said = f"validation of {each.model} ({each.parameters} set, {each.design}): "
@@ -32,6 +36,8 @@ def lines(found: Iterable[Validation]) -> list[str]:
             f"{said}mean {each.mean:+.1f} %, rms {each.rms:.1f} %, worst {each.worst:+.1f} % at sample"
             f" {each.worst_sample} ({SIGN}; by sample {by_sample})"
         )
+    if changed:
+        told.append(f"the validation is that of the set as it stands, without {', '.join(changed)}")
     return told
 
 

@@ -75,6 +75,13 @@ def test_a_ratio_comes_with_the_distance_of_its_model_from_the_experiments(palpa
     assert (found["model"], found["kind"], round(found["rms_percent"])) == ("surface", "compared", 28)
     said = palpate(*ratio).out
     assert " 28 % " in said and "validation of surface (physical set, single): mean +27.3 %" in said
+    assert "the set as it stands" not in said
+    changed = palpate(*ratio, "--model", "column", "--sensed-thickness", "2 mm", "--compliant-modulus", "33 kPa").out
+    assert "that of the set as it stands, without --sensed-thickness, --compliant-modulus" in changed
+    inverse = palpate(
+        "model", "modulus", "--force-ratio", "0.31", "--model", "column", "--sensed-thickness", "2 mm"
+    ).out
+    assert "that of the set as it stands, without --sensed-thickness" in inverse
     none = palpate(*ratio, "--design", "single_round", "--model", "column").out
     assert " none " in none and "nothing was measured with design 'single_round'" in none
 

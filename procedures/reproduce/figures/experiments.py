@@ -34,6 +34,10 @@ ARRANGEMENTS = {
 RANGE = (1e4, 1e6)  # Pa; where the text ends it is not readable, 1e5 or 1e6, and two samples lie above 1e5
 ALONE = "Figure 5.6"
 MEANS = "printed means over the load sets, Tables A2.9 to A2.20; of different bases the ratios under 3 N, Table 5.7"
+ROUND = (
+    " The benches lie off their curves where these are of a round sensor (model axisymmetric) and the benches of the"
+    " square one."
+)
 BENCH = "ours, on simulated benches, with standard uncertainty"
 
 
@@ -83,16 +87,17 @@ def draw(
         )
         for name in line.sets(tuple(parameters)):
             color = BEAM_COLOR if line.model == "beam" else COLORS[name]
+            by = line.by(name) if line.model == "beam" else f"{line.model}, {line.by(name)}"
             axes.plot(
                 moduli, line.ours(name, moduli, curves), style, color=color, lw=1.3,
-                label=f"ours, {line.words}: {line.by(name)}, {line.evidence(name, *figure.tables).value}",
+                label=f"ours, {line.words}: {by}; experiments {line.evidence(name, *figure.tables).value}",
             )  # fmt: skip
             said.append(f"{line.words}, model {line.model}, {name} set: {line.evidence(name).value}")
     _experiment(axes, figure.design, measured, "C3")
     for (design, name), swept in measured.blind.items():
         if design == figure.design:
             worth = of_experiment(RATIO, ratio_by(MODEL, name), *figure.tables)
-            _bench(axes, design, swept, COLORS[name], f"ours: bench by {name} set, {worth.value}")
+            _bench(axes, design, swept, COLORS[name], f"ours: bench by {MODEL}, {name} set, {worth.value}")
     _finish(axes)
     legend(drawing)
     caption = (
@@ -101,6 +106,7 @@ def draw(
         f" {_worth(measured, figure.design)}. In the curves' colours: the same benches by finite elements of that set"
         f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa, none fitted to experiments;"
         f" beside the thesis' theories they are: {'; '.join(said)}."
+        + (ROUND if any(line.model == "axisymmetric" for line in figure.theories) else "")
     )
     return save(drawing, figure.number, caption, folder)
 
