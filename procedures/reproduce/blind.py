@@ -52,7 +52,7 @@ def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tu
         rows.append(Row(sample, RATIO, Cell(f"{measured:g}", measured), ours, u, evidence, by=f"{MODEL}, {parameters}"))
         percent[sample] = 100 * (ours / measured - 1)
     found = Validation(design.name, parameters, MODEL, "compared", percent=percent)
-    title = f"blind run of {design.name}: measured means beside a bench that knows nothing of them"
+    title = f"blind run of {design.name}, which knows nothing of the means beside it"
     said = (told(found), _own_theory(design.name), OTHER_SIGN)
     number = f"{' to '.join(dict.fromkeys((tables[0], tables[-1])))}, {parameters} set"
     name = f"blind_{design.name}_{parameters}"

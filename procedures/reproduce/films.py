@@ -30,8 +30,8 @@ def voltage_sentence(table: Table, column: str, force: Array, sensor: Design, fi
     models = ", ".join(f"{_range(values)} V/N by the {name}" for name, values in ours.items())
     return (
         f"{column}: {_range(1e3 * thesis)} mV/N at every modulus, linear in the force. Open-circuit g33 t / A is"
-        f" {expected:.3g} V/N, {expected / np.median(thesis):.0f} times more: a slip of units in the thesis, so the"
-        f" voltages' scale is not comparable. The coupled film model gives {models}"
+        f" {expected:.3g} V/N, {expected / np.median(thesis):.0f} times more: the thesis does not say why, and"
+        f" the voltages' scale is not comparable. The coupled film model gives {models}"
     )
 
 

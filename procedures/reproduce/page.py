@@ -39,12 +39,13 @@ img { max-width: 100%; } .words td, .words th { text-align: left; vertical-align
 """
 AGAIN = "these numbers stand in another table as well, and each class counts them there"
 CAUSES = (
-    "Of one sensor all models and the thesis' own finite elements lie above the experiments, of two they lie far lower"
-    " beside theirs. By our models plates, films, the load cell's calibration, friction and tilt cannot make that"
-    " change of sign, and no thickness or modulus alone. It could come from how the load is spread, from the moduli of"
-    " ring and objects with it, from the films' gains, or from the readings: most of those printed for the common base"
-    " are the single sensor's times a constant. docs/validation.md goes through every cause; palpate accuracy"
-    " validation --what-if prints what each would do."
+    "The blind runs and the thesis' own finite elements lie above the experiments of one sensor, and much lower beside"
+    " those of two: there the identified set and the thesis' own lie below. By our models this change of sign cannot"
+    " come from plates or films that yield, the load cell's calibration, friction or tilt, nor from a thickness or a"
+    " modulus alone. It could come from how the load is spread, from the moduli of ring and objects together with it,"
+    " from the films' gains, or from the readings: most of those printed for the common base are the single sensor's"
+    " times a constant. docs/validation.md goes through every cause; palpate accuracy validation --what-if prints what"
+    " each would do."
 )
 HEADER = (
     "row", "quantity", "by", "evidence", "printed", "thesis", "ours", "difference", "thesis less ours, % of ours",

@@ -52,7 +52,7 @@ def definitions() -> RowTable:
             f"{name}, {by}: percent of the {best} fits best, {misfit[best]:.1f} points rms; of the other"
             f" {max(misfit.values()):.1f}"
         )
-    title = "the same from the thesis' own ratios and tables, by both definitions: what its percentages are percent of"
+    title = "the thesis' own numbers, in percent of the theory and of the experiment: which it means"
     return RowTable(
         "5.8 (definitions)", title, table.doubt, tuple(rows), tuple(said), name="5_8_definitions", again=True
     )
@@ -109,7 +109,7 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
         " is the theory, and the error with it",
         *averages,
     )
-    title = "percent errors of our bench's experiments against our two- and three-dimensional models"
+    title = "percent errors of our bench's experiments against our models"
     return RowTable("5.8", title, table.doubt, tuple(rows), said, name="5_8_percent", again=True)
 
 
