@@ -406,16 +406,14 @@ def test_benches_that_know_nothing_of_the_experiments_stand_beside_them_as_predi
         (axes,) = whole.panels(figure.number)
         said = [str(each.get_label()) for each in axes.containers if isinstance(each, ErrorbarContainer)]
         assert said[0].endswith(": bench, input")
-        assert said[1:] == [
-            "ours: bench by surface, physical set, predicted", "ours: bench by surface, identified set, predicted",
-        ]  # fmt: skip
+        assert said[1:] == ["ours: bench by physical set, predicted", "ours: bench by identified set, predicted"]
 
 
 def test_a_curve_and_a_bench_of_other_models_are_told_apart(whole: Whole) -> None:
     """Those of the single sensor are of a round and of a square one, and lie apart."""
     labels = [str(each.get_label()) for each in whole.panels("Figure 5.7")[0].get_lines()]
-    assert "ours, 3D: axisymmetric, identified set; experiments predicted" in labels
-    assert "ours, 2D: beam; experiments predicted" in labels
+    assert "ours, 3D: axisymmetric, identified, predicted" in labels
+    assert "ours, 2D: beam, predicted" in labels
     captions = [whole.caption(figure.number) for figure in WITH_THEORIES]
     assert ["model axisymmetric) and the benches of the square one" in each for each in captions] == [
         True,
@@ -428,6 +426,13 @@ def test_moduli_that_the_thesis_misprints_are_not_called_as_printed(whole: Whole
     (axes,) = whole.panels("Figure 5.2")
     assert "sample 4   48.3 kPa, as given" in texts(axes)
     assert "4823.30 and 2579.03 Pa are printed" in whole.caption("Figure 5.2")
+
+
+def test_no_legend_is_cut_off(whole: Whole) -> None:
+    for name, figure in whole.figures.items():
+        for legend in figure.legends:
+            box, paper = legend.get_window_extent(), figure.bbox
+            assert (box.x0 >= paper.x0, box.x1 <= paper.x1) == (True, True), name
 
 
 def _theories(whole: Whole) -> dict[str, list[str]]:

@@ -87,25 +87,25 @@ def draw(
         )
         for name in line.sets(tuple(parameters)):
             color = BEAM_COLOR if line.model == "beam" else COLORS[name]
-            by = line.by(name) if line.model == "beam" else f"{line.model}, {line.by(name)}"
+            by = line.model if line.model == "beam" else f"{line.model}, {name}"
             axes.plot(
                 moduli, line.ours(name, moduli, curves), style, color=color, lw=1.3,
-                label=f"ours, {line.words}: {by}; experiments {line.evidence(name, *figure.tables).value}",
+                label=f"ours, {line.words}: {by}, {line.evidence(name, *figure.tables).value}",
             )  # fmt: skip
             said.append(f"{line.words}, model {line.model}, {name} set: {line.evidence(name).value}")
     _experiment(axes, figure.design, measured, "C3")
     for (design, name), swept in measured.blind.items():
         if design == figure.design:
             worth = of_experiment(RATIO, ratio_by(MODEL, name), *figure.tables)
-            _bench(axes, design, swept, COLORS[name], f"ours: bench by {MODEL}, {name} set, {worth.value}")
+            _bench(axes, design, swept, COLORS[name], f"ours: bench by {name} set, {worth.value}")
     _finish(axes)
-    legend(drawing)
+    legend(drawing, columns=1)
     caption = (
         f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
         f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
         f" {_worth(measured, figure.design)}. In the curves' colours: the same benches by finite elements of that set"
-        f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa, none fitted to experiments;"
-        f" beside the thesis' theories they are: {'; '.join(said)}."
+        f" (model {MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa, predicted: none is fitted to"
+        f" experiments; beside the thesis' theories they are: {'; '.join(said)}."
         + (ROUND if any(line.model == "axisymmetric" for line in figure.theories) else "")
     )
     return save(drawing, figure.number, caption, folder)
