@@ -11,7 +11,7 @@ import pytest
 
 from instrument import thesis
 from instrument.errors import UnknownName
-from instrument.thesis import EVERY_ROW, TABLES, read_table
+from instrument.thesis import COMMON_BASE_TABLES, EVERY_ROW, SINGLE_TABLES, TABLES, read_table
 
 
 def raw(name: str) -> list[dict[str, str]]:
@@ -81,3 +81,25 @@ def test_an_unknown_table_is_refused_with_those_there_are() -> None:
 def test_no_table_lies_here_that_is_not_read() -> None:
     files = {file.name for file in resources.files(thesis).iterdir() if re.fullmatch(r"table_.*\.csv", file.name)}
     assert files == {f"table_{number.replace('.', '_')}.csv" for number in TABLES}
+
+
+@pytest.mark.parametrize("sample", SINGLE_TABLES)
+def test_what_is_said_of_the_single_sensors_readings_is_so(sample: str) -> None:
+    table = read_table(SINGLE_TABLES[sample])
+    share = table.values("pvdf2_rigid_mV") / table.values("pvdf1_total_mV")
+    assert np.ptp(share) < 2e-2 * share.mean() and "a constant times the other's" in table.doubt
+    of_forces = table.values("force_rigid_N") / table.values("force_total_N")
+    apart = np.abs(of_forces - table.values("force_ratio")).max()
+    assert (apart > 2e-3) == ("the printed ratios are others" in table.doubt)
+    if apart > 2e-3:
+        assert np.abs(of_forces - 0.314).max() < 5e-4
+
+
+@pytest.mark.parametrize("sample", COMMON_BASE_TABLES)
+def test_what_is_said_of_the_common_bases_readings_is_so(sample: str) -> None:
+    """The second tooth film: 36 of 36 readings up to 4 N; no constant joins the two films of a table."""
+    table, single = read_table(COMMON_BASE_TABLES[sample]), read_table(SINGLE_TABLES[sample])
+    factors = table.values("pvdf2_mV")[:6] / (single.values("pvdf2_rigid_mV") / 2)
+    assert factors == pytest.approx([0.95, 1.13, 0.99, 1.15, 1.03, 0.95], abs=2e-3)
+    assert np.ptp(table.values("pvdf2_mV") / table.values("pvdf1_mV")) > 0.1
+    assert "one a load for the tooth films" in table.doubt
