@@ -14,11 +14,10 @@ from instrument.contracts import signal_generator
 from instrument.errors import EstimateError
 from instrument.film_forces import FilmForces
 from instrument.uncertainty import Budget, Component
-from procedures.films import FilmRecord, Films
+from procedures.films import CHARGE_AMPLIFIER, FilmRecord, Films
 
 FORCE, FREQUENCY = "force", "frequency"
 FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties, where they are well known
-CHARGE_AMPLIFIER = 1.0  # s, time constant [A]; what it takes at low frequencies is in no film's sensitivity
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 CRYSTALS = 1e-4  # relative, of two clocks [A]
 
@@ -29,6 +28,7 @@ def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: flo
     Args:
         known: degrees of freedom of `load_u`.
     """
+    # What the charge amplifier takes at low frequencies is in no film's sensitivity.
     passed = 1 / math.hypot(1.0, 1 / (2 * math.pi * frequency * CHARGE_AMPLIFIER))
     noise_u = forces.force_total_noise_u
     difference = Budget(

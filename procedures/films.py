@@ -21,11 +21,14 @@ SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
 WIDE, SENSITIVE = RANGES
 SHORT_RECORD = 0.2  # s, and whole cycles, two or more
+LONGER_RECORD = 1.0  # s, and whole cycles: before a dwell that is spoilt by what does not show in short records
 SETTLING_LIMIT = 30.0  # s, and ten short records or more
 AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
 BEND = 0.1  # of a standard uncertainty, that a change of trend may leave in an amplitude
-LONGEST_BROKEN = 10_000  # samples; over more, broken cycles are a small part of the record
+LONGEST_BENT = 10_000  # samples; over more, what decays is a small part of the record
 FINEST_CHANGE = 1e-4  # of the amplitude: what is smaller counts as settled [A]
+FINER_CHANGE = 1e-6  # where longer records are compared
+CHARGE_AMPLIFIER = 1.0  # s, time constant [A], by which offsets decay
 
 Floats = npt.NDArray[np.float64]
 
@@ -61,6 +64,34 @@ class FilmRecord:
 def short_length(frequency: float) -> float:
     """Of the records that tell whether the films have settled at a frequency [Hz]: s, whole cycles."""
     return max(2, math.ceil(SHORT_RECORD * frequency - 1e-9)) / frequency
+
+
+def settling_length(frequency: float, dwell: float | None = None) -> float:
+    """Of the records that are compared before a dwell [s] at a frequency [Hz]: s, whole cycles.
+
+    Short ones, where their noise, taken for a bend, is less in an amplitude than twice what a bend may leave there.
+    """
+    short = short_length(frequency)
+    if dwell is None:
+        return short
+    noise = math.sqrt(12) * bend_leak(frequency, dwell) / short**2  # over an amplitude's uncertainty
+    if noise <= 2 * BEND * min(1.0, math.sqrt(short / dwell)):
+        return short
+    return max(short, math.ceil(LONGER_RECORD * frequency - 1e-9) / frequency)
+
+
+def bend_leak(frequency: float, dwell: float | None) -> float:
+    """By how much a signal that bends by 1 V/s² as a dwell [s] begins puts an amplitude off [V].
+
+    A bend that stays, over whole cycles, or one that decays as the films' amplifiers have it.
+    """
+    whole = 2 / (2 * math.pi * frequency) ** 2
+    rate = SAMPLES_PER_CYCLE * frequency
+    if dwell is None or dwell * rate > LONGEST_BENT:
+        return whole
+    basis = sine_columns(np.arange(round(dwell * rate)) / rate, frequency)
+    decaying = CHARGE_AMPLIFIER**2 * np.exp((basis.time[0] - basis.time) / CHARGE_AMPLIFIER)
+    return max(whole, float(np.linalg.norm(basis.weights() @ decaying)))
 
 
 def nodes_for(design: Design) -> int:
@@ -156,7 +187,8 @@ class Films:
 
         Two that follow each other must have the same amplitudes within their uncertainty. What still decays shows
         sooner in the trend: where it changes by Δ from one record to the next, T apart, the signal is curved, and over
-        whole cycles an amplitude is off by 2 Δ/(T ω²), over a dwell of broken cycles by up to ten times as much.
+        whole cycles an amplitude is off by 2 Δ/(T ω²), over ten seconds or broken cycles by up to ten times as much.
+        That must be small beside the uncertainty of the dwell that follows.
 
         Args:
             dwell: s, of the record that follows; None: of whole cycles.
@@ -164,38 +196,35 @@ class Films:
         Returns:
             The last short record's fit, the time taken [s], and whether it did settle within the limit.
         """
-        length = short_length(self.frequency)
+        length = settling_length(self.frequency, dwell)
         began = self.bench.clock.now_ns()
         limit = max(SETTLING_LIMIT, 10 * length)
-        bent = self._bent(dwell)
+        bent = bend_leak(self.frequency, dwell)
+        long = length > short_length(self.frequency)
+        share, finest = (math.sqrt(length / dwell), FINER_CHANGE) if dwell and long else (1.0, FINEST_CHANGE)
         before: tuple[int, SineFit] | None = None
         while True:
             start = self.bench.clock.now_ns()
             fit = self.fit(self.acquire(length))
             watch()
             took = self.bench.clock.now_ns() - began
-            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]), bent)
+            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]), bent, share, finest)
             if settled or took >= 1e9 * limit:
                 return fit, 1e-9 * took, settled
             before = start, fit
 
-    def _bent(self, dwell: float | None) -> float:
-        """By how much a signal that bends by 1 V/s² puts an amplitude off that is measured over `dwell` [V]."""
-        whole = 2 / (2 * math.pi * self.frequency) ** 2
-        rate = SAMPLES_PER_CYCLE * self.frequency
-        if dwell is None or dwell * rate > LONGEST_BROKEN or abs(math.remainder(dwell * self.frequency, 1)) < 1e-6:
-            return whole
-        basis = sine_columns(np.arange(round(dwell * rate)) / rate, self.frequency)
-        return max(whole, float(np.linalg.norm(basis.weights() @ (basis.time**2 / 2))))
 
+def _agree(before: SineFit, after: SineFit, gap: float, bent: float, share: float, finest: float) -> bool:
+    """Whether two records, begun `gap` s apart, are of a settled signal: `bent` as `bend_leak` has it.
 
-def _agree(before: SineFit, after: SineFit, gap: float, bent: float) -> bool:
-    """Whether two short records, begun `gap` s apart, are of a settled signal: `bent` as `Films._bent` has it."""
-    finest = FINEST_CHANGE * after.amplitude
+    Args:
+        share: of an amplitude's uncertainty, that the dwell will have.
+        finest: change of an amplitude that does not count, for a bend, as a part of it.
+    """
     step = np.abs(after.amplitude - before.amplitude)
     step_u = np.hypot(before.amplitude_u, after.amplitude_u)
     bend = bent * np.abs(after.trend - before.trend) / gap
     return bool(
-        np.all(step <= np.maximum(AGREEMENT * step_u, finest))
-        and np.all(bend <= np.maximum(BEND * after.amplitude_u, finest))
+        np.all(step <= np.maximum(AGREEMENT * step_u, FINEST_CHANGE * after.amplitude))
+        and np.all(bend <= np.maximum(BEND * share * after.amplitude_u, finest * after.amplitude))
     )

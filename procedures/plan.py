@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Generic, TypeVar
 
 from instrument.design import FILM_KINDS, Design
-from procedures.films import SHORT_RECORD
+from procedures.films import settling_length
 from procedures.servo import READING_INTERVAL, READINGS, window
 
 MOUNTING = 60.0  # s, for a person to change the sample [A]
@@ -69,7 +69,7 @@ def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None
     if steps is None:
         steps = FIRST_STEPS if first else LATER_STEPS
     servo = steps * (window(frequency) + READING_INTERVAL + reading)
-    settling = 2 * max(SHORT_RECORD, 2 / frequency)
+    settling = 2 * settling_length(frequency, dwell)
     return (MOUNTING + APPROACH if first else 0.0) + servo + settling + dwell + reading
 
 

@@ -155,7 +155,7 @@ def test_hum_over_one_cycle_widens_the_uncertainty_by_as_much_as_its_wander_may_
     assert np.std(fit.amplitude) == pytest.approx(fit.hum_u[0], rel=0.3)
 
 
-@pytest.mark.parametrize("duration", [0.06, 0.2])
+@pytest.mark.parametrize("duration", [0.06, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_noise_that_falls_as_1_over_f_is_held_by_a_record_that_cannot_tell_it(duration: float) -> None:
     """Over one cycle 25 samples look all but alike with it and without."""
     count, time = round(duration * RATE), times(4.0)

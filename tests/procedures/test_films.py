@@ -110,18 +110,28 @@ def test_what_is_left_of_a_transient_is_below_the_uncertainty(signals: Signals, 
     assert (left <= np.maximum(0.2 * fit.amplitude_u, 1e-4 * TRUE)).all()
 
 
-def test_a_dwell_of_broken_cycles_waits_until_a_transient_is_below_its_uncertainty(
-    signals: Signals, tmp_path: Path
+@pytest.mark.parametrize(("dwell", "noise"), [(1.05, 100e-6), (10.0, 100e-6)])
+def test_before_a_dwell_over_which_it_leaks_more_a_transient_falls_below_its_uncertainty(
+    signals: Signals, tmp_path: Path, dwell: float, noise: float
 ) -> None:
-    """Over 10.5 cycles a falling offset leaks into the amplitude eight times as much as over 10."""
-    signals.decay, signals.noise = 2.0, 100e-6
-    point, _ = measured(signals, Held(), tmp_path / "run", 1.05)
-    began = 1e-9 * signals.bench.clock.now_ns() - 1.05
+    """Over 10.5 cycles a falling offset leaks into the amplitude eight times as much as over 10, over 100 four times;
+    and noise of 10 s spoils a tenth as much as that of 0.2 s."""
+    signals.decay, signals.noise = 0.05, noise
+    point, _ = measured(signals, Held(), tmp_path / "run", dwell)
+    began = 1e-9 * signals.bench.clock.now_ns() - dwell
     offset = signals.decay * np.exp(-began - point.record.time)
     turned = TRUE[:, None] * np.sin(2 * np.pi * (10 * (began + point.record.time)))
     left = abs(fit_sine(point.record.time, turned + offset, 10.0).amplitude - TRUE)
     assert point.valid
     assert (left <= 0.5 * point.fit.amplitude_u).all()
+
+
+def test_steady_films_are_settled_before_a_dwell_of_many_broken_cycles(signals: Signals) -> None:
+    """A bend that stayed for 10 s would leak a hundred times as much as one that decays."""
+    signals.noise = 100e-6
+    _, took, settled = signals.settle(lambda: None, 10.05)
+    assert settled
+    assert took <= 4.0
 
 
 def test_what_never_settles_is_flagged_at_the_limit(signals: Signals) -> None:
