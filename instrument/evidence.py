@@ -74,6 +74,8 @@ REPEATS: Mapping[str, str] = MappingProxyType(
         "A2.6": "A2.4",
     }
 )  # fmt: skip
+# Table for the stiffer ring -> that of the same sensor on the other, which has its ratios at the same ratio of moduli.
+OTHER_RING: Mapping[str, str] = MappingProxyType({"A2.2": "A2.1", "A2.4": "A2.3"})
 
 
 def ratio_by(model: str, parameters: str = "physical") -> Part:

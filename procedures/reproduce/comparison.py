@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.evidence import REPEATS, Evidence, of_model, ratio_by
-from instrument.thesis import MODULUS, Cell, Table
+from instrument.evidence import OTHER_RING, REPEATS, Evidence, of_model, ratio_by
+from instrument.models.parameter_sets import get_parameter_set
+from instrument.thesis import MODULUS, Cell, Table, read_table
+from procedures.reproduce.curves import RING, ring_of
 from procedures.reproduce.rows import WITHIN, Group, Row, RowTable
 
 Array = NDArray[np.float64]
@@ -151,6 +153,7 @@ class Comparison:
                 evidence, False, by=f"{series.model}, {series.parameters}",
                 group=None if column.u is None else Group(column.quantity, column.u, column.u),
                 telling=self.table.key != MODULUS or abs(cell.value) < HARD_END,
+                follows=self._follows(series, key),
             )
             for column in self.columns
             for series in column.ours
@@ -159,6 +162,13 @@ class Comparison:
         ]  # fmt: skip
         number = self.table.number
         return RowTable(number, self.table.title, self.table.doubt, tuple(rows), self.said, again=number in REPEATS)
+
+    def _follows(self, series: Series, key: str) -> bool:
+        """Whether the series was fitted to the other ring's table, which has this row at the same ratio of moduli."""
+        other = OTHER_RING.get(REPEATS.get(self.table.number, self.table.number))
+        if other is None or other not in get_parameter_set(series.parameters, series.model).fitted_to:
+            return False
+        return float(key) * RING / ring_of(self.table) >= float(read_table(other).keys()[0])
 
     def records(self) -> Iterable[dict[str, Any]]:
         """One for each cell: the thesis' as printed and as it should be, then ours with both differences."""

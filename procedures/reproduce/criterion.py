@@ -37,6 +37,7 @@ class Verdict:
         count: of its rows; `answered` of them have a number of ours at all.
         by: the same of each model with its parameters.
         unjudged: rows without a stated scatter by kind of quantity: how many, and the median of ours over the thesis'.
+        follows: of it, rows that follow from a fit to the other ring's table.
         farthest: of those judged, in standard uncertainties; `by_chance`: how many of so many normal differences lie
             outside, and how far the farthest lies.
         means: that were looked at for a bias; `limit`: how far chance puts the farthest of them, once in twenty runs.
@@ -47,6 +48,7 @@ class Verdict:
     answered: int
     by: Mapping[str, Count]
     unjudged: Mapping[str, tuple[int, float]]
+    follows: Count
     farthest: float
     by_chance: tuple[float, float]
     means: tuple[Bias, ...]
@@ -78,6 +80,7 @@ class Verdict:
             "share": self.share,
             "by": {name: asdict(count) for name, count in self.by.items()},
             "unjudged": {kind: {"rows": rows, "factor": factor} for kind, (rows, factor) in self.unjudged.items()},
+            "follows": {"judged": self.follows.judged, "within": self.follows.within},
             "farthest": self.farthest,
             "outside_by_chance": self.by_chance[0],
             "farthest_by_chance": self.by_chance[1],
@@ -93,13 +96,23 @@ class Verdict:
         share = "" if self.share is None else f" lie within their stated scatter, {self.share:.1%}"
         return f"{self.count.within} of {self.count.judged} rows{share}{_telling(self.count)}"
 
+    def following(self) -> list[str]:
+        """How many rows lie within without those that follow from a fit, in words; nothing where there are none."""
+        judged, within = self.count.judged - self.follows.judged, self.count.within - self.follows.within
+        if not self.follows.judged or not judged:
+            return []
+        return [
+            f"without {self.follows.judged} rows that follow from a fit, since both rings have one curve over the ratio"
+            f" of moduli: {within} of {judged}, {within / judged:.1%}"
+        ]
+
     def required(self) -> str:
         """What is required of the class, and whether it is met."""
         return f"required: {REQUIRED[self.evidence]}: {'met' if self.met else 'NOT MET'}"
 
     def said(self) -> list[str]:
         """Sentences for people, the share first."""
-        lines = [self.counted(), self.required()]
+        lines = [self.counted(), *self.following(), self.required()]
         judged = self.count.judged
         if self.evidence is Evidence.INPUT and judged:
             outside, farthest = self.by_chance
@@ -136,7 +149,7 @@ class Verdict:
 
     def brief(self) -> list[str]:
         """The verdict alone, and why it is not met."""
-        lines = [self.counted(), self.required(), *([self.tested()] if self.means else [])]
+        lines = [self.counted(), *self.following(), self.required(), *([self.tested()] if self.means else [])]
         if not self.met:
             lines += [f"BIASED: {mean.said()}" for mean in self.biased]
             lines += [f"without an answer: {self.count.rows - self.answered} rows"] * (self.answered < self.count.rows)
@@ -178,6 +191,7 @@ def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
             answered=len(answered),
             unjudged=_unjudged(rows),
             by={name: Count.of(row for row in rows if row.by == name) for name in names},
+            follows=Count.of(row for row in rows if row.follows),
             farthest=max((abs(row.difference) / row.u for row in answered if row.u), default=0.0),
             by_chance=(2 * float(ndtr(-WITHIN)) * count.judged, float(ndtri(1 - 1 / (4 * max(count.judged, 1))))),
             means=found,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.evidence import REPEATS, Evidence
+from instrument.evidence import OTHER_RING, REPEATS, Evidence
 from instrument.models.parameter_sets import get_parameter_set
 from instrument.thesis import read_table
 from procedures.reproduce.comparison import Column, Comparison
@@ -16,8 +16,6 @@ from procedures.reproduce.curves import RING, ring_of
 Array = NDArray[np.float64]
 
 NEWTONS_PER_VOLT = 1000.0  # of the tooth's film in Tables A2.1 and A2.2, within 0.2 %
-# Table of the stiffer ring -> that of the same sensor on the other.
-OTHER_RING = {"A2.2": "A2.1", "A2.4": "A2.3"}
 
 
 def prediction_sentences(comparison: Comparison, quantity: str, film: str | None = None) -> Iterator[str]:

@@ -48,6 +48,7 @@ class Row:
         measured: the thesis' number is an experiment and ours stands for the theory, or the other way round.
         because: where the difference comes from, of a row outside; "" where nothing is known.
         group: how it moves with others; None: with none, and its quantity is a kind of its own.
+        follows: predicted by a fit to a table that has this row, too, but for a scale.
         telling: a theory can miss it; under an object much harder than the ring the ratio of all tends to 1.
     """
 
@@ -62,6 +63,7 @@ class Row:
     group: Group | None = None
     by: str = ""
     telling: bool = True
+    follows: bool = False
 
     @property
     def difference(self) -> float:

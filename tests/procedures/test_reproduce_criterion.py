@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from instrument.evidence import Evidence, ratio_by
+from instrument.thesis import read_table
 from procedures.reproduce import everything, experiments, percent, theory
 from procedures.reproduce.bias import Bias, all_means, biases, limit
-from procedures.reproduce.comparison import Comparison, Series
+from procedures.reproduce.comparison import Comparison, Series, column_of
 from procedures.reproduce.criterion import judge
 from procedures.reproduce.curves import Curves
 from procedures.reproduce.everything import Everything
@@ -163,6 +164,28 @@ def test_rows_that_no_theory_can_miss_are_told_apart() -> None:
     assert verdict.record()["by"] == {
         "solid, physical": {"rows": 20, "judged": 20, "within": 11, "telling": 10, "telling_within": 1}
     }
+
+
+def test_rows_that_a_fit_brings_with_it_are_told_apart() -> None:
+    """Tables of the stiffer ring are those of the other one at the same ratio of moduli: no second test of a fit."""
+    brought = [replace(each, follows=True) for each in rows(6, 0, PREDICTED)]
+    verdict = judge([table(*rows(4, 3, PREDICTED), *brought)])[PREDICTED]
+    assert (verdict.count.within, verdict.count.judged) == (7, 10)
+    (said,) = verdict.following()
+    assert said.startswith("without 6 rows that follow from a fit") and said.endswith("1 of 4, 25.0%")
+    assert said in verdict.said() and said in verdict.brief()
+    assert verdict.record()["follows"] == {"judged": 6, "within": 6}
+    assert judge([table(*rows(4, 3, PREDICTED))])[PREDICTED].following() == []
+
+
+def test_what_follows_from_a_fit_is_where_the_other_rings_table_has_the_row() -> None:
+    """14.9 to 20 kPa on the ring of 33 kPa are softer, beside it, than anything on that of 24 kPa."""
+    stiff = read_table("A2.2")
+    ratios = {(name, "axisymmetric"): abs(stiff.values("force_rigid_N")) for name in ("physical", "identified")}
+    compared = Comparison(stiff, (column_of(stiff, "force_rigid_N", ratios, 0.012),), ()).row_table().rows
+    tested_anew = [each.row for each in compared if each.by.endswith("identified") and not each.follows]
+    assert [float(key) for key in tested_anew] == [14.9e3, 16.6e3, 18.3e3, 20e3]
+    assert not any(each.follows for each in compared if each.by.endswith("physical"))
 
 
 def test_rows_without_a_stated_scatter_are_told_with_how_far_they_are() -> None:
