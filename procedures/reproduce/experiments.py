@@ -100,17 +100,6 @@ def _order(swept: SweepResult, design: Design) -> str:
     return f"right; {figure} ({'; '.join(reasons)})" if reasons else "right"
 
 
-def _load_of(table: Table, design: Design) -> Iterator[str]:
-    """What load the thesis' own base films tell of, where its forces are biased against ours."""
-    bases = [column for name, column in table.columns.items() if "total" in name and name.endswith("_N")]
-    loads = [math.fsum(cells) for cells in zip(*([cell.value for cell in column] for column in bases), strict=True)]
-    mean = math.fsum(loads) / len(loads)
-    yield (
-        f"the thesis' films on {'its base' if len(bases) == 1 else 'both bases'} tell of {mean:.2f} N in the mean under"
-        f" {AT_3_N:g} N: the loads were other than set, all forces and voltages with them, the ratio not"
-    )
-
-
 def compare(arrangement: Arrangement, swept: SweepResult, ratio: Part) -> Iterator[RowTable]:
     """Every table of an arrangement, whose force ratios came from `ratio`."""
     design = get_design(arrangement.design)
@@ -142,8 +131,8 @@ def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint
     ]
     off = abs(told - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
     said = (
-        f"the thesis' films on the base tell of {told:.3f} times the set load in the mean, more than its loads scatter:"
-        " all forces and voltages are off with it, the ratio not; another bias is looked for with it taken off",
+        f"the thesis' own base films tell of {told:.3f} times the set load in the mean, more than its loads scatter."
+        " All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
     )
     again = bool(arrangement.tables) and not of_one_sample
     return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)
