@@ -21,6 +21,7 @@ SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
 WIDE, SENSITIVE = RANGES
 SHORT_RECORD = 0.2  # s, and whole cycles, two or more
+NOISE_BENDS = 10.0  # standard deviations of a bend by white noise; by 1/f noise it has three times as many
 LONGER_RECORD = 1.0  # s, and whole cycles: before a dwell that is spoilt by what does not show in short records
 SETTLING_LIMIT = 30.0  # s, and ten short records or more
 AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
@@ -74,10 +75,14 @@ def settling_length(frequency: float, dwell: float | None = None) -> float:
     short = short_length(frequency)
     if dwell is None:
         return short
-    noise = math.sqrt(12) * bend_leak(frequency, dwell) / short**2  # over an amplitude's uncertainty
-    if noise <= 2 * BEND * min(1.0, math.sqrt(short / dwell)):
+    if _bend_noise(frequency, dwell, short) <= 2 * BEND * min(1.0, math.sqrt(short / dwell)):
         return short
     return max(short, math.ceil(LONGER_RECORD * frequency - 1e-9) / frequency)
+
+
+def _bend_noise(frequency: float, dwell: float, length: float) -> float:
+    """What white noise, taken for a bend by records of a length [s], is in an amplitude, over its uncertainty there."""
+    return math.sqrt(12) * bend_leak(frequency, dwell) / length**2
 
 
 def bend_leak(frequency: float, dwell: float | None) -> float:
@@ -200,25 +205,27 @@ class Films:
         began = self.bench.clock.now_ns()
         limit = max(SETTLING_LIMIT, 10 * length)
         bent = bend_leak(self.frequency, dwell)
-        long = length > short_length(self.frequency)
-        share, finest = (math.sqrt(length / dwell), FINER_CHANGE) if dwell and long else (1.0, FINEST_CHANGE)
+        allowed, finest = BEND, FINEST_CHANGE
+        if dwell is not None and length > short_length(self.frequency):
+            seen = NOISE_BENDS * _bend_noise(self.frequency, dwell, length)
+            allowed, finest = max(BEND * math.sqrt(length / dwell), seen), FINER_CHANGE
         before: tuple[int, SineFit] | None = None
         while True:
             start = self.bench.clock.now_ns()
             fit = self.fit(self.acquire(length))
             watch()
             took = self.bench.clock.now_ns() - began
-            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]), bent, share, finest)
+            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]), bent, allowed, finest)
             if settled or took >= 1e9 * limit:
                 return fit, 1e-9 * took, settled
             before = start, fit
 
 
-def _agree(before: SineFit, after: SineFit, gap: float, bent: float, share: float, finest: float) -> bool:
+def _agree(before: SineFit, after: SineFit, gap: float, bent: float, allowed: float, finest: float) -> bool:
     """Whether two records, begun `gap` s apart, are of a settled signal: `bent` as `bend_leak` has it.
 
     Args:
-        share: of an amplitude's uncertainty, that the dwell will have.
+        allowed: of an amplitude's uncertainty here, that a bend may leave in the dwell.
         finest: change of an amplitude that does not count, for a bend, as a part of it.
     """
     step = np.abs(after.amplitude - before.amplitude)
@@ -226,5 +233,5 @@ def _agree(before: SineFit, after: SineFit, gap: float, bent: float, share: floa
     bend = bent * np.abs(after.trend - before.trend) / gap
     return bool(
         np.all(step <= np.maximum(AGREEMENT * step_u, FINEST_CHANGE * after.amplitude))
-        and np.all(bend <= np.maximum(BEND * share * after.amplitude_u, finest * after.amplitude))
+        and np.all(bend <= np.maximum(allowed * after.amplitude_u, finest * after.amplitude))
     )
