@@ -18,10 +18,7 @@ from instrument.calibration import STANDARD_GRAVITY
 from instrument.sample import Sample
 from simulators.clock import NEVER, VirtualClock
 from simulators.effects import EFFECTS
-from simulators.effects.effect import (
-    DriveEffect,
-    LeakEffect,
-)
+from simulators.effects.effect import AmplifierEffect, DriveEffect, LeakEffect
 from simulators.linear.lti import Floats, StateSpace
 from simulators.linear.path import KEPT_NS, Path, split
 from simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
@@ -43,6 +40,9 @@ class Rig:
         self._clock = clock
         self._films = scene.design.films
         self._streams = {name: Stream(scene.seed, name) for name in scene.effects}
+        effects = scene.effects.values()
+        loaded = any(isinstance(e, AmplifierEffect) for e in effects)  # a film that nothing loads cannot be discharged
+        self._leak = next((e for e in effects if loaded and isinstance(e, LeakEffect)), None)
         self._bridge_tau = BRIDGE_TAU
         self._mounted = Mounted(scene.design)
         self.position = 0.0
@@ -261,12 +261,9 @@ class Rig:
     def _film_signals(self) -> StateSpace:
         return film_signals(self.scene, self._mounted, self._streams, self._set_at_ns, self._ambient)
 
-    def _leak(self) -> LeakEffect | None:
-        return next((e for e in self.scene.effects.values() if isinstance(e, LeakEffect)), None)
-
     def _leakage(self, epoch: int | None = None) -> float:
         """Conductance across a film in the middle of an epoch, None: the present one [S]."""
-        leak = self._leak()
+        leak = self._leak
         if leak is None:
             return 0.0
         epoch = self._clock.now_ns() // leak.epoch_ns if epoch is None else epoch
@@ -275,14 +272,14 @@ class Rig:
     # --- what changes by itself ------------------------------------------------------------------------
 
     def next_event_ns(self) -> int:
-        leak = self._leak()
+        leak = self._leak
         if leak is None:
             return NEVER
         following = self._clock.now_ns() // leak.epoch_ns + 1
         return NEVER if self._leakage(following) == self._leakage() else following * leak.epoch_ns
 
     def advance(self, start_ns: int, end_ns: int) -> None:
-        leak = self._leak()
+        leak = self._leak
         if leak is not None and self._leakage(start_ns // leak.epoch_ns) != self._leakage(end_ns // leak.epoch_ns):
             self._restart()
 

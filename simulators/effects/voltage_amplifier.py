@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
-import numpy as np
 from pydantic import Field
 
 from instrument.design import FILM_KINDS, Design, Film
 from instrument.quantity import Farads, Ohms
 from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
-from simulators.linear.lti import StateSpace, first_order_high_pass, gain
+from simulators.linear.lti import StateSpace, first_order_high_pass
 from simulators.planning.changes import bound_of
 
 
@@ -35,7 +35,8 @@ class VoltageAmplifier(AmplifierEffect):
         capacitance = self.disc if film.kind == FILM_KINDS[0] else self.square
         conductance = 1 / self.resistance + leakage
         divider = capacitance / (capacitance + self.cable)
-        return first_order_high_pass((capacitance + self.cable) / conductance).then(gain(np.array([[divider]])))
+        passed = first_order_high_pass((capacitance + self.cable) / conductance)
+        return replace(passed, c=divider * passed.c, d=divider * passed.d)
 
     def bound(self, case: Case) -> Bound:
         """Its gains at the drive's frequency, and what is left of the preload."""

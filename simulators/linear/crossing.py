@@ -11,7 +11,7 @@ import cmath
 import functools
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -131,6 +131,7 @@ class _Outputs:
         self.fastest = [int(k) for k in np.argsort(-np.abs(rates), kind="stable") if rates[k].imag >= 0]
         self.rates: list[complex] = rates[self.fastest].tolist()
         self.turning = np.array([rate.imag > 0 for rate in self.rates])
+        self.still = np.array([rate == 0 for rate in self.rates])
         self.shapes = (rows[0] @ shapes)[:, self.fastest] * np.where(self.turning, 2.0, 1.0)
 
 
@@ -165,7 +166,8 @@ class Watch:
             weights = seen.shapes * (modes[2] @ gap)[seen.fastest]
             sizes = np.abs(weights)
             terms = sizes.sum(axis=1)
-            least = np.where(seen.turning, -sizes, np.minimum(weights.real, 0.0)).sum(axis=1)
+            falling = np.where(seen.still, weights.real, np.minimum(weights.real, 0.0))
+            least = np.where(seen.turning, -sizes, falling).sum(axis=1)
         slack = ROUNDING * (seen.terms + terms)
         end_ns, failed = NEVER, None
         limit_ns = start_ns + self._ahead_ns
@@ -174,7 +176,8 @@ class Watch:
             if modes is None:
                 transient = functools.partial(self._by_powers, self._rows[k], gap)
             else:
-                transient = functools.partial(self._by_modes, weights[k].tolist())
+                pairs = zip(weights[k].tolist(), seen.rates, strict=True)
+                transient = functools.partial(_by_modes, [(weight, rate) for weight, rate in pairs if weight])
             waves = [(self._steady.inputs[number], order, phasor) for number, order, phasor in seen.waves[k]]
             signal = Signal(
                 float(seen.mean[k] + slack[k]), waves, float(seen.least[k]), float(seen.bend[k]), start_ns, transient
@@ -183,19 +186,6 @@ class Watch:
             if found_ns < end_ns:
                 end_ns, failed = found_ns, k if found_ns < limit_ns else None
         return end_ns, failed
-
-    def _by_modes(self, weights: list[complex], elapsed_ns: int) -> list[Part]:
-        parts, elapsed = [], elapsed_ns / SECOND
-        for weight, rate in zip(weights, self._outputs.rates, strict=True):
-            if rate.imag:
-                term = weight * cmath.exp(rate * elapsed)
-                size = abs(term)
-                parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, -size))
-                continue
-            # A mode that does not turn keeps its sign: from above it falls ever slower and not below zero.
-            value, fall = weight.real * math.exp(rate.real * elapsed), rate.real
-            parts.append(Part(value, fall * value, max(-fall * fall * value, 0.0), min(value, 0.0)))
-        return parts
 
     def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
         """Where modes are too nearly parallel: all of the transient as one part, by bounds that need no modes."""
@@ -214,6 +204,22 @@ class Watch:
         a = self._steady.system.a
         reach = 1 / float(np.abs(a).sum(axis=1).max())
         return reach, exponential(np.abs(a) * reach), _measure(a)
+
+
+def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list[Part]:
+    """Modes by their weights at the start and their rates [1/s]."""
+    parts, elapsed = [], elapsed_ns / SECOND
+    for weight, rate in modes:
+        if rate.imag:
+            term = weight * cmath.exp(rate * elapsed)
+            size = abs(term)
+            parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, -size))
+            continue
+        # A mode that does not turn keeps its sign: from above it falls ever slower and not below zero,
+        # and one without a rate stays as it is.
+        value, fall = weight.real * math.exp(rate.real * elapsed), rate.real
+        parts.append(Part(value, fall * value, max(-fall * fall * value, 0.0), min(value, 0.0) if fall else value))
+    return parts
 
 
 def _measure(a: Floats) -> Floats | None:

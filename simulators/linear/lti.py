@@ -47,6 +47,10 @@ class StateSpace:
 
     def then(self, following: StateSpace) -> StateSpace:
         """Both in series: my outputs are its inputs."""
+        if not self.order:
+            return StateSpace(following.a, following.b @ self.d, following.c, following.d @ self.d)
+        if not following.order:
+            return StateSpace(self.a, self.b, following.d @ self.c, following.d @ self.d)
         upper = np.hstack([self.a, np.zeros((self.order, following.order))])
         lower = np.hstack([following.b @ self.c, following.a])
         return StateSpace(

@@ -11,7 +11,7 @@ looked for, and any later moment is reached without living through what lies bef
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
@@ -160,13 +160,21 @@ class Path:
             modes += cycle.modes(max(first_ns, cycle.start_ns), time_ns)
         return [modes[0], *(after for before, after in pairwise(modes) if after is not before)]
 
-    def modes_met(self, time_ns: int) -> list[Mode]:
-        """All modes from the change up to a time; of those that recur, two periods."""
+    def modes_met(self, time_ns: int) -> Iterator[Mode]:
+        """All modes from the change up to a time, one after the other; of those that recur, two periods.
+
+        What follows a mode is looked for when the next one is asked for: who has seen enough need not go on.
+        """
+        now_ns = self.start_ns
+        self._recurring(now_ns)
+        number = max(bisect_right(self._stretches, now_ns, key=_start) - 1, 0)
+        while now_ns <= time_ns and self._recurring(now_ns) is None:
+            stay = self._stretches[number]
+            yield stay.mode
+            now_ns, number = stay.end_ns, number + 1
         cycle = self._recurring(time_ns)
-        if cycle is None:
-            return [stay.mode for stay in self._between(self.start_ns, time_ns)]
-        modes = [stay.mode for stay in self._between(self.start_ns, cycle.start_ns - 1)]
-        return modes + cycle.modes(cycle.start_ns, min(time_ns, cycle.start_ns + 2 * self._period))
+        if cycle is not None:
+            yield from cycle.modes(cycle.start_ns, min(time_ns, cycle.start_ns + 2 * self._period))
 
     def _collect(
         self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int

@@ -94,12 +94,12 @@ def recurrence(
         return None
     seen = seen_states(modes)
     listeners = [k for k in range(len(largest)) if k not in seen]
-    alone = modes[0].system.part(listeners)
-    if any((its.a != alone.a).any() or (its.c != alone.c).any() for its in (m.system.part(listeners) for m in modes)):
-        return None
     near = (NEAR + 1e-7 * inputs[0].frequency / HERTZ) * largest
     state = now.state()
     if (np.abs(state - before.state()) > near)[seen].any():
+        return None
+    alone = modes[0].system.part(listeners)
+    if any((its.a != alone.a).any() or (its.c != alone.c).any() for its in (m.system.part(listeners) for m in modes)):
         return None
     orbit = _Orbit(stays, inputs)
     periods, settled = 0, False
@@ -156,8 +156,7 @@ class _Orbit:
 
 def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[Watch, list[int]]]) -> bool:
     """Whether the search, too, finds these transitions and no others, in the period from a section on."""
-    inputs = legs[0].steady.inputs
-    drive, period_ns = inputs[0], period_of(inputs)
+    drive = legs[0].steady.inputs[0]
     period = drive.frequency * (start_ns - drive.start_ns) // CYCLE
     for number, leg in enumerate(legs):
         last = number == len(legs) - 1
@@ -168,7 +167,8 @@ def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[W
         search, seen = watch(leg.mode)
         failed: int | None = None
         while failed is None and time_ns < end_ns:
-            cycles = leg.begin + (time_ns - times[0]) / period_ns
+            # Of just this nanosecond: a play lies a billionth of its radius from being dragged.
+            cycles = (drive.frequency * (time_ns - drive.start_ns) - period * CYCLE) / CYCLE
             time_ns, failed = search.first_failure(time_ns, leg.moment(cycles)[seen])
         if last:
             if time_ns < end_ns - CLOSE:

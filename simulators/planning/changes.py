@@ -20,7 +20,7 @@ from simulators.linear.lti import Complexes
 from simulators.planning.dwells import begun, met, touched
 from simulators.planning.fits import SIGMAS
 from simulators.planning.rounding import reaches_rail, step_changes, steps
-from simulators.planning.sides import CONVERTER, SCATTER, Side, deterministic, moments, name_of, reach, sides
+from simulators.planning.sides import CONVERTER, SCATTER, Side, certain, deterministic, moments, name_of, reach, sides
 
 if TYPE_CHECKING:
     from simulators.effects.gain_scatter import GainScatter
@@ -38,8 +38,10 @@ def bound_of(case: Case, effect: Effect) -> Bound:
     found = [Bound(0.0, 0.0)]
     try:
         for moment in moments(case, with_it):
+            if any(case.follow(certain(each, moment)).limited for each in (case.effects, with_it)):
+                return BEYOND
             before, after = sides(case, case.effects, with_it, moment)
-            if any(each.dwell.limited or _saturated(case, each) for each in (before, after)):
+            if any(_saturated(case, each) for each in (before, after)):
                 return BEYOND
             found.append(_results(case, effect, before, after))
     except EstimateError:  # the dwell does not determine a sine
@@ -51,7 +53,7 @@ def bound_of_limit(case: Case, nearer: Effect, name: str) -> Bound:
     """Of a limit: nothing where one that is `NEARER` is never met, from the beginning of the drive on."""
     rig = case.driven(deterministic({**case.effects, name_of(nearer): nearer}))
     end_ns = round(1e9 * (case.settled + case.dwell))
-    acts = any(met(touched(path, end_ns), (name,)) for path in begun(rig, LOOKED_AT))
+    acts = any(met(touch, (name,)) for path in begun(rig, LOOKED_AT) for touch in touched(path, end_ns))
     return BEYOND if acts else Bound(0.0, 0.0)
 
 

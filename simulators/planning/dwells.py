@@ -30,9 +30,9 @@ class Dwell:
         times: of the samples (n,) [ns].
         films: how many.
         period: of the drive [ns].
-        starts: what follows where the drive begins in each of some phases.
+        starts: what follows where the drive begins in each of some phases; where `limited`, up to the first that is.
         linear: nothing changes state up to the dwell's end: not even a play operator moves.
-        limited: contact is lost, or a limit acts.
+        limited: contact is lost, or a limit acts. Then nothing more is followed.
     """
 
     times: Times
@@ -81,19 +81,17 @@ def dwell_of(rig: Rig, settled: float, dwell: float, rate: float) -> Dwell:
     end_ns = round(1e9 * (settled + dwell))
     frequency = rig.coil_voltage().frequency
     period = SECOND * HERTZ // frequency if frequency else 0
-    linear, starts, touches = True, [], []
+    films, linear, starts = len(rig.scene.design.films), True, []
     for path in begun(rig, STARTS):
         starts.append(path)
-        touches.append(touched(path, end_ns))
-        linear = linear and not _moved(touches[-1])
+        for touch in touched(path, end_ns):
+            if met(touch, LIMITS):
+                return Dwell(times, films, period, starts, linear=False, limited=True)
+            linear = linear and touch == Touch(drag=(0,) * len(touch.drag))
         if not linear and _settled(rig, settled):
-            del starts[1:], touches[1:]  # all other phases come later
+            del starts[1:]  # all other phases come later
             break
-    return Dwell(times, len(rig.scene.design.films), period, starts, linear, any(met(each, LIMITS) for each in touches))
-
-
-def _moved(found: Sequence[Touch]) -> bool:
-    return any(touch != Touch(drag=(0,) * len(touch.drag)) for touch in found)
+    return Dwell(times, films, period, starts, linear, limited=False)
 
 
 def _settled(rig: Rig, settled: float) -> bool:
@@ -113,11 +111,11 @@ def begun(rig: Rig, starts: int) -> Iterator[Path]:
         yield rig.path_from(CYCLE * start // starts)
 
 
-def touched(path: Path, end_ns: int) -> list[Touch]:
-    """All that touches from the beginning up to a time."""
-    return [mode.touch for mode in path.modes_met(end_ns)]
+def touched(path: Path, end_ns: int) -> Iterator[Touch]:
+    """All that touches from the beginning up to a time, each as it is found."""
+    return (mode.touch for mode in path.modes_met(end_ns))
 
 
-def met(touches: Sequence[Touch], names: Sequence[str]) -> bool:
+def met(touch: Touch, names: Sequence[str]) -> bool:
     """Whether any of these limits is met, or contact lost."""
-    return any(getattr(touch, name) != getattr(Touch(), name) for touch in touches for name in names)
+    return any(getattr(touch, name) != getattr(Touch(), name) for name in names)

@@ -70,14 +70,14 @@ class Side:
 
 def sides(case: Case, without: Effects, with_it: Effects, moment: float) -> tuple[Side, Side]:
     """The scene with the one effects and with the other; a leak is what it is at a moment [s]."""
-    certain = [_certain(effects, moment) for effects in (without, with_it)]
-    linear = all(case.follow(each).linear for each in certain)
-    before, after = (_side(case, *each, moment, linear) for each in zip((without, with_it), certain, strict=True))
+    followed = [certain(effects, moment) for effects in (without, with_it)]
+    linear = all(case.follow(each).linear for each in followed)
+    before, after = (_side(case, *each, moment, linear) for each in zip((without, with_it), followed, strict=True))
     return before, after
 
 
-def _side(case: Case, effects: Effects, certain: Effects, moment: float, linear: bool) -> Side:
-    dwell, leak = case.follow(certain), _leak(effects)
+def _side(case: Case, effects: Effects, followed: Effects, moment: float, linear: bool) -> Side:
+    dwell, leak = case.follow(followed), _leak(effects)
     volts = dwell.volts(linear)
     if leak is not None:
         volts = volts + _creeping(case, effects, leak, moment, volts)
@@ -85,17 +85,17 @@ def _side(case: Case, effects: Effects, certain: Effects, moment: float, linear:
     scatter = cast("GainScatter | None", effects.get(SCATTER))
     if scatter is None:
         return Side(effects, dwell, linear, volts, seen, np.zeros_like(seen), np.zeros(len(case.design.films)))
-    bare = {name: each for name, each in certain.items() if not isinstance(each, SourceEffect)}
+    bare = {name: each for name, each in followed.items() if not isinstance(each, SourceEffect)}
     passed = fitted(case, case.follow(bare).volts(linear))
     return Side(effects, dwell, linear, volts, passed, seen - passed, reach(case, scatter))
 
 
-def _certain(effects: Effects, moment: float) -> dict[str, Effect]:
+def certain(effects: Effects, moment: float) -> dict[str, Effect]:
     """What a rig follows at a moment [s]."""
-    certain, leak = deterministic(effects), _leak(effects)
+    found, leak = deterministic(effects), _leak(effects)
     if leak is not None:
-        certain[name_of(leak)] = leak.held(leak.conductance(leak.middle(moment)))
-    return certain
+        found[name_of(leak)] = leak.held(leak.conductance(leak.middle(moment)))
+    return found
 
 
 def reach(case: Case, scatter: GainScatter) -> Floats:

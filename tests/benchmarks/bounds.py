@@ -74,8 +74,11 @@ def tried(number: int) -> Tried:
     try:
         case = case_of(scene.design, scene.model, scene.effects, chosen.question, scene.rig)
         bound = effect.bound(case)
+        given = math.isfinite(bound.force) or math.isfinite(bound.ratio)
         long = {"hysteresis", "humidity_leak"} & set(chosen.with_it.effects)
-        found = changes(scene, chosen.with_it, chosen.question, FEWER if long else PHASES, SEEDS)
+        # Without a bound one draw tells whether there is anything to compare.
+        draws = (FEWER if long else PHASES, SEEDS) if given else (1, 1)
+        found = changes(scene, chosen.with_it, chosen.question, *draws)
     except PalpateError as error:
         return Tried(number, chosen.name, list(scene.effects), none, none, none, str(error)[:200])
     bounds = [value if math.isfinite(value) else None for value in (bound.force, bound.ratio)]

@@ -11,9 +11,9 @@ import numpy as np
 from instrument.contracts.sensor_node import RANGE_VOLTS
 from instrument.design import FILM_KINDS, Design
 from instrument.estimate import amplitudes
-from simulators.clock import VirtualClock
+from simulators.clock import NEVER, VirtualClock
 from simulators.effects.adc import Adc
-from simulators.effects.effect import Effect, InputEffect, LeakEffect
+from simulators.effects.effect import Effect, InputEffect
 from simulators.linear.lti import Floats
 from simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from simulators.planning.plan import RATE, SETTLING, Question, driven
@@ -64,7 +64,7 @@ def followed(scene: Scene, question: Question, phase: float) -> Signals:
     """
     clock = VirtualClock()
     rig = driven(scene, question, clock)
-    if not any(isinstance(effect, LeakEffect) for effect in scene.effects.values()):
+    if rig.next_event_ns() == NEVER:
         return _followed(rig, question, phase)
     _begin(rig, question, phase)
     clock.add(rig)

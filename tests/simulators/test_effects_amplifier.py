@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulators.clock import VirtualClock
+from simulators.clock import NEVER, VirtualClock
 from simulators.effects import humidity_leak
 from simulators.effects.charge_amplifier import ChargeAmplifier
 from simulators.effects.effect import Effect
@@ -125,6 +125,16 @@ def test_a_leak_that_has_ended_changes_nothing_any_more_in_30_days(monkeypatch: 
     begun = rig._paths[-1]
     clock.wait(30 * 86_400.0)
     assert rig._paths[-1] is begun
+
+
+def test_a_leak_without_an_amplifier_that_loads_the_film_never_begins_anything_anew() -> None:
+    clock, rig = driven({"humidity_leak": HumidityLeak(wet="1 Mohm", over="1 s")})
+    begun = rig._paths[-1]
+    assert rig.next_event_ns() == NEVER
+    clock.wait(0.5)
+    assert rig._paths[-1] is begun
+    times = 400 * MS + np.arange(0, 100 * MS, MS)
+    assert rig.film_voltages(times).tobytes() == driven({})[1].film_voltages(times).tobytes()
 
 
 def test_looking_at_a_leak_in_pieces_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:

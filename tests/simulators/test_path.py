@@ -327,6 +327,20 @@ def test_what_recurs_is_what_following_every_transition_gives(frequency: int, mo
     assert touches[0] == touches[1]
 
 
+@pytest.mark.parametrize("end_ns", [0, 250 * MS, 5 * SECOND])
+def test_modes_are_met_as_they_are_asked_for(end_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    drive, count = sine(8.0), searches(monkeypatch)
+    modes = listening(drive).modes_met(end_ns)
+    assert (next(modes).touch, count) == ("free", [1])
+    met, all_modes = [mode.touch for mode in modes], listening(drive)
+    all_modes.outputs(np.array([end_ns]), slice(0, 1))
+    cycle = all_modes._cycle if end_ns == 5 * SECOND else None
+    border = end_ns if cycle is None else cycle.start_ns - 1
+    begun = [stay.mode.touch for stay in all_modes._stretches if stay.start_ns <= border]
+    repeated = [mode.touch for mode in cycle.modes(cycle.start_ns, cycle.start_ns + SECOND // 5)] if cycle else []
+    assert ["free", *met] == begun + repeated
+
+
 @pytest.mark.parametrize("frequency", [10 * HERTZ, 9_965_244_293])
 def test_thirty_days_of_transitions_are_reached_at_once_and_what_listens_goes_on_settling(
     frequency: int, monkeypatch: pytest.MonkeyPatch
