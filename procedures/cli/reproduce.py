@@ -34,7 +34,8 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
 
     Each row is input (the thesis' number itself went in), fitted (parameters were chosen to meet this very table) or
     predicted (neither), and each class is counted alone. Exit status 1 where one has not what is required of it: of
-    input rows 93 % within twice their stated scatter, and no table or arrangement off in the mean by more than chance;
+    input rows an answer each, 93 % within twice their stated scatter, and no table or arrangement off in the mean by
+    more than chance;
     of fitted rows all within the goal of the fit; of predicted ones an answer each, however far off it is; and the
     orders of softness right.
     """

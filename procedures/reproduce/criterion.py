@@ -21,8 +21,8 @@ LEAST_SHARE = 0.93  # of the input rows: one in twenty is outside by chance
 
 REQUIRED: Mapping[Evidence, str] = MappingProxyType(
     {
-        Evidence.INPUT: f"{LEAST_SHARE:.0%} of the rows within two standard uncertainties of their scatter, and no mean"
-        " farther off than chance puts the farthest",
+        Evidence.INPUT: f"every row has an answer, {LEAST_SHARE:.0%} of them within two standard uncertainties of their"
+        " scatter, and no mean farther off than chance puts the farthest",
         Evidence.FITTED: "every row within the goal of the fit",
         Evidence.PREDICTED: "every row has an answer; how many lie within is printed and nothing is asked of it",
     }
@@ -67,11 +67,13 @@ class Verdict:
     @property
     def met(self) -> bool:
         """Whether the class has what is required of it."""
+        if self.answered < self.count.rows and self.evidence is not Evidence.FITTED:
+            return False
         if self.evidence is Evidence.INPUT:
             return self.count.within >= LEAST_SHARE * self.count.judged and not self.biased
         if self.evidence is Evidence.FITTED:
             return self.count.within == self.count.judged
-        return self.answered == self.count.rows
+        return True
 
     def record(self) -> dict[str, Any]:
         """Under public names."""

@@ -113,6 +113,7 @@ def test_what_every_table_shares_does_not_average_out_over_an_arrangement() -> N
         (rows(100, 7, INPUT), True),
         (rows(100, 8, INPUT), False),
         ([replace(each, ours=1.1) for each in rows(100, 0, INPUT)], False),  # each within, all of them high
+        ([*rows(99, 0, INPUT), row(1.0, math.nan, 0.1, evidence=INPUT)], False),
         (rows(100, 1, FITTED), False),
         (rows(100, 100, PREDICTED), True),
         ([*rows(99, 0, PREDICTED), row(1.0, math.nan, 0.1, evidence=PREDICTED)], False),
