@@ -14,6 +14,7 @@ from drivers.bench import Bench
 from drivers.bus_log import BusLog
 from drivers.bus_replay import BusReplay
 from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from instrument.bench import BenchDescription
 from instrument.errors import ConfigError, DeviceError, LinkTimeout
 from instrument.multicast import MULTICAST
 from procedures.bus_log import described
@@ -58,9 +59,11 @@ def log(tmp_path: Path) -> Path:
     return tmp_path / "trace.blf"
 
 
-def logged(sim: SimulatedBench, log: Path, use: Callable[[Bench], Any] = used) -> Any:
+def logged(
+    sim: SimulatedBench, log: Path, use: Callable[[Bench], Any] = used, description: BenchDescription | None = None
+) -> Any:
     clock = Ticking(sim)
-    bench = Bench(hasty(sim.description), clock, sim.operator)
+    bench = Bench(description or sim.description, clock, sim.operator)
     with BusLog(bench, clock, log, datetime(2026, 1, 2, tzinfo=UTC)) as recording:
         recording.describe(json.dumps({"bench": bench.description.to_toml()}))
         return use(bench)
@@ -97,7 +100,7 @@ def test_a_request_that_was_not_answered_is_not_answered(sim: SimulatedBench, lo
             bench.positioner.move(1e-3)
             return bench.positioner.position()
 
-    assert logged(sim, log, use) == replayed(sim, log, use) == 1e-3
+    assert logged(sim, log, use, hasty(sim.description)) == replayed(sim, log, use) == 1e-3
 
 
 @pytest.mark.parametrize("fed_by", ["owner", "any request"])
