@@ -289,7 +289,7 @@ class LoadServo:
             )
 
     def _mean(self, count: int = READINGS) -> IndicatorMean:
-        return read_indicator(self._bench, count, self._within_limit)
+        return read_indicator(self._bench, count, self._unstable)
 
     def _checked(self, reading: IndicatorMean) -> float:
         """The load in N of a reading that is valid and within the force limit.
@@ -306,6 +306,14 @@ class LoadServo:
                 device=name,
             )
         return self.calibration.load(reading.reading_mV)[0]
+
+    def _unstable(self, reading_mV: float) -> None:
+        """A load that still changes is one too great, or of a device that has lost its settings, or of a slow bench.
+
+        Raises SafetyError, and what `Bench.check_settings` raises.
+        """
+        self._within_limit(reading_mV)
+        self._bench.check_settings()
 
     def _within_limit(self, reading_mV: float) -> None:
         if not math.isfinite(reading_mV):

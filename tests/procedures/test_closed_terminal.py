@@ -38,8 +38,9 @@ def test_a_sweep_whose_terminal_is_closed_hangs_up_or_where_that_is_ignored_take
         stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, preexec_fn=at_its_terminal,
     )  # fmt: skip
     os.close(theirs)
-    while not (run / "run.record").exists():
-        os.read(ours, 4096)  # its progress
+    shown = b""
+    while b"0/6" not in shown:  # the bench is open, and of six points none is there
+        shown += os.read(ours, 4096)
     os.close(ours)
     assert (sweep.wait(), Run.open(run).status) == (status, left)
 

@@ -14,7 +14,7 @@ import pytest
 from drivers.bench import Bench
 from drivers.sensor_node import Recording, SensorNode, acquire
 from instrument.calibration import THESIS_LOAD_CELL
-from instrument.errors import DeviceError, PalpateError, SafetyError, UnreachableError
+from instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from instrument.sample import SAMPLES
 from procedures import films
 from procedures.films import SHORT_RECORD
@@ -176,6 +176,18 @@ def test_a_reading_that_never_becomes_stable_is_not_used(
     with pytest.raises(DeviceError, match="no valid reading while driving; outputs are off"):
         servo.set(2.0)
     assert outputs(sim) == OFF
+
+
+def test_a_load_that_still_changes_is_laid_to_the_device_that_has_lost_its_settings(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo = mount(bench)
+    servo.set(2.0)
+    asked = unstable(sim, monkeypatch, 10 * PATIENCE)
+    sim.generator.write({"output": 0.0})
+    with pytest.raises(SettingsLost, match="signal generator .* output"):
+        servo.set(2.0)
+    assert len(asked) == 1
 
 
 def test_too_much_force_is_not_waited_out_while_the_reading_is_unstable(
