@@ -185,7 +185,7 @@ def test_a_load_that_still_changes_is_laid_to_the_device_that_has_lost_its_setti
     servo.set(2.0)
     asked = unstable(sim, monkeypatch, 10 * PATIENCE)
     sim.generator.write({"output": 0.0})
-    with pytest.raises(SettingsLost, match="signal generator .* output"):
+    with pytest.raises(SettingsLost, match=r"signal generator .* output"):
         servo.set(2.0)
     assert len(asked) == 1
 
