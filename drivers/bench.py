@@ -8,23 +8,23 @@ from contextlib import ExitStack, suppress
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-from drivers.bench_lock import BenchLock
-from drivers.can import CanLink
-from drivers.clock import BenchClock
-from drivers.device import READ_ATTEMPTS
-from drivers.incident import Incidents, Store
-from drivers.modbus import ModbusLink
-from drivers.positioner import Positioner
-from drivers.sample_changer import ChangerAndPerson, SampleChanger
-from drivers.sensor_node import SensorNode
-from drivers.shaker_amplifier import ShakerAmplifier
-from drivers.signal_generator import SignalGenerator
-from drivers.signals import held, taken
-from drivers.strain_indicator import StrainIndicator
-from drivers.watched_clock import WatchedClock
-from instrument.bench import BenchDescription
-from instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
-from instrument.operator import Operator
+from palpate.drivers.bench_lock import BenchLock
+from palpate.drivers.clock import BenchClock
+from palpate.drivers.devices.device import READ_ATTEMPTS
+from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.sample_changer import ChangerAndPerson, SampleChanger
+from palpate.drivers.devices.sensor_node import SensorNode
+from palpate.drivers.devices.shaker_amplifier import ShakerAmplifier
+from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.devices.strain_indicator import StrainIndicator
+from palpate.drivers.incident import Incidents, Store
+from palpate.drivers.links.can import CanLink
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.safe_end import held, taken
+from palpate.drivers.watched_clock import WatchedClock
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.operator import Operator
+from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
 
 RECOVERY = 1.0  # s, that devices are given to come back
 CLAIMS = 10  # that are tried within the time of the watchdog

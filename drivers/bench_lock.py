@@ -17,8 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from instrument.bench import BenchDescription, TcpAddress
-from instrument.errors import BenchError, BenchInUse
+from palpate.instrument.bench.description import BenchDescription, TcpAddress
+from palpate.instrument.errors import BenchError, BenchInUse
 
 FOLDER = Path("/tmp/palpate-benches")  # the same for all users, whatever their $TMPDIR
 FOR_ALL = 0o666  # a lock that one user has left must not keep out another

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.clock import Clock
+from palpate.drivers.clock import Clock
 
 INCIDENT = "incident"  # kind of the event
 Store = Callable[[str, str, int], object]

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
-from drivers.clock import BenchClock
-from drivers.heartbeat import Heartbeat
-from drivers.shaker_amplifier import ShakerAmplifier
+from palpate.drivers.clock import BenchClock
+from palpate.drivers.devices.heartbeat import Heartbeat
+from palpate.drivers.devices.shaker_amplifier import ShakerAmplifier
 
 
 class WatchedClock:

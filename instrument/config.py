@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from instrument.errors import ConfigError, nearest
+from palpate.instrument.errors import ConfigError, nearest
 
 LARGEST_FILE = 1_000_000  # bytes; a bench, scene or calibration file has a few thousand
 MOST_VALUES = 100_000  # of a file; the films of an array of 64 teeth have 25 thousand

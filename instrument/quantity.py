@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from instrument.errors import QuantityError, RangeError
+from palpate.instrument.errors import QuantityError, RangeError
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler

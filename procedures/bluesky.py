@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from procedures.films import Films
-from procedures.servo import LoadServo
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.procedures.steps.films import Films
+from palpate.procedures.steps.servo import LoadServo
 
 
 class Done:

@@ -8,26 +8,34 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, cast
 
-from instrument.bench import Amplifier, BenchDescription, CanBus, Indicator, RtuAddress, SerialLine, TcpAddress
-from instrument.sample import Sample
-from instrument.serial_line import FASTEST
-from simulators.can import CanSegment
-from simulators.can_bus import own_channel
-from simulators.clock import VirtualClock
-from simulators.modbus import LOOPBACK, ServerThread
-from simulators.operator import SimulatedOperator
-from simulators.positioner import Positioner
-from simulators.rig import Rig
-from simulators.sample_changer import SampleChanger
-from simulators.scene import Scene
-from simulators.shaker_amplifier import ShakerAmplifier
-from simulators.signal_generator import SignalGenerator
-from simulators.strain_indicator import StrainIndicator
+from palpate.instrument.bench.description import (
+    Amplifier,
+    BenchDescription,
+    CanBus,
+    Indicator,
+    RtuAddress,
+    SerialLine,
+    TcpAddress,
+)
+from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.sensor.sample import Sample
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.positioner import Positioner
+from palpate.simulators.devices.sample_changer import SampleChanger
+from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
+from palpate.simulators.devices.signal_generator import SignalGenerator
+from palpate.simulators.devices.strain_indicator import StrainIndicator
+from palpate.simulators.rig.operator import SimulatedOperator
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.can import CanSegment
+from palpate.simulators.wire.can_bus import own_channel
+from palpate.simulators.wire.modbus import LOOPBACK, ServerThread
 
 if TYPE_CHECKING:
-    from simulators.effects.can_timing import CanTiming
-    from simulators.effects.serial_timing import SerialTiming
-    from simulators.faults.inject import Injection
+    from palpate.simulators.effects.can_timing import CanTiming
+    from palpate.simulators.effects.serial_timing import SerialTiming
+    from palpate.simulators.faults.inject import Injection
 
 INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
 LINE_UNITS = {INDICATOR_UNIT: "strain_indicator", POSITIONER_UNIT: "positioner"}
@@ -137,7 +145,7 @@ class SimulatedBench:
     @cached_property
     def injection(self) -> Injection:
         """By which faults are given and taken away; a bench without any never has it."""
-        from simulators.faults.inject import Injection
+        from palpate.simulators.faults.inject import Injection
 
         return Injection(self)
 
@@ -152,6 +160,6 @@ def _timeouts(scene: Scene) -> dict[str, Any]:
     """Of links that have faults, by their names."""
     if not scene.faults:
         return {}
-    from simulators.faults.inject import timeouts
+    from palpate.simulators.faults.inject import timeouts
 
     return timeouts(scene.faults)

@@ -12,13 +12,13 @@ import can
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError
 
-from drivers.bench import Bench
-from drivers.canopen_device import CanopenDevice
-from instrument.contract import Field
-from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
-from simulators.bench import SimulatedBench
-from simulators.canopen_device import CanopenDevice as SimulatedNode
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.canopen_device import CanopenDevice
+from palpate.instrument.contracts.contract import Field
+from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
 from tests.drivers.wire import frames, impatient_node, transfers
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 

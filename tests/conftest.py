@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from drivers.bench import Bench
-    from instrument.bench import BenchDescription
-    from simulators.bench import SimulatedBench
-    from simulators.scene import Scene
+    from palpate.drivers.bench import Bench
+    from palpate.instrument.bench.description import BenchDescription
+    from palpate.simulators.bench import SimulatedBench
+    from palpate.simulators.scenes.scene import Scene
 
 SLOW = 300  # s
 collect_ignore = ["examples"]  # projects of their own: see tests/procedures/test_plugin.py
@@ -50,7 +50,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     import canopen
 
-    from simulators.faults import inject
+    from palpate.simulators.faults import inject
 
     canopen.Network.NOTIFIER_CYCLE = 0.002  # closing a bus waits for one cycle, and tests close hundreds
     inject.TIMEOUT = "0.2 s"  # tests wait in vain a hundred times
@@ -91,14 +91,14 @@ def nothing_left_behind() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def scene() -> Scene:
-    from simulators.scene import read_scene
+    from palpate.simulators.scenes.scene import read_scene
 
     return read_scene("thesis_single")
 
 
 @pytest.fixture
 def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
-    from simulators.bench import SimulatedBench
+    from palpate.simulators.bench import SimulatedBench
 
     with SimulatedBench(scene) as simulated:
         yield simulated
@@ -106,7 +106,7 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 
 @pytest.fixture
 def bench(sim: SimulatedBench) -> Iterator[Bench]:
-    from drivers.bench import Bench
+    from palpate.drivers.bench import Bench
 
     with Bench(sim.description, sim.clock, sim.operator) as opened:
         yield opened

@@ -16,20 +16,20 @@ from unittest.mock import patch
 
 import numpy as np
 
-from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import read_calibration, write_calibration
-from instrument.config import Hashed
-from instrument.errors import ConfigError, PalpateError, RecordError, UsageError
-from procedures import chain_writer
-from procedures.chain import AROUND
-from procedures.check import check
-from procedures.record import Recorder
-from procedures.record_file import HEAD_FILE, RECORD
-from procedures.resume import Resumed
-from procedures.run import Run, reading_record
-from procedures.salvage import salvaging
-from procedures.study.store import Outcome, Store, stored
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.config import Hashed
+from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
+from palpate.procedures.records import chain_writer
+from palpate.procedures.records.chain import AROUND
+from palpate.procedures.records.check import check
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.records.run import Run, reading_record
+from palpate.procedures.records.salvage import salvaging
+from palpate.procedures.study.store import Outcome, Store, stored
 from tests.runs import as_format3
 
 Files = dict[str, bytes]

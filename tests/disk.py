@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from instrument.errors import RecordError
-from procedures.check import check
-from procedures.record import Recorder
-from procedures.run import Run, is_run
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records.check import check
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run, is_run
 
 SECTOR = 512
 Call = Callable[..., Any]

@@ -18,19 +18,19 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from drivers.bench import Bench
-from drivers.incident import INCIDENT
-from instrument.errors import PalpateError
-from instrument.sample import get_sample
-from procedures.record import Recorder
-from procedures.run import Run
-from simulators.bench import SimulatedBench
-from simulators.faults import FAULTS, fault_class, inject
-from simulators.faults.can import CanFault
-from simulators.faults.fault import CHANGER, NODE, parse_faults
-from simulators.faults.indicator import IndicatorFault
-from simulators.faults.node import FilmFault
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.incident import INCIDENT
+from palpate.instrument.errors import PalpateError
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.faults import FAULTS, fault_class, inject
+from palpate.simulators.faults.can import CanFault
+from palpate.simulators.faults.fault import CHANGER, NODE, parse_faults
+from palpate.simulators.faults.indicator import IndicatorFault
+from palpate.simulators.faults.node import FilmFault
+from palpate.simulators.scenes.scene import Scene
 from tests.fault_procedures import PROCEDURES, SAMPLE, Found, scene, wrong
 
 PROCESSES_A_CORE = 4

@@ -7,24 +7,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from drivers.bench import Bench
-from instrument.calibration import STANDARD_GRAVITY, THESIS_LOAD_CELL
-from instrument.designs import get_design
-from instrument.sample import get_sample
-from procedures import (
-    characterise,
-    film_calibration,
-    frequency_sweep,
-    load_cell,
-    load_sweep,
-    modulus,
-    position_sweep,
-    softness,
-    temperature_sweep,
-)
-from procedures.load_plan import SweepSettings
-from procedures.record import Recorder
-from simulators.scene import Scene, read_scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, THESIS_LOAD_CELL
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.measurements.characterise import procedure as characterise
+from palpate.procedures.measurements.films import procedure as film_calibration
+from palpate.procedures.measurements.frequency import procedure as frequency_sweep
+from palpate.procedures.measurements.load_cell import procedure as load_cell
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings
+from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.measurements.position import procedure as position_sweep
+from palpate.procedures.measurements.softness import procedure as softness
+from palpate.procedures.measurements.temperature import procedure as temperature_sweep
+from palpate.procedures.records.record import Recorder
+from palpate.simulators.scenes.scene import Scene, read_scene
 
 CREATED = datetime(2025, 3, 14, tzinfo=UTC)
 SAMPLE, LOADS, DWELL, FREQUENCY = "2", (2.0, 2.5, 3.0), 0.2, 10.0

@@ -18,13 +18,17 @@ from typing import Self
 SERVER = """
 import contextlib, json, os, signal, sys, tempfile
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
-from instrument.quantity import parse
-from procedures import load_sweep, report, resume
-from procedures.cli import conduct, main, session
-from procedures.cli.options import Output
-from simulators.bench import SimulatedBench
-from simulators.can import CanSegment
-from simulators.clock import VirtualClock
+from palpate.instrument.quantity import parse
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads import report
+from palpate.procedures.records import resumed as resume
+from palpate.procedures.engine import conduct
+from palpate.procedures.commands import main
+from palpate.procedures.lab import open as session
+from palpate.procedures.commands.options import Output
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.wire.can import CanSegment
+from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
 canopen.Network.NOTIFIER_CYCLE = 0.002

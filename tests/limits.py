@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from instrument.contract import Contract, Field, Value
+from palpate.instrument.contracts.contract import Contract, Field, Value
 
 RAW_LIMITS = {
     "uint8": (0, 2**8 - 1), "int8": (-(2**7), 2**7 - 1), "uint16": (0, 2**16 - 1), "int16": (-(2**15), 2**15 - 1),

@@ -10,13 +10,13 @@ from dataclasses import replace
 import pytest
 from pymodbus.exceptions import ModbusIOException
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from instrument.contract import PROBE, Identity
-from instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
-from simulators.bench import SimulatedBench
-from simulators.device import DEVICE_FAILURE, Refused, SimulatedDevice
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.instrument.contracts.contract import PROBE, Identity
+from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedDevice
 from tests.drivers.wire import Wire, impatient, listen
 from tests.limits import inside, number, outside, outside_raw, settings, writable
 

@@ -11,15 +11,16 @@ from pathlib import Path
 from types import FrameType
 from unittest.mock import patch
 
-from drivers.bench import Bench
-from procedures.policy import carry_out
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.procedures.steps.policy import carry_out
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
 
-OWN = tuple(f"{Path(__file__).parents[1] / name}/" for name in ("instrument", "drivers", "simulators", "procedures"))
+PACKAGE = Path(__file__).parents[1] / "palpate"  # through whose links the folders are imported
+OWN = tuple(f"{PACKAGE / name}/" for name in ("instrument", "drivers", "simulators", "procedures"))
 
 # One looks at the line as often as the machine lets it, the other at lock files that other programs make and remove.
-NOT_COUNTED = tuple(f"{Path(__file__).parents[1] / 'drivers' / name}" for name in ("rtu.py", "bench_lock.py"))
+NOT_COUNTED = tuple(f"{PACKAGE / 'drivers' / name}" for name in ("links/rtu.py", "bench_lock.py"))
 
 
 def operations(scene: Scene) -> Counter[str]:
@@ -51,7 +52,7 @@ def operations(scene: Scene) -> Counter[str]:
 
 @contextmanager
 def without_code_of_faults() -> Iterator[None]:
-    """Nothing of `simulators.faults` can be imported."""
-    loaded = [name for name in sys.modules if name.startswith("simulators.faults.")]
-    with patch.dict(sys.modules, dict.fromkeys(["simulators.faults", *loaded])):
+    """Nothing of `palpate.simulators.faults` can be imported."""
+    loaded = [name for name in sys.modules if name.startswith("palpate.simulators.faults.")]
+    with patch.dict(sys.modules, dict.fromkeys(["palpate.simulators.faults", *loaded])):
         yield

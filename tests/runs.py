@@ -10,11 +10,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from procedures import format3
-from procedures.chain import NOTHING, Head
-from procedures.chain_writer import packed
-from procedures.encoding import row_crc32, waveform_crc32
-from procedures.record_file import (
+from palpate.procedures.records import format3
+from palpate.procedures.records.chain import NOTHING, Head
+from palpate.procedures.records.chain_writer import packed
+from palpate.procedures.records.encoding import row_crc32, waveform_crc32
+from palpate.procedures.records.record_file import (
     HEAD_FILE,
     RECORD,
     SIMULATED,
@@ -24,7 +24,7 @@ from procedures.record_file import (
     point_frames,
     status_frame,
 )
-from procedures.run import reading
+from palpate.procedures.records.run import reading
 
 Change = Callable[[dict[str, Any]], None]
 

@@ -25,15 +25,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from instrument.multicast import MULTICAST
-from instrument.sample import get_sample
-from procedures.check import check
-from procedures.cli.serving import Served, Wish, serving
-from procedures.run import Run, is_run
-from simulators.bench import Place, SimulatedBench
-from simulators.device import Refused
-from simulators.physics.mounted import Mounted
-from simulators.scene import read_scene
+from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.records.check import check
+from palpate.procedures.records.run import Run, is_run
+from palpate.procedures.virtual.served_bench import Served, Wish, serving
+from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.rig.mounted import Mounted
+from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.wire.device import Refused
 
 SAMPLES = "123456"
 POINTS = 2  # of a run, each of another sample
@@ -48,9 +48,13 @@ SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal
 FORKS = """
 import contextlib, json, os, signal, socket, sys, tempfile, threading
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
-from procedures import load_sweep, report, resume
-from procedures.cli import conduct, main, session
-from procedures.cli.options import Output
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads import report
+from palpate.procedures.records import resumed as resume
+from palpate.procedures.engine import conduct
+from palpate.procedures.commands import main
+from palpate.procedures.lab import open as session
+from palpate.procedures.commands.options import Output
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
 canopen.Network.NOTIFIER_CYCLE = 0.002

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from instrument.models.parameters import RoundParameters, SensorParameters, SolidParameters
+from palpate.instrument.models.parameters import RoundParameters, SensorParameters, SolidParameters
 
 
 def round_sensors(count: int, seed: int) -> list[RoundParameters]:

@@ -16,13 +16,13 @@ from typing import Any
 
 import canopen
 
-from drivers.modbus import ModbusLink
-from drivers.positioner import Positioner
-from drivers.sdo import CheckedSdoClient
-from drivers.strain_indicator import StrainIndicator
-from instrument.contracts import positioner, strain_indicator
-from instrument.contracts.sensor_node import shortest_transfer
-from instrument.errors import BenchError
+from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.strain_indicator import StrainIndicator
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.sdo import CheckedSdoClient
+from palpate.instrument.contracts import positioner, strain_indicator
+from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.errors import BenchError
 from tests.drivers.virtual_line import VirtualLine, checked
 
 UNIT, BAUDRATE, BITRATE, TIMEOUT = 2, 115200, 1e6, 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simulators.device import SimulatedDevice
+from palpate.simulators.wire.device import SimulatedDevice
 
 
 def counted_writes(device: SimulatedDevice) -> list[dict[str, float]]:

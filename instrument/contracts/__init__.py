@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
-from instrument.contract import Contract
-from instrument.contracts import (
+from palpate.instrument.contracts import (
     positioner,
     sample_changer,
     sensor_node,
@@ -13,6 +12,7 @@ from instrument.contracts import (
     signal_generator,
     strain_indicator,
 )
+from palpate.instrument.contracts.contract import Contract
 
 CONTRACTS: dict[str, Contract] = {
     module.CONTRACT.name: module.CONTRACT

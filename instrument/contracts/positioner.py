@@ -4,7 +4,7 @@ stand side by side: one FC16 starts a move, and no half-written target can be mo
 
 from __future__ import annotations
 
-from instrument.contract import Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 CONTRACT = Contract(
     name="positioner",

@@ -4,7 +4,7 @@ tells the tag of what lies under the probe, whoever has laid it there.
 
 from __future__ import annotations
 
-from instrument.contract import Access, Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Access, Contract, Field, Identity, probe
 
 PLACES = 8  # [A]
 NAME = 64  # bytes of a sample's name

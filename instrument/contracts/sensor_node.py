@@ -8,7 +8,7 @@ cycle period (1006h).
 
 from __future__ import annotations
 
-from instrument.contract import Contract, Field, Identity, Pdo, probe, sdo
+from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
 
 CHANNELS = 4
 SYNC_PRODUCER = 0x4000_0000

@@ -9,7 +9,7 @@ watchdog.
 
 from __future__ import annotations
 
-from instrument.contract import Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 SETTINGS = {"gain": 0x10, "current_limit": 0x11, "enable": 0x12, "clear_faults": 0x13, "watchdog": 0x14}
 WHOLE = 2**32 - 1

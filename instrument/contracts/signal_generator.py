@@ -5,7 +5,7 @@ but counts what it is told, so that a client notices that another one writes.
 
 from __future__ import annotations
 
-from instrument.contract import Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 LARGEST_PEAK = 10.0  # V, amplitude + |offset|
 

@@ -5,7 +5,7 @@ command and its result stand in the status).
 
 from __future__ import annotations
 
-from instrument.contract import Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 COMMANDS = {"idle": 0, "zero": 1, "clear_zero": 2, "tare": 3, "clear_tare": 4}
 

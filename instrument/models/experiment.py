@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from instrument.design import Design
-from instrument.errors import RangeError
-from instrument.quantity import show
-from instrument.sample import SAMPLES, Sample
+from palpate.instrument.errors import RangeError
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import SAMPLES, Sample
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.design import Design
-from instrument.errors import RangeError, UnknownName
-from instrument.film_material import FilmMaterial
-from instrument.models.response import Response
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.response import Response
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.film_material import FilmMaterial
 
 Array = NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.quantity import show
-from instrument.sample import SAMPLES, Sample
+from palpate.instrument.errors import RangeError
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES, Sample
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from instrument.design import Design
-from instrument.errors import UnknownName
-from instrument.load import Load
-from instrument.sample import Sample
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class ParameterSet:
 
     Attributes:
         sensed_thickness, sensed_poisson, interface: of the object.
-        compliant_poisson, ring_outline, support, disc_radius: see `instrument.design`.
+        compliant_poisson, ring_outline, support, disc_radius: see `palpate.instrument.sensor.design`.
         source: where the numbers come from.
         fitted_to: tables of the thesis whose force ratios they were chosen to meet.
     """

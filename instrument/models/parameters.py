@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from instrument.design import OUTLINES, SUPPORTS, Design
-from instrument.errors import RangeError, UnknownName
-from instrument.film_material import PVDF, FilmMaterial
-from instrument.limits import require_nested, require_positive
-from instrument.load import INTERFACES, Load
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.sensor.design import OUTLINES, SUPPORTS, Design
+from palpate.instrument.sensor.film_material import PVDF, FilmMaterial
+from palpate.instrument.sensor.limits import require_nested, require_positive
+from palpate.instrument.sensor.load import INTERFACES, Load
 
 # Of the ring's outer radius, what other lengths may be: beyond, nothing changes but that no digits are left.
 PROPORTIONS = (1e-5, 300.0)

@@ -11,13 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import RangeError, UnknownName
-from instrument.load import Load
-from instrument.models.parameter_sets import get_parameter_set
-from instrument.models.price_list import model_error
-from instrument.models.response import AUTO, MODELS, Response, response
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.prices.price_list import model_error
+from palpate.instrument.models.response import AUTO, MODELS, Response, response
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
 
 # What a caller may set in place of the parameter set's.
 SETTINGS = (
@@ -42,7 +42,7 @@ class Question:
     """Which sensor, by which model.
 
     Attributes:
-        design: of `instrument.designs`.
+        design: of `palpate.instrument.sensor.designs`.
         model: of `response.MODELS`, or "auto".
         parameters: "thesis", "physical", or "identified", which is fitted to the finite-element models.
         settings: SETTINGS that override the parameter set, moduli in Pa and lengths in m.

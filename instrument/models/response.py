@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Self
 
-from instrument.design import FILM_KINDS, Design, Film
-from instrument.errors import RangeError, UnknownName
-from instrument.load import Load
-from instrument.models import beam, beam_printed, column_fitted, experiment, hetenyi, springs
-from instrument.models.parameters import round_parameters, solid_parameters
-from instrument.quantity import check_tolerance
-from instrument.sample import Sample
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models import experiment
+from palpate.instrument.models.foundation import beam, beam_printed, column_fitted, hetenyi, springs
+from palpate.instrument.models.parameters import round_parameters, solid_parameters
+from palpate.instrument.quantity import check_tolerance
+from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +116,7 @@ def response(design: Design, load: Load, model: str = "experiment", tolerance: f
     if tolerance is not None:
         check_tolerance(tolerance, f"tolerance {tolerance:g}")
     if model == AUTO:
-        from instrument.models.price_list import answer_cheapest
+        from palpate.instrument.models.prices.price_list import answer_cheapest
 
         return answer_cheapest(design, load, tolerance)
     if model not in MODELS:
@@ -148,7 +149,7 @@ def _closed_form(
 
 
 def _axisymmetric(design: Design, load: Load, tolerance: float | None) -> Response:
-    from instrument.models import axisymmetric
+    from palpate.instrument.models.axisymmetric import model as axisymmetric
 
     asked = AXISYMMETRIC_TOLERANCE if tolerance is None else tolerance
     solution, estimate = axisymmetric.solve_to(round_parameters(design, load), asked)
@@ -161,7 +162,7 @@ def _axisymmetric(design: Design, load: Load, tolerance: float | None) -> Respon
 
 
 def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
-    from instrument.models import solid
+    from palpate.instrument.models.solid import model as solid
 
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
     # Forces and stresses grow with the load: of one newton they are kept for the next.
@@ -198,7 +199,7 @@ def place_among_films(design: Design, film: Film) -> int:
 
 
 def _surface(design: Design, load: Load, tolerance: float | None) -> Response:
-    from instrument.models import surface
+    from palpate.instrument.models.stored import surface
 
     found = surface.find(design, load)
     ratio = found.force_ratio(load.sensed.modulus / design.ring.material.modulus)

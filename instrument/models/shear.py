@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.design import Design
-from instrument.errors import RangeError
-from instrument.load import Load
-from instrument.models.parameters import solid_parameters
-from instrument.models.response import place_among_films
-from instrument.models.solid import REFINEMENTS, resolution_of
-from instrument.models.solid_body import PlanElements
-from instrument.models.solid_forces import evaluate
-from instrument.models.solid_mesh import TOOTH
-from instrument.models.solid_system import System
-from instrument.sample import Sample
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.response import place_among_films
+from palpate.instrument.models.solid.body import PlanElements
+from palpate.instrument.models.solid.forces import evaluate
+from palpate.instrument.models.solid.mesh import TOOTH
+from palpate.instrument.models.solid.model import REFINEMENTS, resolution_of
+from palpate.instrument.models.solid.system import System
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Sample
 
 Vector = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.errors import UnknownName
+from palpate.instrument.errors import UnknownName
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
-from instrument.estimate import amplitudes
-from instrument.quantity import parse
-from procedures.accuracy.machine import seconds_of
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
+from palpate.instrument.quantity import parse
+from palpate.instrument.signals.estimate import amplitudes
+from palpate.procedures.accuracy.machine import seconds_of
 
 Floats = npt.NDArray[np.float64]
 Real = Literal["float32", "float64"]

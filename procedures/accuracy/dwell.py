@@ -14,11 +14,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from instrument.dwell import Floor, check_dwell, dwell_of, floor_u, ratio_noise
-from instrument.errors import EstimateError, RangeError, UnknownName
-from instrument.estimate import SineFit, amplitude_ratio, fit_sine
-from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
-from instrument.sine_columns import sine_columns
+from palpate.instrument.errors import EstimateError, RangeError, UnknownName
+from palpate.instrument.signals.dwell import Floor, check_dwell, dwell_of, floor_u, ratio_noise
+from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
+from palpate.instrument.signals.sine_columns import sine_columns
 
 DWELLS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0)  # s
 TARGETS = (0.1, 0.01, 1e-3, 1e-4)  # relative standard uncertainty of the ratio
@@ -30,7 +30,7 @@ COHERENT, SCATTER = "in step with the drive", "gain scatter"
 
 
 class LongRecord(Protocol):
-    """Two films under a settled load, and what their ratio should be; see `simulators.planning.long_record`."""
+    """Two films under a settled load, and what their ratio should be; see `palpate.simulators.planning.long_record`."""
 
     @property
     def time(self) -> Floats: ...

@@ -8,13 +8,24 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.design import Design
-from instrument.models import axisymmetric, solid
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters
-from instrument.models.price import Price
-from procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Results, Solved, Values, refinements
-from procedures.accuracy.references import Truth
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.prices.price import Price
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.accuracy.meshes import (
+    COARSEST,
+    MIDDLES,
+    MODULI,
+    TIMED,
+    Mesh,
+    Results,
+    Solved,
+    Values,
+    refinements,
+)
+from palpate.procedures.accuracy.references import Truth
 
 Array = NDArray[np.float64]
 Intervals = tuple[float | None, ...]

@@ -10,20 +10,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.models import beam, surface, surface_build
-from instrument.models.parameter_sets import PHYSICAL, get_parameter_set
-from instrument.models.price import Price
-from instrument.models.price_list import PriceList
-from instrument.models.response import response
-from instrument.models.surface import ResponseSurface
-from instrument.sample import SAMPLES
-from procedures.accuracy.elements import by_interval, element_prices, errors_of
-from procedures.accuracy.machine import seconds_of, this_machine
-from procedures.accuracy.meshes import MODULI, TIMED, Progress, side_by_side, solve_all
-from procedures.accuracy.references import truth_of
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.foundation import beam
+from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
+from palpate.instrument.models.prices.price import Price
+from palpate.instrument.models.prices.price_list import PriceList
+from palpate.instrument.models.response import response
+from palpate.instrument.models.stored import surface, surface_build
+from palpate.instrument.models.stored.surface import ResponseSurface
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
+from palpate.procedures.accuracy.machine import seconds_of, this_machine
+from palpate.procedures.accuracy.meshes import MODULI, TIMED, Progress, side_by_side, solve_all
+from palpate.procedures.accuracy.references import truth_of
 
 Array = NDArray[np.float64]
 

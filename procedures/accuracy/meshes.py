@@ -10,16 +10,17 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from instrument.design import Design
-from instrument.errors import EstimateError, UnknownName
-from instrument.load import Load
-from instrument.models import axisymmetric, solid
-from instrument.models.error_estimate import Judged
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
-from instrument.models.solid_mesh import Resolution
-from instrument.models.surface import has_many_teeth
-from instrument.sample import SAMPLES
+from palpate.instrument.errors import EstimateError, UnknownName
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements.error_estimate import Judged
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.stored.surface import has_many_teeth
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
 
 PROCESSES = 2
 Apply = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
-from instrument.models.price_list import PriceList
-from procedures.accuracy.arithmetic import ArithmeticPrice
-from procedures.accuracy.dwell import TARGETS, DwellPrices
-from procedures.accuracy.plot import INTERVAL
+from palpate.instrument.models.prices.price_list import PriceList
+from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
+from palpate.procedures.accuracy.dwell import TARGETS, DwellPrices
+from palpate.procedures.accuracy.plot import INTERVAL
 
 TOLERANCES = TARGETS
 CPU, BENCH = "CPU time", "dwell on the bench"
@@ -55,7 +55,7 @@ class Part:
 
 
 class Integrated(Protocol):
-    """One integrator at one setting; see `simulators.linear.integrators`."""
+    """One integrator at one setting; see `palpate.simulators.linear.integrators`."""
 
     @property
     def method(self) -> str: ...

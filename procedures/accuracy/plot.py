@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from instrument.models.price import Price
-from instrument.models.price_list import PriceList
-from instrument.quantity import show
-from procedures.report.figure import MARKERS
-from procedures.run import storing
+from palpate.instrument.models.prices.price import Price
+from palpate.instrument.models.prices.price_list import PriceList
+from palpate.instrument.quantity import show
+from palpate.procedures.records.run import storing
+from palpate.procedures.showing.figure import MARKERS
 
 # Of the rubber samples: the one that every model answers in.
 INTERVAL = 1

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, read_table
+from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, read_table
 
 # Constants that are tried: of two digits behind the point, as the pair's are.
 SHARES = tuple(round(0.01 * n, 2) for n in range(80, 180))

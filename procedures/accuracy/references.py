@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.design import Design
-from instrument.models import axisymmetric, solid
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.price import Reference
-from instrument.models.price_list import fingerprint
-from instrument.quantity import show
-from procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Results, Values, references, refinements
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.prices.price import Reference
+from palpate.instrument.models.prices.price_list import fingerprint
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.accuracy.meshes import MIDDLES, MODULI, TIMED, Mesh, Results, Values, references, refinements
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instrument.design import Design
-from instrument.sample import Sample
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
 
 
 def force_ratio(design: Design, sensed: Sample, force: float, times: float = 1.0) -> float:

@@ -13,14 +13,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from instrument.designs import get_design
-from instrument.film_material import FilmMaterial
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import SolidParameters, solid_parameters
-from instrument.models.validation import Validation
-from instrument.sample import SAMPLES, Sample
-from procedures.reproduce.curves import Progress
-from procedures.reproduce.solutions import Solutions
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.prices.validation import Validation
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.sample import SAMPLES, Sample
+from palpate.procedures.reproduce.chapter4.curves import Progress
+from palpate.procedures.reproduce.chapter4.solutions import Solutions
 
 STORED = Path(__file__).with_name("what_if.json")
 ONE, PAIR = "single", "common_base"
@@ -158,6 +158,6 @@ def _ratios(solutions: Solutions, design: str, what_if: WhatIf) -> dict[str, flo
 
 
 def _solve(parameters: SolidParameters) -> list[float]:
-    from instrument.models import solid
+    from palpate.instrument.models.solid import model as solid
 
     return [solid.solve(parameters, MESH).force_ratio]

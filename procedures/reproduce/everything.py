@@ -9,25 +9,29 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.designs import get_design
-from instrument.evidence import Evidence, of_experiment, ratio_by
-from instrument.models.validation import SIGN, Validation
-from instrument.sample import SAMPLES
-from instrument.thesis import COMPRESSION_TABLES
-from procedures import load_cell, load_plan, load_sweep, modulus
-from procedures.record import Recorder
-from procedures.reproduce import bench_tables, blind, experiments, models, percent
-from procedures.reproduce.columns import RATIO
-from procedures.reproduce.criterion import Verdict, judge, write_classes
-from procedures.reproduce.curves import Progress
-from procedures.reproduce.figures.chapter5 import FIGURES
-from procedures.reproduce.figures.measured import Measured
-from procedures.reproduce.models import Reproduction
-from procedures.reproduce.page import write_page
-from procedures.reproduce.rows import Row, RowTable
-from procedures.reproduce.slips import write_slips
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.findings.evidence import Evidence, of_experiment, ratio_by
+from palpate.instrument.models.prices.validation import SIGN, Validation
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import COMPRESSION_TABLES
+from palpate.procedures.measurements.load_cell import procedure as load_cell
+from palpate.procedures.measurements.loads import plan as load_plan
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.reproduce.chapter4 import models
+from palpate.procedures.reproduce.chapter4.curves import Progress
+from palpate.procedures.reproduce.chapter4.models import Reproduction
+from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
+from palpate.procedures.reproduce.chapter5.columns import RATIO
+from palpate.procedures.reproduce.figures.chapter5 import FIGURES
+from palpate.procedures.reproduce.figures.measured import Measured
+from palpate.procedures.reproduce.judging.criterion import Verdict, judge, write_classes
+from palpate.procedures.reproduce.judging.rows import Row, RowTable
+from palpate.procedures.reproduce.judging.slips import write_slips
+from palpate.procedures.reproduce.page import write_page
 
 PROCEDURE = "reproduce"
 DWELL, FREQUENCY = 1.0, 10.0  # s, Hz

@@ -6,9 +6,9 @@ import base64
 from collections.abc import Container, Sequence
 from html import escape
 
-from instrument.thesis import Content, contents
-from procedures.reproduce.figures.picture import Picture
-from procedures.run import storing
+from palpate.instrument.thesis import Content, contents
+from palpate.procedures.records.run import storing
+from palpate.procedures.reproduce.figures.picture import Picture
 
 ALL = "All tables and figures of the thesis"
 WITH_SECTION = ("Figure 4.", "Figure 5.")

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from procedures.reproduce.comparison import Comparison
-from procedures.reproduce.figures.picture import Picture
-from procedures.reproduce.rows import counts_record, counts_said
-from procedures.run import storing
+from palpate.procedures.records.run import storing
+from palpate.procedures.reproduce.figures.picture import Picture
+from palpate.procedures.reproduce.judging.comparison import Comparison
+from palpate.procedures.reproduce.judging.rows import counts_record, counts_said
 
 REPAIRED = "*"
 PREFACE = """# Against the thesis

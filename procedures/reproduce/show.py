@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from procedures.report.text import new_table, print_all, stamped
-from procedures.reproduce.models import Reproduction
-from procedures.reproduce.rows import counts_said
+from palpate.procedures.reproduce.chapter4.models import Reproduction
+from palpate.procedures.reproduce.judging.rows import counts_said
+from palpate.procedures.showing.text import new_table, print_all, stamped
 
 
 def print_reproduction(done: Reproduction) -> None:

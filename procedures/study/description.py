@@ -16,14 +16,14 @@ from typing import Any, Final, Literal
 
 from pydantic import Field
 
-from instrument.bench import BenchDescription
-from instrument.config import Config, Name, check, read
-from instrument.designs import DESIGNS
-from instrument.errors import ConfigError, PalpateError, RangeError, UnknownName
-from instrument.models.response import MODELS
-from instrument.quantity import Hertz, Seconds, parse
-from instrument.sample import SAMPLES, parse_samples
-from procedures.load_plan import check_force, check_frequency, check_time, parse_loads
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.config import Config, Name, check, read
+from palpate.instrument.errors import ConfigError, PalpateError, RangeError, UnknownName
+from palpate.instrument.models.response import MODELS
+from palpate.instrument.quantity import Hertz, Seconds, parse
+from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.sample import SAMPLES, parse_samples
+from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, parse_loads
 
 Value = str | int | float | bool
 CLOSED_FORM: Final = "closed form"

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from instrument.errors import PalpateError, RecordError, UnknownName
-from instrument.mean_ratio import mean_ratio
-from instrument.quantity import parse
-from procedures.encoding import as_json
-from procedures.export import FORMATS
-from procedures.extras import library
-from procedures.holes import check_holes
-from procedures.run import storing
-from procedures.study.description import Study, StudyFile, Value, parted, study_of
-from procedures.study.store import RECORD, Outcome, stored
+from palpate.instrument.errors import PalpateError, RecordError, UnknownName
+from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.quantity import parse
+from palpate.procedures.records.encoding import as_json
+from palpate.procedures.records.export import FORMATS
+from palpate.procedures.records.extras import library
+from palpate.procedures.records.holes import check_holes
+from palpate.procedures.records.run import storing
+from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
+from palpate.procedures.study.store import RECORD, Outcome, stored
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -213,7 +213,7 @@ def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
 
 
 class _RatioPoint:
-    """A stored point; what one of before has not is 0 or not known. Meets `instrument.mean_ratio.RatioPoint`."""
+    """A stored point; what one of before has not is 0 or not known. Meets `mean_ratio.RatioPoint`."""
 
     def __init__(self, stored: Mapping[str, Any]) -> None:
         self.force_ratio, self.force_ratio_u = float(stored["force_ratio"]), float(stored["force_ratio_u"])

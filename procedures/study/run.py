@@ -10,10 +10,10 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 
-from instrument.errors import BenchError, PalpateError
-from procedures.encoding import as_json
-from procedures.study.description import Study, Value
-from procedures.study.store import Outcome, Store
+from palpate.instrument.errors import BenchError, PalpateError
+from palpate.procedures.records.encoding import as_json
+from palpate.procedures.study.description import Study, Value
+from palpate.procedures.study.store import Outcome, Store
 
 Points = Iterable[Mapping[str, object]]
 Evaluate = Callable[[Mapping[str, Value]], Points]

@@ -1,6 +1,6 @@
 """The folder of a study: what was asked, and each cell as soon as it is known; a stored cell is never computed again.
 
-`study.record` is a chain of hashed rows with a head (`procedures/chain.py`), as a run's is. Rows stand in the order in
+`study.record` is a chain of hashed rows with a head (`records/chain.py`), as a run's is. Rows stand in the order in
 which cells came; whoever reads them gets them by their numbers, also while the study runs.
 
     kind  id    content
@@ -21,11 +21,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from instrument.errors import RecordError, UsageError
-from procedures import chain
-from procedures.chain import Chain, Frame
-from procedures.chain_writer import ChainWriter, create
-from procedures.run import storing
+from palpate.instrument.errors import RecordError, UsageError
+from palpate.procedures.records import chain
+from palpate.procedures.records.chain import Chain, Frame
+from palpate.procedures.records.chain_writer import ChainWriter, create
+from palpate.procedures.records.run import storing
 
 RECORD, HEAD_FILE = "study.record", "study.head"
 OLD = "study.sqlite"  # of earlier versions

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from drivers.bench import Bench
-    from drivers.watched_clock import WatchedClock
-    from instrument.bench import BenchDescription
-    from instrument.operator import Operator
-    from procedures.testing.benches import Watch
-    from simulators.scene import Scene
+    from palpate.drivers.bench import Bench
+    from palpate.drivers.watched_clock import WatchedClock
+    from palpate.instrument.bench.description import BenchDescription
+    from palpate.instrument.bench.operator import Operator
+    from palpate.procedures.testing.benches import Watch
+    from palpate.simulators.scenes.scene import Scene
 
 REAL: pytest.StashKey[BenchDescription] = pytest.StashKey()
 WATCH: pytest.StashKey[Watch] = pytest.StashKey()
@@ -38,7 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     if getattr(config.option, "dist", "no") != "no":
         raise pytest.UsageError(f"--bench {file}: one bench cannot serve several workers; give -n0")
-    from procedures.testing.benches import described
+    from palpate.procedures.testing.benches import described
 
     config.stash[REAL] = described(Path(file))
 
@@ -54,7 +54,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in {*marked, *scenic}:
             item.add_marker(pytest.mark.skip(reason="needs a simulated bench, and --bench gives a real one"))
     elif marked and not hasattr(config, "workerinput"):
-        from procedures.testing.benches import marked_scene
+        from palpate.procedures.testing.benches import marked_scene
 
         for item in marked:
             marked_scene(item)
@@ -63,7 +63,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture
 def scene(request: pytest.FixtureRequest) -> Scene:
     """The scene of this test's bench: that of its marker, or thesis_single. A real bench has none."""
-    from procedures.testing.benches import marked_scene
+    from palpate.procedures.testing.benches import marked_scene
 
     try:
         return marked_scene(request.node)
@@ -75,7 +75,7 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     """A bench of this test's own, opened and identified; its outputs are off, before and after."""
-    from procedures.testing.benches import real_bench, simulated_bench
+    from palpate.procedures.testing.benches import real_bench, simulated_bench
 
     description = request.config.stash.get(REAL, None)
     opening = simulated_bench(request.getfixturevalue("scene")) if description is None else real_bench(description)
@@ -103,7 +103,7 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     if report.failed and WATCH in item.stash:
-        from procedures.testing.benches import told
+        from palpate.procedures.testing.benches import told
 
         report.sections.append((f"palpate bench at {call.when}", told(item, item.stash[WATCH])))
     return report

@@ -15,15 +15,15 @@ import canopen
 import click
 import pytest
 
-from drivers.bench import Bench
-from drivers.clock import WallClock
-from instrument.bench import BenchDescription, read_bench
-from instrument.errors import PalpateError
-from procedures.cli.operator import ConsoleOperator
-from procedures.cli.session import DEFAULT_SCENE
-from procedures.testing.traffic import Traffic
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene, read_scene, shipped
+from palpate.drivers.bench import Bench
+from palpate.drivers.clock import WallClock
+from palpate.instrument.bench.description import BenchDescription, read_bench
+from palpate.instrument.errors import PalpateError
+from palpate.procedures.lab.open import DEFAULT_SCENE
+from palpate.procedures.lab.operator import ConsoleOperator
+from palpate.procedures.testing.traffic import Traffic
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene, read_scene, shipped
 
 CYCLE = 0.002  # s, for which closing a bus waits; tests close many
 

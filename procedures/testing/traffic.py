@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.bench import Bench
-from drivers.can import CanLink, FrameCallback
-from drivers.modbus import ModbusLink, read_identity, write_registers
-from instrument.contract import sdo
-from instrument.contracts import sensor_node
-from instrument.errors import BenchError
+from palpate.drivers.bench import Bench
+from palpate.drivers.links.can import CanLink, FrameCallback
+from palpate.drivers.links.modbus import ModbusLink, read_identity, write_registers
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.errors import BenchError
 
 SPAN = 2.0  # s of bench time
 MOST = 10_000  # messages that are kept

@@ -4,35 +4,35 @@ from __future__ import annotations
 
 import importlib
 
-from instrument.errors import UnknownName
-from simulators.effects.effect import Effect
+from palpate.instrument.errors import UnknownName
+from palpate.simulators.effects.effect import Effect
 
 # In the order of the chain.
 EFFECTS: dict[str, str] = {
-    "frequency_error": "simulators.effects.frequency_error:FrequencyError",
-    "amplifier_clip": "simulators.effects.amplifier_clip:AmplifierClip",
-    "current_limit": "simulators.effects.current_limit:CurrentLimit",
-    "end_stops": "simulators.effects.end_stops:EndStops",
-    "shaker_dynamics": "simulators.effects.shaker_dynamics:ShakerDynamics",
-    "viscoelastic": "simulators.effects.viscoelastic:Viscoelastic",
-    "hysteresis": "simulators.effects.hysteresis:Hysteresis",
-    "crosstalk": "simulators.effects.crosstalk:Crosstalk",
-    "glue_clamping": "simulators.effects.glue_clamping:GlueClamping",
-    "off_axis": "simulators.effects.off_axis:OffAxis",
-    "gain_scatter": "simulators.effects.gain_scatter:GainScatter",
-    "pyroelectric": "simulators.effects.pyroelectric:Pyroelectric",
-    "triboelectric": "simulators.effects.triboelectric:Triboelectric",
-    "humidity_leak": "simulators.effects.humidity_leak:HumidityLeak",
-    "charge_amplifier": "simulators.effects.charge_amplifier:ChargeAmplifier",
-    "voltage_amplifier": "simulators.effects.voltage_amplifier:VoltageAmplifier",
-    "mains_hum": "simulators.effects.mains_hum:MainsHum",
-    "pink_noise": "simulators.effects.pink_noise:PinkNoise",
-    "white_noise": "simulators.effects.white_noise:WhiteNoise",
-    "jitter": "simulators.effects.jitter:Jitter",
-    "adc": "simulators.effects.adc:Adc",
-    "can_timing": "simulators.effects.can_timing:CanTiming",
-    "load_cell": "simulators.effects.load_cell:LoadCell",
-    "serial_timing": "simulators.effects.serial_timing:SerialTiming",
+    "frequency_error": "palpate.simulators.effects.frequency_error:FrequencyError",
+    "amplifier_clip": "palpate.simulators.effects.amplifier_clip:AmplifierClip",
+    "current_limit": "palpate.simulators.effects.current_limit:CurrentLimit",
+    "end_stops": "palpate.simulators.effects.end_stops:EndStops",
+    "shaker_dynamics": "palpate.simulators.effects.shaker_dynamics:ShakerDynamics",
+    "viscoelastic": "palpate.simulators.effects.viscoelastic:Viscoelastic",
+    "hysteresis": "palpate.simulators.effects.hysteresis:Hysteresis",
+    "crosstalk": "palpate.simulators.effects.crosstalk:Crosstalk",
+    "glue_clamping": "palpate.simulators.effects.glue_clamping:GlueClamping",
+    "off_axis": "palpate.simulators.effects.off_axis:OffAxis",
+    "gain_scatter": "palpate.simulators.effects.gain_scatter:GainScatter",
+    "pyroelectric": "palpate.simulators.effects.pyroelectric:Pyroelectric",
+    "triboelectric": "palpate.simulators.effects.triboelectric:Triboelectric",
+    "humidity_leak": "palpate.simulators.effects.humidity_leak:HumidityLeak",
+    "charge_amplifier": "palpate.simulators.effects.charge_amplifier:ChargeAmplifier",
+    "voltage_amplifier": "palpate.simulators.effects.voltage_amplifier:VoltageAmplifier",
+    "mains_hum": "palpate.simulators.effects.mains_hum:MainsHum",
+    "pink_noise": "palpate.simulators.effects.pink_noise:PinkNoise",
+    "white_noise": "palpate.simulators.effects.white_noise:WhiteNoise",
+    "jitter": "palpate.simulators.effects.jitter:Jitter",
+    "adc": "palpate.simulators.effects.adc:Adc",
+    "can_timing": "palpate.simulators.effects.can_timing:CanTiming",
+    "load_cell": "palpate.simulators.effects.load_cell:LoadCell",
+    "serial_timing": "palpate.simulators.effects.serial_timing:SerialTiming",
 }
 
 

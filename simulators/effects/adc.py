@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from simulators.converter import FINEST, convert
-from simulators.effects.effect import Bound, Case, Effect, Floats, Kind
-from simulators.planning.changes import bound_of
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, Effect, Floats, Kind
+from palpate.simulators.physics.converter import FINEST, convert
 
 
 class Adc(Effect):

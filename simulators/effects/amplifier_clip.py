@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Volts
-from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
-from simulators.physics.chain import Armature, Limits
-from simulators.planning.changes import NEARER, bound_of_limit
+from palpate.instrument.quantity import Volts
+from palpate.simulators.bounds.changes import NEARER, bound_of_limit
+from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+from palpate.simulators.physics.chain import Armature, Limits
 
 
 class AmplifierClip(ShakerEffect):

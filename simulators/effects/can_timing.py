@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from instrument.contracts.sensor_node import CHANNELS, bus_load, stuff_bits
-from instrument.quantity import BitsPerSecond
-from simulators.effects.effect import Bound, Case, Effect, Kind
+from palpate.instrument.contracts.sensor_node import CHANNELS, bus_load, stuff_bits
+from palpate.instrument.quantity import BitsPerSecond
+from palpate.simulators.effects.effect import Bound, Case, Effect, Kind
 
 SDO_BYTES = 8
 

@@ -6,11 +6,11 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.design import Design, Film
-from instrument.quantity import Ohms, Seconds, Volts
-from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
-from simulators.linear.lti import StateSpace, first_order_high_pass
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import Ohms, Seconds, Volts
+from palpate.instrument.sensor.design import Design, Film
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
+from palpate.simulators.linear.lti import StateSpace, first_order_high_pass
 
 
 class ChargeAmplifier(AmplifierEffect):

@@ -18,15 +18,15 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from instrument.config import Config
-from instrument.design import Design, Film
+from palpate.instrument.config import Config
+from palpate.instrument.sensor.design import Design, Film
 
 if TYPE_CHECKING:
-    from simulators.linear.lti import StateSpace, Times
-    from simulators.physics.chain import Armature, Limits, Plays, Stack
-    from simulators.planning.dwells import Dwell
-    from simulators.randomness import Stream
-    from simulators.rig import Rig
+    from palpate.simulators.bounds.dwells import Dwell
+    from palpate.simulators.linear.lti import StateSpace, Times
+    from palpate.simulators.physics.chain import Armature, Limits, Plays, Stack
+    from palpate.simulators.randomness import Stream
+    from palpate.simulators.rig.rig import Rig
 
 Floats = npt.NDArray[np.float64]
 Rates = Callable[[], Floats]  # of a film in some phases of the drive (p, n) [V/s]

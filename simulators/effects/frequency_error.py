@@ -6,10 +6,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from instrument.quantity import Hertz
-from simulators.effects.effect import Bound, Case, DriveEffect, Kind
-from simulators.linear.periodic import HERTZ
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import Hertz
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, DriveEffect, Kind
+from palpate.simulators.linear.periodic import HERTZ
 
 
 class FrequencyError(DriveEffect):

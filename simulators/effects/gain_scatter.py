@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import Design
-from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import bound_of
-from simulators.randomness import Stream
+from palpate.instrument.sensor.design import Design
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.randomness import Stream
 
 
 class GainScatter(FilmsEffect):

@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from instrument.design import FILM_KINDS, Design
-from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import bound_of
-from simulators.randomness import Stream
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.randomness import Stream
 
 
 class GlueClamping(FilmsEffect):

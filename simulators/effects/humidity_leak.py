@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Ohms, Seconds
-from simulators.effects.effect import Bound, Case, Kind, LeakEffect
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import Ohms, Seconds
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, Kind, LeakEffect
 
 EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by default
 

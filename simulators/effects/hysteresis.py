@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from instrument.quantity import Newtons
-from simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
-from simulators.physics.chain import Plays
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import Newtons
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
+from palpate.simulators.physics.chain import Plays
 
 
 class Hysteresis(HysteresisEffect):

@@ -8,12 +8,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.quantity import Seconds
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
-from simulators.linear.lti import Times
-from simulators.planning.changes import bound_of
-from simulators.planning.fits import SIGMAS, largest
-from simulators.randomness import Stream
+from palpate.instrument.quantity import Seconds
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds.fits import SIGMAS, largest
+from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
+from palpate.simulators.linear.lti import Times
+from palpate.simulators.randomness import Stream
 
 
 class Jitter(InputEffect):

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Seconds, Volts, VoltsPerNewton
-from simulators.effects.effect import Bound, Case, Effect, Kind
-from simulators.randomness import Stream
+from palpate.instrument.quantity import Seconds, Volts, VoltsPerNewton
+from palpate.simulators.effects.effect import Bound, Case, Effect, Kind
+from palpate.simulators.randomness import Stream
 
 
 class LoadCell(Effect):

@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.quantity import Hertz, Volts
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
-from simulators.linear.lti import Times
-from simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from simulators.planning.changes import bound_of
-from simulators.planning.fits import largest_tone
-from simulators.randomness import BLOCK, Stream
+from palpate.instrument.quantity import Hertz, Volts
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds.fits import largest_tone
+from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
+from palpate.simulators.linear.lti import Times
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.randomness import BLOCK, Stream
 
 
 class MainsHum(InputEffect):

@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import Design
-from instrument.quantity import Degrees
-from simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
-from simulators.planning.changes import bound_of
-from simulators.randomness import Stream
+from palpate.instrument.quantity import Degrees
+from palpate.instrument.sensor.design import Design
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.randomness import Stream
 
 
 class OffAxis(FilmsEffect):

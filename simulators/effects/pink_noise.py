@@ -12,12 +12,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.quantity import Hertz, VoltsPerRootHertz
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
-from simulators.linear.lti import Times
-from simulators.planning.changes import bound_of
-from simulators.planning.fits import SIGMAS, correlated_spread
-from simulators.randomness import BLOCK, Stream, cut, keep
+from palpate.instrument.quantity import Hertz, VoltsPerRootHertz
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds.fits import SIGMAS, correlated_spread
+from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
+from palpate.simulators.linear.lti import Times
+from palpate.simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)

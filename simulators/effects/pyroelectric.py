@@ -7,11 +7,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.design import FILM_KINDS, Design
-from instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
-from simulators.effects.effect import Bound, Case, Kind, SourceEffect
-from simulators.linear.lti import StateSpace, gain
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, Kind, SourceEffect
+from palpate.simulators.linear.lti import StateSpace, gain
 
 
 class Pyroelectric(SourceEffect):

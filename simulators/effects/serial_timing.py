@@ -6,9 +6,9 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import BitsPerSecond
-from instrument.serial_line import SHORTEST_SILENCE, SILENCE
-from simulators.effects.effect import Bound, Case, Effect, Kind
+from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE
+from palpate.instrument.quantity import BitsPerSecond
+from palpate.simulators.effects.effect import Bound, Case, Effect, Kind
 
 CHARACTER = 11  # bits: start, eight, parity or a second stop, stop
 

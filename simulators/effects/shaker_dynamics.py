@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
-from simulators.effects.effect import Bound, Case, Kind, ShakerEffect
-from simulators.physics.chain import Armature, Limits
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+from palpate.simulators.physics.chain import Armature, Limits
 
 
 class ShakerDynamics(ShakerEffect):

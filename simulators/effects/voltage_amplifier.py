@@ -7,11 +7,11 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.design import FILM_KINDS, Design, Film
-from instrument.quantity import Farads, Ohms
-from simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
-from simulators.linear.lti import StateSpace, first_order_high_pass
-from simulators.planning.changes import bound_of
+from palpate.instrument.quantity import Farads, Ohms
+from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
+from palpate.simulators.linear.lti import StateSpace, first_order_high_pass
 
 
 class VoltageAmplifier(AmplifierEffect):

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from instrument.quantity import VoltsPerRootHertz
-from simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
-from simulators.linear.lti import Times
-from simulators.planning.changes import bound_of
-from simulators.planning.fits import SIGMAS, spread
-from simulators.randomness import Stream
+from palpate.instrument.quantity import VoltsPerRootHertz
+from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds.fits import SIGMAS, spread
+from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
+from palpate.simulators.linear.lti import Times
+from palpate.simulators.randomness import Stream
 
 
 class WhiteNoise(InputEffect):

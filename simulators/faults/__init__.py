@@ -5,13 +5,13 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from instrument.errors import UnknownName
+from palpate.instrument.errors import UnknownName
 
 if TYPE_CHECKING:
-    from simulators.faults.fault import Fault
+    from palpate.simulators.faults.fault import Fault
 
 _TCP, _RTU, _CAN, _NODE, _DEVICE, _INDICATOR = (
-    f"simulators.faults.{name}" for name in ("tcp", "rtu", "can", "node", "device", "indicator")
+    f"palpate.simulators.faults.{name}" for name in ("tcp", "rtu", "can", "node", "device", "indicator")
 )
 
 FAULTS: dict[str, str] = {

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from instrument.contracts.sensor_node import CONTRACT
-from simulators.clock import VirtualClock
-from simulators.faults.fault import CAN, NODE, Fault, Trigger
+from palpate.instrument.contracts.sensor_node import CONTRACT
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.faults.fault import CAN, NODE, Fault, Trigger
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
 HEARTBEAT = 0x700

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from instrument.contracts import CONTRACTS, sensor_node
-from instrument.errors import ConfigError, UnknownName
-from simulators.device import SimulatedDevice
-from simulators.faults.fault import MODBUS, NODE, Fault
+from palpate.instrument.contracts import CONTRACTS, sensor_node
+from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.simulators.faults.fault import MODBUS, NODE, Fault
+from palpate.simulators.wire.device import SimulatedDevice
 
 if TYPE_CHECKING:
-    from simulators.bench import SimulatedBench
-    from simulators.sensor_node import SensorNode
+    from palpate.simulators.bench import SimulatedBench
+    from palpate.simulators.devices.sensor_node import SensorNode
 
 
 class DeviceFault(Fault):

@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from instrument.config import Config, check
-from instrument.errors import ConfigError, UnknownName
-from instrument.quantity import Seconds
-from simulators.faults import FAULTS, fault_class
-from simulators.randomness import Stream
+from palpate.instrument.config import Config, check
+from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.quantity import Seconds
+from palpate.simulators.faults import FAULTS, fault_class
+from palpate.simulators.randomness import Stream
 
 MOST = 100  # faults of a scene
 WHEN = ("at", "transaction", "probability")

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
-from instrument.contracts import strain_indicator
-from simulators.faults.device import DeviceFault
+from palpate.instrument.contracts import strain_indicator
+from palpate.simulators.faults.device import DeviceFault
 
 if TYPE_CHECKING:
-    from simulators.bench import SimulatedBench
+    from palpate.simulators.bench import SimulatedBench
 
 Read = Callable[[str], float]
 BITS = strain_indicator.CONTRACT["status"].bits

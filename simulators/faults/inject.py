@@ -6,18 +6,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from instrument.errors import ConfigError, UsageError
-from simulators.clock import NEVER
-from simulators.faults.can import CanFault, FaultyBus
-from simulators.faults.device import DeviceFault, device, node
-from simulators.faults.fault import CAN, LINE, MODBUS, MOST, NODE, WHEN, Fault, Trigger, parse_fault
-from simulators.faults.indicator import IndicatorFault
-from simulators.faults.node import FilmFault
-from simulators.faults.rtu import NoisyLine, RtuFault
-from simulators.faults.tcp import FaultyLink, TcpFault
+from palpate.instrument.errors import ConfigError, UsageError
+from palpate.simulators.clock import NEVER
+from palpate.simulators.faults.can import CanFault, FaultyBus
+from palpate.simulators.faults.device import DeviceFault, device, node
+from palpate.simulators.faults.fault import CAN, LINE, MODBUS, MOST, NODE, WHEN, Fault, Trigger, parse_fault
+from palpate.simulators.faults.indicator import IndicatorFault
+from palpate.simulators.faults.node import FilmFault
+from palpate.simulators.faults.rtu import NoisyLine, RtuFault
+from palpate.simulators.faults.tcp import FaultyLink, TcpFault
 
 if TYPE_CHECKING:
-    from simulators.bench import SimulatedBench
+    from palpate.simulators.bench import SimulatedBench
 
 # Of the wall, of a link that has faults. A time-out is waited for, and the bench's clock stands; an answer that a busy
 # machine is so late with would count as a fault that the scene does not have.

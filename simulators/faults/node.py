@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from instrument.contracts.sensor_node import CHANNELS
-from simulators.faults.device import DeviceFault, node
-from simulators.faults.fault import NODE
+from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.simulators.faults.device import DeviceFault, node
+from palpate.simulators.faults.fault import NODE
 
 if TYPE_CHECKING:
-    from simulators.bench import SimulatedBench
+    from palpate.simulators.bench import SimulatedBench
 
 HARDWARE = 0x5000  # emergency code: device hardware, CiA 301
 BEYOND = 1e3  # V, above every range

@@ -12,8 +12,8 @@ import termios
 from collections.abc import Sequence
 from typing import ClassVar
 
-from simulators.clock import VirtualClock
-from simulators.faults.fault import LINE, Fault, Trigger
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.faults.fault import LINE, Fault, Trigger
 
 GLITCH = b"\x00\xff\xf8"  # what a line that starts to drive looks like
 

@@ -9,9 +9,9 @@ import struct
 from collections.abc import Sequence
 from typing import ClassVar, Literal, Protocol
 
-from simulators.clock import NEVER, VirtualClock
-from simulators.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
-from simulators.faults.fault import TCP, Fault, Trigger
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.faults.fault import TCP, Fault, Trigger
+from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # where they stand in a frame
 HEADER = 6  # bytes up to the length, which does not count them

@@ -16,8 +16,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from simulators.linear.integrators import LOST, Measured
-from simulators.linear.lti import Floats
+from palpate.simulators.linear.integrators import LOST, Measured
+from palpate.simulators.linear.lti import Floats
 
 PERIOD, CYCLES, FINEST = 0.1, 3, 10_000  # s; and steps of a cycle
 STEPS = (100, 1000)  # of a cycle

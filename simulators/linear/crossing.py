@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.linear.exponential import exponential
-from simulators.linear.lti import Complexes, Floats, Rows, Steady
-from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
+from palpate.simulators.linear.exponential import exponential
+from palpate.simulators.linear.lti import Complexes, Floats, Rows, Steady
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 NEVER = 2**63 - 1
 AHEAD = 16  # periods of the drive that are searched at once

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from simulators.linear.free_motion import Seen
-from simulators.linear.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
-from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
+from palpate.simulators.linear.free_motion import Seen
+from palpate.simulators.linear.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 if TYPE_CHECKING:
-    from simulators.linear.path import Guard, Mode
+    from palpate.simulators.linear.path import Guard, Mode
 
 STEPS = 8  # of Newton, to a root that is known to the nanosecond
 CLOSE = 10.0  # ns: so far from the nanosecond at which it was found a root may be

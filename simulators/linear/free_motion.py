@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simulators.linear.exponential import Doublings
+from palpate.simulators.linear.exponential import Doublings
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]

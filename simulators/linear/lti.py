@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simulators.linear.free_motion import FreeMotion, Seen, free_motion
-from simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.linear.free_motion import FreeMotion, Seen, free_motion
+from palpate.simulators.linear.periodic import HERTZ, Periodic
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from instrument.errors import UnreachableError
-from simulators.linear.crossing import NEVER, Watch
-from simulators.linear.cycle import Cycle
-from simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times, Trace
-from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
-from simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
+from palpate.instrument.errors import UnreachableError
+from palpate.simulators.linear.crossing import NEVER, Watch
+from palpate.simulators.linear.cycle import Cycle
+from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times, Trace
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
+from palpate.simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
 
 LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most

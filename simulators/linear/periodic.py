@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from simulators.linear.free_motion import BLOCK, Complexes, Floats, Times, on_grid, real_product
+from palpate.simulators.linear.free_motion import BLOCK, Complexes, Floats, Times, on_grid, real_product
 
 POINTS = 1024  # of a period, where a waveform is sampled
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit

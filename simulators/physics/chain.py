@@ -21,9 +21,9 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from simulators.linear.lti import Floats, Rows, StateSpace, first_order_low_pass, gain
-from simulators.linear.path import Guard, Mode
-from simulators.physics.mechanics import INPUTS, Mechanics
+from palpate.simulators.linear.lti import Floats, Rows, StateSpace, first_order_low_pass, gain
+from palpate.simulators.linear.path import Guard, Mode
+from palpate.simulators.physics.mechanics import INPUTS, Mechanics
 
 
 @dataclass(frozen=True)

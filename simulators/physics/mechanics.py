@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulators.linear.lti import Floats, Rows, StateSpace
+from palpate.simulators.linear.lti import Floats, Rows, StateSpace
 
 if TYPE_CHECKING:
-    from simulators.physics.chain import Armature, Limits, Touch
+    from palpate.simulators.physics.chain import Armature, Limits, Touch
 
 INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
 

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from instrument.errors import RangeError
-from instrument.sample import Sample
-from simulators.clock import VirtualClock
-from simulators.linear.lti import Floats
-from simulators.linear.periodic import HERTZ, Periodic
-from simulators.planning.plan import CLOSED_FORM, PRELOAD, moves, path_of
-from simulators.planning.steady import SETTLED
-from simulators.planning.waveforms import SAMPLES_PER_CYCLE, sampled
-from simulators.rig import Rig
-from simulators.scene import Scene
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.sample import Sample
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.planning.plan import CLOSED_FORM, PRELOAD, moves, path_of
+from palpate.simulators.planning.steady import SETTLED
+from palpate.simulators.planning.waveforms import SAMPLES_PER_CYCLE, sampled
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)

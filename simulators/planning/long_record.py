@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from instrument.design import FILM_KINDS
-from simulators.effects.effect import StackEffect
-from simulators.linear.lti import Floats
-from simulators.planning.plan import LOOKED_AT, Question, driven
-from simulators.planning.waveforms import SETTLING, sampled
-from simulators.scene import Scene
+from palpate.instrument.sensor.design import FILM_KINDS
+from palpate.simulators.effects.effect import StackEffect
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.planning.plan import LOOKED_AT, Question, driven
+from palpate.simulators.planning.waveforms import SETTLING, sampled
+from palpate.simulators.scenes.scene import Scene
 
 SCATTER = "gain_scatter"
 

@@ -16,20 +16,20 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from instrument.contracts.sensor_node import RANGE_VOLTS
-from instrument.design import Design
-from instrument.errors import RangeError
-from instrument.load import check_force
-from instrument.sample import SAMPLES, get_sample
-from simulators.clock import VirtualClock
-from simulators.effects import EFFECTS, effect_class
-from simulators.effects.effect import Bound, Case, Effect
-from simulators.linear.periodic import HERTZ, Periodic
-from simulators.physics.chain import Touch
-from simulators.planning.dwells import Dwell, dwell_of
-from simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
-from simulators.rig import Rig
-from simulators.scene import RigParameters, Scene, SceneFile
+from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import check_force
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.simulators.bounds.dwells import Dwell, dwell_of
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.effects.effect import Bound, Case, Effect
+from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.physics.chain import Touch
+from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
 
 PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instrument.design import FILM_KINDS
-from simulators.effects.effect import HysteresisEffect
-from simulators.linear.lti import Complexes
-from simulators.linear.periodic import HERTZ, SECOND
-from simulators.rig import Rig
+from palpate.instrument.sensor.design import FILM_KINDS
+from palpate.simulators.effects.effect import HysteresisEffect
+from palpate.simulators.linear.lti import Complexes
+from palpate.simulators.linear.periodic import HERTZ, SECOND
+from palpate.simulators.rig.rig import Rig
 
 POINTS = 4096  # of a period, where it is followed
 SETTLED = 10.0  # s after the drive was set, then

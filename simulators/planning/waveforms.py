@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
-from simulators.clock import VirtualClock
-from simulators.effects.effect import AmplifierEffect, ShakerEffect
-from simulators.linear.lti import Floats, Times
-from simulators.physics.chain import Armature, Limits
-from simulators.planning.plan import Question, driven
-from simulators.rig import Rig
-from simulators.scene import Scene
-from simulators.sensor_node import SensorNode
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.effects.effect import AmplifierEffect, ShakerEffect
+from palpate.simulators.linear.lti import Floats, Times
+from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep
 POINTS = 400  # of a period

@@ -11,15 +11,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.film_forces import film_forces
-from procedures.agreement import forces_differ, frequencies_differ
-from procedures.films import FilmRecord, Films
-from procedures.servo import READINGS
-from simulators.effects.pink_noise import PinkNoise
-from simulators.randomness import Stream
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
+from palpate.procedures.steps.films import FilmRecord, Films
+from palpate.procedures.steps.servo import READINGS
+from palpate.simulators.effects.pink_noise import PinkNoise
+from palpate.simulators.randomness import Stream
 from tests.benchmarks.coverage import FREQUENCY, LOADS, LOUD, PERIOD_NS, QUIET, RATE
 from tests.benchmarks.row import Row
 

@@ -6,12 +6,12 @@ import dataclasses
 import time
 from collections.abc import Iterator
 
-from drivers.bench import Bench
-from drivers.sensor_node import acquire
-from instrument.contracts.sensor_node import bus_load
-from instrument.sample import get_sample
-from simulators.bench import SimulatedBench
-from simulators.scene import read_scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import acquire
+from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.sensor.sample import get_sample
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
 from tests.benchmarks.row import Row
 
 NODES, RATE, SECONDS = 20, 1000, 60.0

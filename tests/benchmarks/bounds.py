@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from instrument.errors import PalpateError
-from simulators.effects import EFFECTS, effect_class
-from simulators.planning.plan import case_of
+from palpate.instrument.errors import PalpateError
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.planning.plan import case_of
 from tests.benchmarks.lines import read
 from tests.benchmarks.row import Row
 from tests.simulators.measured import changes
@@ -145,7 +145,7 @@ def imported() -> list[str]:
     for name in EFFECTS:
         effect_class(name)
     _batch(range(FIRST))
-    files = [Path(each.__file__) for each in list(sys.modules.values()) if getattr(each, "__file__", None)]
+    files = [Path(each.__file__).resolve() for each in list(sys.modules.values()) if getattr(each, "__file__", None)]
     own = [each.relative_to(ROOT) for each in files if each.is_relative_to(ROOT)]
     return sorted(str(each) for each in own if each.parts[0] in PACKAGES)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.models.mesh import Grid, grid, inside
-from instrument.models.parameters import RoundParameters
+from palpate.instrument.models.axisymmetric.mesh import Grid, grid, inside
+from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 

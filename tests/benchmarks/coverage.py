@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instrument.designs import get_design
-from instrument.estimate import FEW_DEGREES, Floats, fit_sine
-from instrument.film_forces import film_forces
-from instrument.mean_ratio import mean_ratio
-from instrument.uncertainty import coverage_factor
-from procedures.film_point import may_be_hum
-from simulators.effects.pink_noise import PinkNoise
-from simulators.randomness import Stream
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import FEW_DEGREES, Floats, fit_sine
+from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.procedures.steps.film_point import may_be_hum
+from palpate.simulators.effects.pink_noise import PinkNoise
+from palpate.simulators.randomness import Stream
 from tests.benchmarks.row import Row
 
 TIMES = 1000  # records a row, of two films; five minutes

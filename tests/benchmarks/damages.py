@@ -23,8 +23,11 @@ DAMAGES = 1_000_000
 BLOCK = 1000
 ROOT = Path(__file__).parents[2]
 TRIED = (
-    *(f"procedures/{name}.py" for name in ("chain", "check", "encoding", "format3", "pages", "record_file", "salvage")),
-    *("procedures/study/store.py", "instrument/config.py", "instrument/calibration_file.py", "drivers/pcapng.py"),
+    *(
+        f"procedures/records/{name}.py"
+        for name in ("chain", "check", "encoding", "format3", "pages", "record_file", "salvage")
+    ),
+    *("procedures/study/store.py", "instrument/config.py", "instrument/calibration/files.py", "drivers/logs/pcapng.py"),
     "tests/damages.py",
 )
 

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from procedures.run import Run
+from palpate.procedures.records.run import Run
 from tests.benchmarks.row import Row
 from tests.disk import Disk, Operation, after_a_cut, record, verdict
 
@@ -23,7 +23,7 @@ DRAWN = int(os.environ.get("PALPATE_CUTS", "20"))  # of each power cut, what of 
 
 
 def measure() -> Iterator[Row]:
-    from procedures.cli import palpate
+    from palpate.procedures.commands import palpate
 
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         folder = Path(name)

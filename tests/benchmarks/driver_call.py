@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from drivers.bench import Bench
-from simulators.bench import SimulatedBench
-from simulators.scene import read_scene
+from palpate.drivers.bench import Bench
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
 from tests.benchmarks.row import Row, interleaved
 
 ROUNDS = 1500

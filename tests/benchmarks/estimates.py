@@ -18,13 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from instrument.errors import EstimateError
-from instrument.film_material import PVDF
-from instrument.models import axisymmetric, solid
-from instrument.models.error_estimate import Bounds, Energies, Judged
-from instrument.models.mesh import CLOSED
-from instrument.models.parameters import RoundParameters, SolidParameters
-from instrument.models.surface import CODE_VERSION
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric.mesh import CLOSED
+from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.stored.surface import CODE_VERSION
+from palpate.instrument.sensor.film_material import PVDF
 from tests.benchmarks.lines import read
 from tests.benchmarks.row import Row
 from tests.settings import disc, round_sensors, solid_sensors

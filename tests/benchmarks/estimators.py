@@ -7,11 +7,11 @@ from contextlib import suppress
 
 import numpy as np
 
-from instrument.dwell import dwell_for
-from instrument.errors import EstimateError
-from instrument.estimate import amplitude_ratio, fit_sine
-from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
-from procedures.film_point import pilot_length
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.dwell import dwell_for
+from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
+from palpate.procedures.steps.film_point import pilot_length
 from tests.benchmarks.row import Row
 
 FREQUENCY, RATE = 10.0, 250.0

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis.errors import NonInteractiveExampleWarning
 from scipy.linalg import expm
 
-from simulators.linear.exponential import Doublings
-from simulators.linear.free_motion import FreeMotion
-from simulators.linear.lti import Floats
+from palpate.simulators.linear.exponential import Doublings
+from palpate.simulators.linear.free_motion import FreeMotion
+from palpate.simulators.linear.lti import Floats
 from tests.benchmarks.row import Row
 from tests.simulators import linear_matrices
 from tests.simulators.linear_matrices import questions, worst

@@ -6,8 +6,8 @@ import statistics
 import time
 from collections.abc import Iterator
 
-from procedures.testing.benches import simulated_bench
-from simulators.scene import read_scene
+from palpate.procedures.testing.benches import simulated_bench
+from palpate.simulators.scenes.scene import read_scene
 from tests.benchmarks.row import Row
 from tests.conftest import open_ends
 

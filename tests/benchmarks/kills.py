@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from instrument.errors import RecordError
-from procedures.check import check
-from procedures.record_file import RECORD
-from procedures.run import Run
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records.check import check
+from palpate.procedures.records.record_file import RECORD
+from palpate.procedures.records.run import Run
 from tests.benchmarks.row import Row
 from tests.kills import Commands
 

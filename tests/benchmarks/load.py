@@ -18,7 +18,7 @@ BUSY = 40
 SWEEPS = 20
 AT_ONCE = 4  # each adds to the load
 LONGEST = 3600  # s, after which a busy program ends, whatever became of the one that started it
-PALPATE = (sys.executable, "-c", "from procedures.cli import main; main()")
+PALPATE = (sys.executable, "-c", "from palpate.procedures.commands import main; main()")
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--quiet")
 SPIN = f"""
 import os, time

@@ -20,19 +20,19 @@ from typing import Any
 
 import can
 
-from drivers.bench import Bench
-from drivers.bus_log import BusLog
-from drivers.clock import WallClock
-from drivers.modbus import read_registers
-from drivers.pcapng import Link, read_pcapng
-from instrument.contract import Contract, Field
-from instrument.contracts import sensor_node
-from instrument.errors import BenchError
-from instrument.multicast import MULTICAST, keep_to_group
-from procedures.cli.serving import Served, Wish, serving
-from simulators.bench import Place, SimulatedBench
-from simulators.device import SimulatedDevice
-from simulators.scene import read_scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.clock import WallClock
+from palpate.drivers.links.modbus import read_registers
+from palpate.drivers.logs.bus_log import BusLog
+from palpate.drivers.logs.pcapng import Link, read_pcapng
+from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.errors import BenchError
+from palpate.procedures.virtual.served_bench import Served, Wish, serving
+from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.benchmarks.row import Row
 
 NODE = 1

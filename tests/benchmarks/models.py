@@ -12,12 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from instrument.designs import get_design
-from instrument.errors import EstimateError
-from instrument.models import axisymmetric, solid, surface, surface_build
-from instrument.models.parameter_sets import IDENTIFIED_ROUND, IDENTIFIED_SOLID, PHYSICAL
-from instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
-from instrument.thesis import read_table
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND, IDENTIFIED_SOLID, PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.stored import surface, surface_build
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.thesis import read_table
 from tests.benchmarks.row import Row
 from tests.settings import round_sensors
 

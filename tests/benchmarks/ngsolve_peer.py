@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from instrument.models import mesh as own_mesh
-from instrument.models.mesh import inside
-from instrument.models.parameters import RoundParameters
+from palpate.instrument.models.axisymmetric import mesh as own_mesh
+from palpate.instrument.models.axisymmetric.mesh import inside
+from palpate.instrument.models.parameters import RoundParameters
 
 THREADS = 2
 

@@ -18,10 +18,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from instrument.film_material import FilmMaterial
-from instrument.models import axisymmetric, solid
-from instrument.models.parameters import RoundParameters, SolidParameters
-from instrument.models.solid_mesh import Resolution
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.sensor.film_material import FilmMaterial
 from tests.benchmarks import calculix_peer, ngsolve_peer
 from tests.benchmarks.row import Row
 

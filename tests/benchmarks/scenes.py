@@ -16,23 +16,23 @@ from types import FrameType
 
 import numpy as np
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.contracts.sensor_node import CHANNELS
-from instrument.sample import SAMPLES, get_sample
-from procedures import load_sweep
-from procedures.load_plan import SweepSettings, parse_loads
-from procedures.record import Recorder
-from simulators.bench import SimulatedBench
-from simulators.clock import VirtualClock
-from simulators.effects import EFFECTS
-from simulators.linear.lti import first_order_high_pass
-from simulators.linear.periodic import HERTZ, SECOND, Periodic
-from simulators.planning.plan import RATE, SETTLING, Question, driven, plan
-from simulators.planning.waveforms import sampled
-from simulators.rig import Rig
-from simulators.scene import Scene, read_scene
-from simulators.sensor_node import SensorNode
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings, parse_loads
+from palpate.procedures.records.record import Recorder
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.linear.lti import first_order_high_pass
+from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
+from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven, plan
+from palpate.simulators.planning.waveforms import sampled
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene, read_scene
 from tests.benchmarks.records import HEADER
 from tests.benchmarks.row import Row
 

@@ -17,10 +17,10 @@ from tempfile import TemporaryDirectory
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from instrument.contracts.signal_generator import CONTRACT
-from procedures.cli.serving import Wish, serving
-from simulators.bench import LOOPBACK, Place
-from simulators.scene import read_scene
+from palpate.instrument.contracts.signal_generator import CONTRACT
+from palpate.procedures.virtual.served_bench import Wish, serving
+from palpate.simulators.bench import LOOPBACK, Place
+from palpate.simulators.scenes.scene import read_scene
 from tests.benchmarks.row import Row
 
 REQUESTS = 3000  # of a round, all clients together
@@ -100,7 +100,7 @@ def _bare() -> Iterator[int]:
 
 def _other_process() -> Row:
     """A point that one process takes on the bench that another serves, by the wall, beside one of its own bench."""
-    palpate = (sys.executable, "-c", "from procedures.cli import main; main()")
+    palpate = (sys.executable, "-c", "from palpate.procedures.commands import main; main()")
     with TemporaryDirectory() as folder:
         bench = Path(folder) / "bench.toml"
         environment = {**os.environ, "PALPATE_STORE": folder}

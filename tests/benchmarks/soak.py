@@ -16,17 +16,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.design import Design
-from instrument.sample import get_sample
-from procedures import load_sweep
-from procedures.films import Films
-from procedures.load_plan import SweepSettings, preload_for
-from procedures.record import Recorder
-from procedures.servo import LoadServo, press
-from simulators.bench import SimulatedBench
-from simulators.scene import read_scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings, preload_for
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.films import Films
+from palpate.procedures.steps.servo import LoadServo, press
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
 from tests.benchmarks.records import HEADER
 from tests.benchmarks.row import Row
 

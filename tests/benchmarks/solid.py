@@ -8,11 +8,12 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from instrument.designs import get_design
-from instrument.models import axisymmetric, solid
-from instrument.models.linear_solver import available
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements.linear_solver import available
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.sensor.designs import get_design
 from tests.benchmarks.row import Row
 from tests.settings import disc, solid_sensors
 

@@ -20,7 +20,7 @@ from tests.stale import NONE, TOLD, tried
 TRIES = 1_000_000
 BLOCK = 10_000
 ROOT = Path(__file__).parents[2]
-TRIED = ("drivers/*.py", "tests/stale.py", "tests/drivers/virtual_line.py")
+TRIED = ("drivers/**/*.py", "tests/stale.py", "tests/drivers/virtual_line.py")
 
 
 def measure() -> Iterator[Row]:

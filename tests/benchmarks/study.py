@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from pathlib import Path
 
-from instrument.config import parse
-from procedures.cli.executors import executor_of
-from procedures.cli.study_cell import Sweep
-from procedures.study.description import StudyFile, study_of
-from procedures.study.results import read_results
-from procedures.study.run import run
-from procedures.study.store import Store
+from palpate.instrument.config import parse
+from palpate.procedures.study.description import StudyFile, study_of
+from palpate.procedures.study.results import read_results
+from palpate.procedures.study.run import run
+from palpate.procedures.study.store import Store
+from palpate.procedures.virtual.executors import executor_of
+from palpate.procedures.virtual.study_cell import Sweep
 from tests.benchmarks.row import Row
 
 SCENES, GOAL = 1000, 60.0

@@ -14,30 +14,30 @@ from typing import cast
 
 import numpy as np
 
-from instrument.calibration import LoadCellCalibration, calibrate_load_cell
-from instrument.classification import Run
-from instrument.compression import Series, compress
-from instrument.design import Design
-from instrument.estimate import Floats, SineFit, fit_sine
-from instrument.film_calibration import FilmReading, calibrate_films
-from instrument.film_forces import film_forces
-from instrument.load import Load
-from instrument.load_budget import load_budget
-from instrument.mean_ratio import mean_ratio
-from instrument.models.curve import ratio_curve
-from instrument.models.response import response
-from instrument.propagation import Propagated
-from instrument.sample import get_sample
-from instrument.softness import modulus_of_ratio
-from instrument.uncertainty import coverage_factor
-from procedures.load_cell import LOADS, REPEATS
-from procedures.servo import READINGS
-from simulators.clock import VirtualClock
-from simulators.effects.load_cell import LoadCell
-from simulators.planning.plan import Question, driven
-from simulators.planning.waveforms import sampled
-from simulators.randomness import Stream
-from simulators.scene import Scene, read_scene
+from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.films import FilmReading, calibrate_films
+from palpate.instrument.calibration.load_budget import load_budget
+from palpate.instrument.calibration.load_cell import LoadCellCalibration, calibrate_load_cell
+from palpate.instrument.findings.compression import Series, compress
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.response import response
+from palpate.instrument.models.stored.curve import ratio_curve
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.signals.estimate import Floats, SineFit, fit_sine
+from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.procedures.measurements.load_cell.procedure import LOADS, REPEATS
+from palpate.procedures.steps.servo import READINGS
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.load_cell import LoadCell
+from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.planning.waveforms import sampled
+from palpate.simulators.randomness import Stream
+from palpate.simulators.scenes.scene import Scene, read_scene
 from tests.benchmarks.row import Row
 
 SCENE, SAMPLE = "thesis_single", "4"

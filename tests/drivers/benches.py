@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.bench import Bench
-from instrument.bench import BenchDescription
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.bench.description import BenchDescription
+from palpate.simulators.bench import SimulatedBench
 
 
 def open_bench(sim: SimulatedBench, description: BenchDescription | None = None) -> Bench:

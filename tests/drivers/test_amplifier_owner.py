@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from drivers.bench import CLAIMS, Bench
-from instrument.bench import BenchDescription
-from instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
-from instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
-from simulators.bench import SimulatedBench
-from simulators.clock import VirtualClock
-from simulators.device import Refused
-from simulators.linear.periodic import Periodic
-from simulators.shaker_amplifier import ShakerAmplifier
+from palpate.drivers.bench import CLAIMS, Bench
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
+from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
+from palpate.simulators.linear.periodic import Periodic
+from palpate.simulators.wire.device import Refused
 from tests.conftest import latched
 from tests.drivers.benches import drive, open_bench
 
@@ -175,7 +175,7 @@ def test_to_release_it_switches_it_off(bench: Bench, sim: SimulatedBench) -> Non
 @pytest.fixture
 def elsewhere(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> BenchDescription:
     """The same bench as another machine has it, whose locks are not ours."""
-    monkeypatch.setattr("drivers.bench.BenchLock", lambda _description: ExitStack())
+    monkeypatch.setattr("palpate.drivers.bench.BenchLock", lambda _description: ExitStack())
     return sim.description
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from pymodbus.pdu import ModbusPDU
 
-from drivers.bench import Bench
-from instrument.contract import Identity
-from instrument.errors import BenchError, IdentityError, LinkError, LinkTimeout, SafetyError
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.contracts.contract import Identity
+from palpate.instrument.errors import BenchError, IdentityError, LinkError, LinkTimeout, SafetyError
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
 from tests.conftest import hasty
 from tests.drivers.benches import drive, driving, is_closed, open_bench
 

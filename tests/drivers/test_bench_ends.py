@@ -9,10 +9,10 @@ import threading
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.errors import BenchError
-from simulators.bench import SimulatedBench
-from simulators.device import DEVICE_FAILURE, Refused
+from palpate.drivers.bench import Bench
+from palpate.instrument.errors import BenchError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.wire.device import DEVICE_FAILURE, Refused
 from tests.drivers.benches import drive, driving, is_closed, open_bench
 
 ENDING = pytest.mark.parametrize(

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench_lock import BenchLock, addresses
-from instrument.bench import BenchDescription, CanBus, SerialLine, TcpAddress
-from instrument.errors import BenchError, BenchInUse
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
+from palpate.drivers.bench_lock import BenchLock, addresses
+from palpate.instrument.bench.description import BenchDescription, CanBus, SerialLine, TcpAddress
+from palpate.instrument.errors import BenchError, BenchInUse
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
 from tests.drivers.benches import drive, driving, open_bench
 
 # Locks a file as another program would; it says so, and keeps the lock until it is killed.

@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.bus_log import BusLog
-from drivers.bus_replay import BusReplay
-from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
-from instrument.bench import BenchDescription
-from instrument.errors import ConfigError, DeviceError, LinkTimeout
-from instrument.multicast import MULTICAST
-from procedures.bus_log import described
-from simulators.bench import Place, SimulatedBench
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.logs.bus_log import BusLog
+from palpate.drivers.logs.bus_replay import BusReplay
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout
+from palpate.procedures.logs.shown import described
+from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
 
 

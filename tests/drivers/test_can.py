@@ -8,10 +8,10 @@ from typing import Any
 import can
 import pytest
 
-from drivers.bench import Bench
-from drivers.can import CanLink
-from instrument.errors import DeviceError, LinkError, LinkTimeout
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.drivers.links.can import CanLink
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.simulators.bench import SimulatedBench
 from tests.drivers.wire import impatient_node
 
 

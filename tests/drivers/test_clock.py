@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.clock import WallClock
-from instrument.errors import SafetyError
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.drivers.clock import WallClock
+from palpate.instrument.errors import SafetyError
+from palpate.simulators.bench import SimulatedBench
 
 
 def drive(bench: Bench) -> None:

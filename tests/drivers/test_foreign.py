@@ -18,16 +18,16 @@ from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
 from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 
-from drivers.modbus import ModbusLink
-from drivers.positioner import Positioner
-from drivers.signal_generator import SignalGenerator
-from instrument.bench import SerialLine, TcpAddress
-from instrument.contract import Contract
-from instrument.contracts import positioner, signal_generator
-from instrument.errors import IdentityError
-from instrument.serial_line import FASTEST
-from simulators.bench import SimulatedBench
-from simulators.clock import VirtualClock
+from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.contracts import positioner, signal_generator
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.errors import IdentityError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
 
 pytestmark = pytest.mark.filterwarnings("ignore:isSet:DeprecationWarning")  # modbus-tk's own
 

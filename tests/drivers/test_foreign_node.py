@@ -10,13 +10,13 @@ import can
 import numpy as np
 import pytest
 
-from drivers.can import CanLink
-from drivers.sensor_node import SensorNode
-from instrument.bench import CanBus
-from instrument.contract import sdo
-from instrument.contracts import sensor_node
-from instrument.errors import DeviceError
-from simulators.clock import VirtualClock
+from palpate.drivers.devices.sensor_node import SensorNode
+from palpate.drivers.links.can import CanLink
+from palpate.instrument.bench.description import CanBus
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.errors import DeviceError
+from palpate.simulators.clock import VirtualClock
 
 NODE = 5
 TOGGLE, LAST = 0x10, 0x01

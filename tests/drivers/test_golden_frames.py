@@ -15,17 +15,17 @@ import can
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from drivers.shaker_amplifier import ShakerAmplifier
-from instrument.contract import Contract, Field, Value
-from instrument.contracts import CONTRACTS
-from instrument.contracts.sensor_node import SYNC_COB_ID
-from instrument.sample import get_sample
-from simulators.amplifier_owner import Owner
-from simulators.bench import SimulatedBench
-from simulators.device import SimulatedDevice
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.shaker_amplifier import ShakerAmplifier
+from palpate.instrument.contracts import CONTRACTS
+from palpate.instrument.contracts.contract import Contract, Field, Value
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
+from palpate.instrument.sensor.sample import get_sample
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.devices.amplifier_owner import Owner
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.drivers.wire import frames, listen, payloads, transfers
 
 GOLDEN = {

@@ -13,15 +13,15 @@ import pytest
 from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
-from drivers.bench import Bench
-from drivers.modbus import LARGEST_FRAME, ModbusLink
-from drivers.modbus_device import ModbusDevice
-from drivers.signal_generator import SignalGenerator
-from instrument.bench import SerialLine, TcpAddress
-from instrument.contract import PROBE
-from instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
+from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
 from tests.drivers.wire import Wire, impatient, listen
 
 

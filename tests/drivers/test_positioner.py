@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from drivers.positioner import POLL
-from instrument.errors import DeviceError, RangeError
-from simulators.bench import SimulatedBench
-from simulators.device import SimulatedDevice
-from simulators.positioner import HOMING_SPEED
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.positioner import POLL
+from palpate.instrument.errors import DeviceError, RangeError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.devices.positioner import HOMING_SPEED
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.conformance import RtuConformance
 from tests.drivers.wire import listen
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.errors import DeviceError
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.errors import DeviceError
+from palpate.simulators.bench import SimulatedBench
 
 MODBUS = [
     ("indicator", "mode", 9.0, r"mode = 9 is no choice; valid: track \(0\), peak_to_peak \(1\)"),

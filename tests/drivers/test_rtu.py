@@ -12,18 +12,18 @@ from contextlib import contextmanager
 import pytest
 from pymodbus.pdu import DecodePDU
 
-from drivers.clock import WallClock
-from drivers.modbus import ModbusLink
-from drivers.modbus_device import ModbusDevice
-from drivers.positioner import Positioner
-from drivers.rtu import ReplyFramer, RtuClient
-from drivers.strain_indicator import StrainIndicator
-from instrument.bench import SerialLine
-from instrument.contract import PROBE
-from instrument.errors import DeviceError, LinkError, LinkTimeout
-from instrument.serial_line import FASTEST, SILENCE, reply_begins
-from simulators.bench import SimulatedBench
-from simulators.clock import VirtualClock
+from palpate.drivers.clock import WallClock
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.devices.strain_indicator import StrainIndicator
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.rtu import ReplyFramer, RtuClient
+from palpate.instrument.bench.description import SerialLine
+from palpate.instrument.bench.serial_line import FASTEST, SILENCE, reply_begins
+from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
 from tests.drivers.virtual_line import BITS, VirtualLine, checked
 
 UNIT = 2
@@ -77,7 +77,7 @@ HELD = [pytest.approx(1e-6 * (0x14 << 16 | 0x15)), pytest.approx(1e-6 * (0x16 <<
 
 @pytest.fixture(autouse=True)
 def _without_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("instrument.contract.Contract.misread", lambda *_: "")
+    monkeypatch.setattr("palpate.instrument.contracts.contract.Contract.misread", lambda *_: "")
 
 
 def line(

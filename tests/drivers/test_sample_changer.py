@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from drivers.sample_changer import Mounted, SampleChanger
-from instrument.errors import DeviceError, SampleError, UnknownName
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.device import SimulatedDevice
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.sample_changer import Mounted, SampleChanger
+from palpate.instrument.errors import DeviceError, SampleError, UnknownName
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.conformance import ModbusConformance
 from tests.drivers.wire import listen
 

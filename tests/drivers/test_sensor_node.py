@@ -11,14 +11,14 @@ import can
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.sensor_node import Recording, SensorNode, acquire
-from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
-from instrument.errors import DeviceError, LinkError, RangeError
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
-from simulators.sensor_node import SensorNode as SimulatedNode
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.instrument.errors import DeviceError, LinkError, RangeError
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.devices.sensor_node import SensorNode as SimulatedNode
+from palpate.simulators.scenes.scene import Scene
 from tests.conformance import CanopenConformance
 from tests.drivers.wire import frames
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from instrument.errors import DeviceError
-from simulators.bench import SimulatedBench
-from simulators.device import SimulatedDevice
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.instrument.errors import DeviceError
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.conformance import ModbusConformance
 from tests.conftest import latched
 

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from drivers.signal_generator import SignalGenerator
-from instrument.errors import LinkTimeout, RangeError, SettingsLost
-from simulators.bench import SimulatedBench
-from simulators.device import SimulatedDevice
-from simulators.signal_generator import SignalGenerator as SimulatedGenerator
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.instrument.errors import LinkTimeout, RangeError, SettingsLost
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.devices.signal_generator import SignalGenerator as SimulatedGenerator
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.conformance import ModbusConformance
 from tests.drivers.benches import drive
 from tests.drivers.wire import listen

@@ -11,16 +11,16 @@ import canopen
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from drivers.can import CanLink, _has_wire
-from drivers.modbus import ModbusLink
-from drivers.positioner import Positioner
-from drivers.sdo import CheckedSdoClient
-from instrument.bench import CanBus
-from instrument.contracts.sensor_node import shortest_transfer
-from instrument.errors import LinkTimeout
-from simulators.bench import SimulatedBench
-from simulators.clock import VirtualClock
-from simulators.scene import read_scene
+from palpate.drivers.devices.positioner import Positioner
+from palpate.drivers.links.can import CanLink, _has_wire
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.sdo import CheckedSdoClient
+from palpate.instrument.bench.description import CanBus
+from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.errors import LinkTimeout
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.scenes.scene import read_scene
 from tests.drivers.virtual_line import VirtualLine, checked
 from tests.stale import KINDS, NONE, TOLD, tried
 
@@ -47,8 +47,8 @@ def test_the_tries_are_hard_late_replies_are_taken_where_nothing_tells_them(foun
 
 @pytest.mark.parametrize("kind", ["lengths differ", "polls", "counter"])
 def test_without_the_drivers_care_the_same_tries_find_late_replies(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.modbus.ModbusLink.serial", False)  # whose reads may be alike
-    monkeypatch.setattr("drivers.strain_indicator.COUNTED_NS", 0)
+    monkeypatch.setattr("palpate.drivers.links.modbus.ModbusLink.serial", False)  # whose reads may be alike
+    monkeypatch.setattr("palpate.drivers.devices.strain_indicator.COUNTED_NS", 0)
     monkeypatch.setattr(Positioner, "_look", lambda driver: driver.get_many("position", "status"))
     assert KINDS[kind][0](random.Random(1), 150)[f"{kind}: stale"] > 0
 
@@ -164,7 +164,7 @@ def test_a_bus_within_the_machine_may_answer_at_once(bus: dict[str, Any], wire: 
 
 
 def test_where_all_answers_come_too_soon_the_message_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.can._has_wire", lambda _bus: True)
+    monkeypatch.setattr("palpate.drivers.links.can._has_wire", lambda _bus: True)
     with SimulatedBench(read_scene("thesis_single")) as sim:
         link = CanLink(sim.description.can.model_copy(update={"bitrate": 10_000, "timeout": 0.02}))
         link.open()

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from instrument.errors import DeviceError
-from instrument.load import Load
-from instrument.models.response import response
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.device import SimulatedDevice
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.instrument.errors import DeviceError
+from palpate.instrument.models.response import response
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.device import SimulatedDevice
 from tests.conformance import RtuConformance
 
 GRAVITY = 9.80665  # m/s2

@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.heartbeat import PATIENCE, Heartbeat
-from drivers.watched_clock import WatchedClock
-from instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.heartbeat import PATIENCE, Heartbeat
+from palpate.drivers.watched_clock import WatchedClock
+from palpate.instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
+from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive
 
 

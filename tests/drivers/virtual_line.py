@@ -6,8 +6,8 @@ import heapq
 import itertools
 from collections.abc import Callable, Iterable
 
-from drivers.rtu import RtuClient
-from instrument.serial_line import SILENCE
+from palpate.drivers.links.rtu import RtuClient
+from palpate.instrument.bench.serial_line import SILENCE
 
 BITS = 10  # of a character: start, eight, stop
 Answers = Callable[[bytes], Iterable[tuple[float, bytes]]]

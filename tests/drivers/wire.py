@@ -10,8 +10,8 @@ import can
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from drivers.canopen_device import CanopenDevice
-from drivers.modbus import ModbusLink
+from palpate.drivers.devices.canopen_device import CanopenDevice
+from palpate.drivers.links.modbus import ModbusLink
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from fractions import Fraction
 
-from instrument.contracts import CONTRACTS
+from palpate.instrument.contracts import CONTRACTS
 from tests.fuzz.target import Target, require, same_number
 
 FORMATS = {"uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f"}

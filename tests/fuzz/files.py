@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from instrument.bench import BenchDescription
-from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
-from instrument.config import Config, parse
-from instrument.film_calibration import FilmCalibration
-from instrument.models import price_list
-from instrument.models.surface import STORED, ResponseSurface, read
-from simulators.scene import read_scene, shipped
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.calibration.films import FilmCalibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.config import Config, parse
+from palpate.instrument.models.prices import price_list
+from palpate.instrument.models.stored.surface import STORED, ResponseSurface, read
+from palpate.simulators.scenes.scene import read_scene, shipped
 from tests.fuzz.quantities import value_of
 from tests.fuzz.target import Target, require
 

@@ -12,11 +12,11 @@ from typing import Any
 
 from pymodbus.client import ModbusTcpClient
 
-from drivers.modbus import ModbusLink
-from drivers.modbus_device import ModbusDevice
-from drivers.rtu import RtuClient
-from instrument.contract import Contract, Field
-from instrument.contracts import CONTRACTS
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.links.rtu import RtuClient
+from palpate.instrument.contracts import CONTRACTS
+from palpate.instrument.contracts.contract import Contract, Field
 from tests.drivers.virtual_line import checked
 from tests.fuzz.target import Target, require, same_number
 

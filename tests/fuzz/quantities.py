@@ -6,7 +6,7 @@ import math
 import re
 from decimal import Decimal
 
-from instrument.quantity import parse
+from palpate.instrument.quantity import parse
 from tests.fuzz.target import Target, require
 
 WANTED = ("N", "Pa", "Hz", "s", "m", "V", "A", "")

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from instrument.errors import RecordError
-from procedures.chain import MAGIC
-from procedures.check import check
-from procedures.format3 import DATABASE
-from procedures.record import Recorder
-from procedures.record_file import HEAD_FILE, RECORD
-from procedures.run import Run
-from procedures.salvage import salvaging
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records.chain import MAGIC
+from palpate.procedures.records.check import check
+from palpate.procedures.records.format3 import DATABASE
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.salvage import salvaging
 from tests.fuzz.files import FOLDER, in_file
 from tests.fuzz.target import Target, require
 from tests.runs import as_format3

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from instrument.errors import PalpateError
+from palpate.instrument.errors import PalpateError
 
 
 class WronglyAcceptedError(AssertionError):

@@ -55,6 +55,6 @@ def test_any_input_is_refused_or_read_as_it_is(name: str, data: bytes) -> None:
 @pytest.mark.parametrize("nasty", [path.name for path in NASTIES if path.name.startswith("modbus_tcp-strict")])
 def test_the_library_alone_would_take_what_is_no_reply(nasty: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = target("modbus_tcp")
-    monkeypatch.setattr("drivers.modbus._StrictDecoder.decode", DecodePDU.decode)
+    monkeypatch.setattr("palpate.drivers.links.modbus._StrictDecoder.decode", DecodePDU.decode)
     with pytest.raises((WronglyAcceptedError, AttributeError)):
         found.decode((CORPUS / nasty).read_bytes())

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.sdo import LARGEST_OBJECT
-from instrument.bench import BenchDescription
-from instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
-from instrument.errors import ConfigError, LinkError, RecordError
-from instrument.models import surface
-from procedures import format3 as reader
-from procedures.check import check
-from procedures.format3 import DATABASE
-from procedures.record import Recorder
-from procedures.reproduce import solutions
-from procedures.run import Run
-from simulators.scene import MOST_EFFECTS, read_scene
+from palpate.drivers.links.sdo import LARGEST_OBJECT
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
+from palpate.instrument.errors import ConfigError, LinkError, RecordError
+from palpate.instrument.models.stored import surface
+from palpate.procedures.records import format3 as reader
+from palpate.procedures.records.check import check
+from palpate.procedures.records.format3 import DATABASE
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.procedures.reproduce.chapter4 import solutions
+from palpate.simulators.scenes.scene import MOST_EFFECTS, read_scene
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers
 from tests.fuzz.files import BENCH
 from tests.runs import as_format3

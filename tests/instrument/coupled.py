@@ -15,8 +15,8 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, FacetBasis, LinearForm, MeshQuad
 
-from instrument.models.mesh import Body, grid
-from instrument.models.parameters import RoundParameters
+from palpate.instrument.models.axisymmetric.mesh import Body, grid
+from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,12 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
-from instrument.models import axisymmetric_elements, elements, mesh, numbering
-from instrument.models.beam import Stretch
-from instrument.models.condensed import Elements
-from instrument.models.parameters import RoundParameters
-from instrument.models.threads import one_each
+from palpate.instrument.models.axisymmetric import bodies as axisymmetric_elements
+from palpate.instrument.models.axisymmetric import elements, mesh, numbering
+from palpate.instrument.models.finite_elements.condensed import Elements
+from palpate.instrument.models.finite_elements.threads import one_each
+from palpate.instrument.models.foundation.beam import Stretch
+from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
@@ -101,8 +102,8 @@ def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
 
 
 def beam_forces(bending: float, stretches: Sequence[Stretch], elements: int) -> list[float]:
-    """Foundation forces as `instrument.models.beam.stretch_forces` has them, from the matrix on nodes as it stands."""
-    from instrument.models import beam
+    """Foundation forces as `beam.stretch_forces` has them, from the matrix on nodes as it stands."""
+    from palpate.instrument.models.foundation import beam
 
     lengths = np.repeat([stretch.length / elements for stretch in stretches], elements)
     foundations = np.repeat([stretch.foundation for stretch in stretches], elements)

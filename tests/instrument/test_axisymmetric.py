@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from instrument.designs import get_design
-from instrument.errors import RangeError, UnknownName
-from instrument.film_material import FilmMaterial
-from instrument.models import axisymmetric, condensed, elements, numbering
-from instrument.models.axisymmetric import AxisymmetricSolution, solve, solve_on, solve_to
-from instrument.models.error_estimate import Energies, Judged
-from instrument.models.mesh import grid
-from instrument.models.parameter_sets import IDENTIFIED_ROUND
-from instrument.models.parameters import RoundParameters, round_parameters
-from instrument.thesis import read_table
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.axisymmetric import elements, numbering
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric.mesh import grid
+from palpate.instrument.models.axisymmetric.model import AxisymmetricSolution, solve, solve_on, solve_to
+from palpate.instrument.models.finite_elements import condensed
+from palpate.instrument.models.finite_elements.error_estimate import Energies, Judged
+from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
+from palpate.instrument.models.parameters import RoundParameters, round_parameters
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.thesis import read_table
 from tests.instrument import naive
 from tests.settings import round_sensors
 

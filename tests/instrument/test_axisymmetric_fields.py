@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.film_material import FilmMaterial
-from instrument.models.axisymmetric import AxisymmetricSolution, solve
-from instrument.models.axisymmetric_fields import face_pressure
-from instrument.models.mesh import Grid
-from instrument.models.parameters import RoundParameters
+from palpate.instrument.models.axisymmetric.fields import face_pressure
+from palpate.instrument.models.axisymmetric.mesh import Grid
+from palpate.instrument.models.axisymmetric.model import AxisymmetricSolution, solve
+from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.sensor.film_material import FilmMaterial
 
 CASE_A = RoundParameters()
 WIDE = replace(

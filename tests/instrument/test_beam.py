@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.models import beam, beam_printed
-from instrument.models.beam import Stretch
-from instrument.models.hetenyi import exact_force_ratio, exact_forces
-from instrument.sample import Sample, get_sample
-from instrument.thesis import read_table
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.foundation import beam, beam_printed
+from palpate.instrument.models.foundation.beam import Stretch
+from palpate.instrument.models.foundation.hetenyi import exact_force_ratio, exact_forces
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.thesis import read_table
 
 Array = NDArray[np.float64]
 

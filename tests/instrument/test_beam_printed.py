@@ -11,11 +11,11 @@ import pytest
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.models import beam_printed
-from instrument.sample import get_sample
-from instrument.thesis import program_lines
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.foundation import beam_printed
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.thesis import program_lines
 
 Array = NDArray[np.float64]
 

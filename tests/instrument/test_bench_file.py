@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from instrument.bench import BenchDescription, read_bench
-from instrument.config import LARGEST_FILE
-from instrument.errors import ConfigError
+from palpate.instrument.bench.description import BenchDescription, read_bench
+from palpate.instrument.config import LARGEST_FILE
+from palpate.instrument.errors import ConfigError
 
 GOOD = """
 name = "bench"

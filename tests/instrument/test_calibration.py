@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration, calibrate_load_cell
-from instrument.classification import Run
-from instrument.errors import ConfigError, EstimateError, RangeError
-from instrument.interpolation import best_degree, interpolate
-from instrument.load_budget import load_budget
-from instrument.uncertainty import coverage_factor
+from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.load_budget import load_budget
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration, calibrate_load_cell
+from palpate.instrument.errors import ConfigError, EstimateError, RangeError
+from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.instrument.uncertainty.interpolation import best_degree, interpolate
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies

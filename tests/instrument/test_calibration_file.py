@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
-from instrument.calibration_file import read_calibration, write_calibration
-from instrument.classification import Classification
-from instrument.errors import ConfigError, RecordError
-from instrument.load_cell_curve import Curvature
+from palpate.instrument.calibration.classification import Classification
+from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell_curve import Curvature
+from palpate.instrument.errors import ConfigError, RecordError
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies

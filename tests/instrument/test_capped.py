@@ -13,18 +13,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.models import axisymmetric, solid
-from instrument.models.parameter_sets import CAPPED
-from instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
-from instrument.models.solid_mesh import Resolution
-from instrument.models.solid_parts import Stack
-from instrument.models.solid_system import System
-from instrument.thesis import read_table
-from procedures.reproduce import position
-from procedures.reproduce.curves import Curves
-from procedures.reproduce.solutions import Solutions
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import CAPPED
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.parts import Stack
+from palpate.instrument.models.solid.system import System
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.thesis import read_table
+from palpate.procedures.reproduce.chapter4 import position
+from palpate.procedures.reproduce.chapter4.curves import Curves
+from palpate.procedures.reproduce.chapter4.solutions import Solutions
 
 ROUND = RoundParameters(interface="capped", support="rigid", sensed_thickness=1e-3)
 SQUARE = SolidParameters(interface="capped", support="rigid", sensed_thickness=1e-3)

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.classification import (
+from palpate.instrument.calibration.classification import (
     NOT_CLASSIFIABLE,
     Classification,
     Quantities,
@@ -19,7 +18,8 @@ from instrument.classification import (
     lower_limit_factor,
     quantities,
 )
-from instrument.interpolation import interpolate
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.uncertainty.interpolation import interpolate
 
 LOAD = np.arange(1.0, 11.0)
 PERFECT = {name: np.zeros(10) for name in ("repeatability", "reproducibility", "interpolation", "zero_return")}

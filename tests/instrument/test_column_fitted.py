@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import RangeError, UnknownName
-from instrument.evidence import Evidence, of_model, ratio_by
-from instrument.load import Load
-from instrument.models import column_fitted, springs
-from instrument.models.column_fitted import HIGHEST, LINES, LOWEST, OddsLine
-from instrument.models.curve import ratio_curve
-from instrument.models.parameter_sets import PHYSICAL, THESIS
-from instrument.models.ratio import Question, ask
-from instrument.models.response import response
-from instrument.sample import Sample, get_sample
-from instrument.softness import modulus_of_ratio
-from instrument.thesis import read_table
-from procedures.reproduce.odds import distance, fitted_line, odds_sentence
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.findings.evidence import Evidence, of_model, ratio_by
+from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.foundation import column_fitted, springs
+from palpate.instrument.models.foundation.column_fitted import HIGHEST, LINES, LOWEST, OddsLine
+from palpate.instrument.models.parameter_sets import PHYSICAL, THESIS
+from palpate.instrument.models.ratio import Question, ask
+from palpate.instrument.models.response import response
+from palpate.instrument.models.stored.curve import ratio_curve
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.thesis import read_table
+from palpate.procedures.reproduce.judging.odds import distance, fitted_line, odds_sentence
 
 SINGLE = get_design("single")
 # Fitted to the first ring's table, held against the second's.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from instrument import propagation
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.compression import compress
-from instrument.errors import EstimateError
-from instrument.load_line import Series
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.findings.compression import compress
+from palpate.instrument.findings.load_line import Series
+from palpate.instrument.uncertainty import propagation
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from instrument.contract import PROBE, Contract, Field, Identity, sdo
-from instrument.contracts import CONTRACTS, contracts_digest
-from instrument.contracts.sensor_node import bus_load
-from instrument.errors import ConfigError, RangeError, UnknownName
+from palpate.instrument.contracts import CONTRACTS, contracts_digest
+from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, sdo
+from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 
 EVERY_FIELD = [pytest.param(c, f, id=f"{c.name}.{f.name}") for c in CONTRACTS.values() for f in c.fields]
 RANGES = {

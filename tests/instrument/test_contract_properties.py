@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from instrument.contract import Contract, Field
-from instrument.contracts import CONTRACTS
-from instrument.errors import RangeError
+from palpate.instrument.contracts import CONTRACTS
+from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.errors import RangeError
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 strategies: Any = pytest.importorskip("hypothesis.strategies", reason="property tests need the test extra")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from instrument.design import Design
-from instrument.designs import DESIGNS, get_design
-from instrument.designs.array import array_of
-from instrument.errors import RangeError
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import solid_parameters
-from instrument.sample import SAMPLES
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.designs.array import array_of
+from palpate.instrument.sensor.sample import SAMPLES
 
 
 @pytest.mark.parametrize("design", DESIGNS.values(), ids=lambda design: design.name)

@@ -7,9 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from instrument.dwell import Floor, check_dwell, check_target, dwell_for, dwell_of, ratio_noise, whole_steps
-from instrument.errors import EstimateError, RangeError
-from instrument.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.signals.dwell import (
+    Floor,
+    check_dwell,
+    check_target,
+    dwell_for,
+    dwell_of,
+    ratio_noise,
+    whole_steps,
+)
+from palpate.instrument.signals.estimate import Floats, SineFit, amplitude_ratio, fit_sine
 
 FREQUENCY, RATE = 10.0, 250.0
 AMPLITUDES = np.array([0.3, 1.0])

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from instrument.models.error_estimate import Bounds, Energies, Judged, bounds
+from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
 from tests.benchmarks import estimates
 
 MESHES = [Judged(0.4, (0.2, 0.1), Energies(1e-3, 200.0)), Judged(0.4, (0.21, 0.1), Energies(1.01e-3, 201.0))]

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from instrument.errors import EstimateError
-from instrument.estimate import Floats, SineFit, amplitude_ratio, fit_sine
-from instrument.sine_columns import CONDITION_LIMIT
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+from palpate.instrument.signals.sine_columns import CONDITION_LIMIT
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")
 st = hypothesis.strategies

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from instrument.errors import UnknownName
-from instrument.evidence import GIVEN, REPEATS, Evidence, of_experiment, of_model, ratio_by
-from instrument.models.response import MODELS
-from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.findings.evidence import GIVEN, REPEATS, Evidence, of_experiment, of_model, ratio_by
+from palpate.instrument.models.response import MODELS
+from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
 
 INPUT, FITTED, PREDICTED = Evidence
 RATIO, FORCE, VOLTAGE = "force_ratio", "force_rigid_N", "voltage_pvdf2_V"

@@ -17,10 +17,10 @@ import cantools
 import pytest
 from canopen.objectdictionary import datatypes
 
-from instrument.contract import Contract, Field, Pdo
-from instrument.contracts import CONTRACTS
-from instrument.errors import RecordError
-from instrument.export import bench_dbc, export_contracts, node_eds, register_table
+from palpate.instrument.contracts import CONTRACTS
+from palpate.instrument.contracts.contract import Contract, Field, Pdo
+from palpate.instrument.contracts.export import bench_dbc, export_contracts, node_eds, register_table
+from palpate.instrument.errors import RecordError
 
 NODE = CONTRACTS["sensor_node"]
 NAMES = ["registers.md", "sensor_node.eds", "bench.dbc"]
@@ -58,7 +58,7 @@ def test_two_exports_are_the_same_bytes_in_another_process_on_another_day(folder
         "    @classmethod\n"
         "    def utcnow(cls): return cls(2031, 2, 3, 16, 5, 6)\n"
         "datetime.datetime = Later\n"
-        "from instrument.export import export_contracts\n"
+        "from palpate.instrument.contracts.export import export_contracts\n"
         "export_contracts(pathlib.Path(sys.argv[1]))\n"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "PYTHONPATH": os.pathsep.join(sys.path)}

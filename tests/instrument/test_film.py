@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instrument.errors import RangeError, UnknownName
-from instrument.film_material import FILM_MATERIALS, get_film_material
-from instrument.models.film import (
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.film import (
     CIRCUITS,
     EDGES,
     CoupledSystem,
@@ -20,6 +19,7 @@ from instrument.models.film import (
     solve_scaled,
     symmetric_scale,
 )
+from palpate.instrument.sensor.film_material import FILM_MATERIALS, get_film_material
 
 THESIS = get_film_material("thesis")
 AREA, THICKNESS, FORCE = 1e-4, 25e-6, 1.0

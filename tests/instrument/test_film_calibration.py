@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import read_film_calibration, write_calibration
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import ConfigError, EstimateError
-from instrument.estimate import fit_sine
-from instrument.film_calibration import FilmCalibration, FilmReading, calibrate_films
-from instrument.film_forces import film_forces
-from instrument.uncertainty import coverage_factor
+from palpate.instrument.calibration.files import read_film_calibration, write_calibration
+from palpate.instrument.calibration.films import FilmCalibration, FilmReading, calibrate_films
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import ConfigError, EstimateError
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.instrument.uncertainty.budget import coverage_factor
 
 LOADS = np.arange(1.5, 4.1, 0.5)
 SINGLE, PAIR = get_design("single"), get_design("common_base")

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import EstimateError
-from instrument.estimate import SineFit, amplitude_ratio, fit_sine
-from instrument.film_forces import film_forces
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
 
 RATE, FREQUENCY = 250.0, 10.0
 

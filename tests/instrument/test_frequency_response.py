@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from instrument.errors import EstimateError
-from instrument.frequency_response import fit_corner, fit_resonance, high_pass, mass_on_spring
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance, high_pass, mass_on_spring
 
 FREQUENCY = np.geomspace(0.1, 100, 13)
 

@@ -11,15 +11,20 @@ import pytest
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import cg
 
-from instrument.designs import get_design
-from instrument.errors import EstimateError
-from instrument.film_material import FilmMaterial
-from instrument.models import axisymmetric, beam, hetenyi, mesh, refinement, solid, springs, surface
-from instrument.models.axisymmetric import solve, solve_on
-from instrument.models.beam import Stretch
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters, SolidParameters
-from instrument.sample import get_sample
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.models.axisymmetric import mesh
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric.model import solve, solve_on
+from palpate.instrument.models.finite_elements import refinement
+from palpate.instrument.models.foundation import beam, hetenyi, springs
+from palpate.instrument.models.foundation.beam import Stretch
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.stored import surface
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.sample import get_sample
 from tests.instrument import naive
 
 CASE_A = RoundParameters()

@@ -11,12 +11,12 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.models import hetenyi
-from instrument.models.beam import Stretch
-from instrument.models.hetenyi import exact_force_ratio, exact_forces
-from instrument.sample import get_sample
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.foundation import hetenyi
+from palpate.instrument.models.foundation.beam import Stretch
+from palpate.instrument.models.foundation.hetenyi import exact_force_ratio, exact_forces
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
 
 SINGLE = get_design("single")
 FOUNDATIONS = (1e-12, 20.0, 1e4, 1e7)

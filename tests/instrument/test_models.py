@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import RangeError, UnknownName
-from instrument.load import Load
-from instrument.models import springs
-from instrument.models.response import MODELS, response
-from instrument.sample import SAMPLES, Sample, get_sample
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.foundation import springs
+from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 
 SINGLE = get_design("single")
 AREA_SHARE = 1.4**2 / (1.4**2 + 5.0**2 - 1.5**2)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from instrument.estimate import FEW_DEGREES, Floats, SineFit, fit_sine
-from instrument.uncertainty import coverage_factor
+from palpate.instrument.signals.estimate import FEW_DEGREES, Floats, SineFit, fit_sine
+from palpate.instrument.uncertainty.budget import coverage_factor
 
 FREQUENCY, RATE = 10.0, 250.0
 REPEATS = 400

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.load import Load
-from instrument.models.influence import ERROR, shares_along, tooth_shares
-from instrument.models.parameters import solid_parameters
-from instrument.models.solid import point_loads
-from instrument.position import locate
-from instrument.sample import get_sample
+from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.position import locate
+from palpate.instrument.models.influence import ERROR, shares_along, tooth_shares
+from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.solid.model import point_loads
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import get_sample
 
 DESIGN = get_design("common_base")
 HARD = get_sample("1")

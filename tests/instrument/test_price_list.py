@@ -7,15 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import ConfigError, RangeError
-from instrument.load import Load
-from instrument.models import axisymmetric, price_list, solid
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters, SolidParameters
-from instrument.models.price import Machine, Price, Reference
-from instrument.models.price_list import (
+from palpate.instrument.errors import ConfigError, RangeError
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.prices import price_list
+from palpate.instrument.models.prices.price import Machine, Price, Reference
+from palpate.instrument.models.prices.price_list import (
     AUTO_TOLERANCE,
     PriceList,
     answer_cheapest,
@@ -23,7 +21,11 @@ from instrument.models.price_list import (
     fingerprint,
     stored,
 )
-from instrument.models.response import response
+from palpate.instrument.models.response import response
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
 
 Values = tuple[float | None, ...]
 ROUND = get_design("single_round")

@@ -7,8 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from instrument.errors import EstimateError
-from instrument.propagation import LINEAR, MONTE_CARLO, Floats, Function, Input, Propagated, propagate
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.uncertainty.propagation import (
+    LINEAR,
+    MONTE_CARLO,
+    Floats,
+    Function,
+    Input,
+    Propagated,
+    propagate,
+)
 
 NAN, INF = math.nan, math.inf
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from instrument import quantity
-from instrument.errors import QuantityError
-from instrument.quantity import parse, show
+from palpate.instrument import quantity
+from palpate.instrument.errors import QuantityError
+from palpate.instrument.quantity import parse, show
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from instrument import rounding
-from instrument.rounding import mean_u
+from palpate.instrument.uncertainty import rounding
+from palpate.instrument.uncertainty.rounding import mean_u
 
 
 @pytest.mark.parametrize("noise", [0.25, 0.3, 0.6, 3.0])

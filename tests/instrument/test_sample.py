@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from instrument.designs import DESIGNS, get_design
-from instrument.errors import RangeError, UnknownName
-from instrument.sample import SAMPLES, Sample, get_sample, parse_samples
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample, parse_samples
 
 THESIS = Path(__file__).parents[1] / "data" / "thesis"
 SINGLE = get_design("single")

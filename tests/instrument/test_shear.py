@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from instrument.designs import get_design
-from instrument.models.shear import DRAGGED, FilmShear, shear, told
-from instrument.sample import get_sample
+from palpate.instrument.models.shear import DRAGGED, FilmShear, shear, told
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
 
 SAMPLE = get_sample("1")
 STIFF = replace(SAMPLE, modulus=1e12)

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instrument.designs import get_design
-from instrument.errors import EstimateError, RangeError, UnknownName
-from instrument.models import axisymmetric, price_list
-from instrument.models.curve import RatioCurve, curve_through, ratio_curve, sampled_curve
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters
-from instrument.models.price_list import Choice
-from instrument.models.response import response
-from instrument.softness import modulus_of_ratio
+from palpate.instrument.errors import EstimateError, RangeError, UnknownName
+from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.prices import price_list
+from palpate.instrument.models.prices.price_list import Choice
+from palpate.instrument.models.response import response
+from palpate.instrument.models.stored.curve import RatioCurve, curve_through, ratio_curve, sampled_curve
+from palpate.instrument.sensor.designs import get_design
 
 Array = NDArray[np.float64]
 

@@ -11,17 +11,19 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from instrument.designs import get_design
-from instrument.errors import EstimateError, RangeError, UnknownName
-from instrument.models import axisymmetric, linear_solver, solid_system
-from instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
-from instrument.models.parameters import SolidParameters, solid_parameters
-from instrument.models.solid import point_loads, solve, solve_to
-from instrument.models.solid_body import Body, Elastic, HeightElements, PlanElements, plan_basis
-from instrument.models.solid_forces import evaluate
-from instrument.models.solid_mesh import Cell, Plan, Resolution, graded, plan_mesh
-from instrument.models.solid_system import System
-from instrument.thesis import read_table
+from palpate.instrument.errors import EstimateError, RangeError, UnknownName
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.finite_elements import linear_solver
+from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID, PHYSICAL
+from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.solid import system as solid_system
+from palpate.instrument.models.solid.body import Body, Elastic, HeightElements, PlanElements, plan_basis
+from palpate.instrument.models.solid.forces import evaluate
+from palpate.instrument.models.solid.mesh import Cell, Plan, Resolution, graded, plan_mesh
+from palpate.instrument.models.solid.model import point_loads, solve, solve_to
+from palpate.instrument.models.solid.system import System
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.thesis import read_table
 from tests.settings import disc
 
 COARSE = SolidParameters(interface="frictionless", support="rigid")

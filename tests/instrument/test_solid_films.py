@@ -8,17 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.film_material import PVDF
-from instrument.models import axisymmetric, film, solid, solid_system
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters, SolidParameters
-from instrument.models.response import FilmLoad, response
-from instrument.models.solid import solve_on
-from instrument.models.solid_forces import evaluate
-from instrument.models.solid_mesh import Resolution
-from instrument.models.solid_section import section
-from instrument.models.solid_system import System
+from palpate.instrument.models import film
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.response import FilmLoad, response
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.solid import system as solid_system
+from palpate.instrument.models.solid.forces import evaluate
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.model import solve_on
+from palpate.instrument.models.solid.section import section
+from palpate.instrument.models.solid.system import System
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.film_material import PVDF
 from tests.instrument.coupled import coupled
 
 SMALLEST = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)

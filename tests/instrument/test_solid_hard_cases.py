@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instrument.models import axisymmetric, solid_system
-from instrument.models.parameters import RoundParameters, SolidParameters
-from instrument.models.solid import point_loads, solve, solve_on
-from instrument.models.solid_body import Body, Elastic
-from instrument.models.solid_forces import forces_below
-from instrument.models.solid_mesh import Resolution
-from instrument.models.solid_system import System
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.solid import system as solid_system
+from palpate.instrument.models.solid.body import Body, Elastic
+from palpate.instrument.models.solid.forces import forces_below
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.model import point_loads, solve, solve_on
+from palpate.instrument.models.solid.system import System
 
 Vector = NDArray[np.float64]
 

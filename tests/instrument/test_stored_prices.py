@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from instrument.designs import DESIGNS, get_design
-from instrument.load import Load
-from instrument.models import price_list
-from instrument.models.axisymmetric import solve
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import round_parameters
-from instrument.models.price_list import choose, stored
-from instrument.models.response import MODELS, response
-from instrument.sample import SAMPLES
+from palpate.instrument.models.axisymmetric.model import solve
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import round_parameters
+from palpate.instrument.models.prices import price_list
+from palpate.instrument.models.prices.price_list import choose, stored
+from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
 
 ROUND = get_design("single_round")
 LOAD = PHYSICAL.load(50e3)

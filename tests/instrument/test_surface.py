@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import ConfigError, EstimateError, RangeError
-from instrument.load import Load
-from instrument.models import solid, surface, surface_build
-from instrument.models.axisymmetric import solve
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import RoundParameters, round_parameters, solid_parameters
-from instrument.models.response import response
-from instrument.models.surface import Parameters, ResponseSurface
+from palpate.instrument.errors import ConfigError, EstimateError, RangeError
+from palpate.instrument.models.axisymmetric.model import solve
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import RoundParameters, round_parameters, solid_parameters
+from palpate.instrument.models.response import response
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.stored import surface, surface_build
+from palpate.instrument.models.stored.surface import Parameters, ResponseSurface
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
 
 ROUND, LOAD = get_design("single_round"), PHYSICAL.load(1e5)
 SENSOR = round_parameters(ROUND, LOAD)

@@ -9,9 +9,9 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from instrument import thesis
-from instrument.errors import UnknownName
-from instrument.thesis import COMMON_BASE_TABLES, EVERY_ROW, SINGLE_TABLES, TABLES, read_table
+from palpate.instrument import thesis
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.thesis import COMMON_BASE_TABLES, EVERY_ROW, SINGLE_TABLES, TABLES, read_table
 
 
 def raw(name: str) -> list[dict[str, str]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from instrument import thesis
-from instrument.errors import UnknownName
-from instrument.thesis import TABLES, contents
+from palpate.instrument import thesis
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.thesis import TABLES, contents
 
 # Chapter or appendix -> its last number. Three figures come as a and b; some numbers are only announced or cited.
 FIGURES = {"1": 2, "2": 7, "3": 9, "4": 19, "5": 9, "A1": 2, "A3": 5}

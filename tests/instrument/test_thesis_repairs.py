@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instrument.thesis import EVERY_ROW, Table, read_table
+from palpate.instrument.thesis import EVERY_ROW, Table, read_table
 from tests.instrument.test_thesis import REPAIRS
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from instrument.errors import EstimateError
-from instrument.uncertainty import Budget, Component, coverage_factor
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 
 NAN, INF = math.nan, math.inf
 

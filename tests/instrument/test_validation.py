@@ -8,16 +8,16 @@ from types import MappingProxyType
 
 import pytest
 
-from instrument.design import Design
-from instrument.designs import DESIGNS, get_design
-from instrument.errors import ConfigError, UnknownName
-from instrument.load import Load
-from instrument.models import price_list, validation
-from instrument.models import response as registry
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.response import MODELS, Model, Response, response
-from instrument.models.validation import validate, validate_all
-from instrument.sample import SAMPLES
+from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.models import response as registry
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.prices import price_list, validation
+from palpate.instrument.models.prices.validation import validate, validate_all
+from palpate.instrument.models.response import MODELS, Model, Response, response
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
 
 Found = validation.Validation
 

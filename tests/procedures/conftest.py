@@ -14,19 +14,21 @@ from typing import Any, Self
 import pytest
 from matplotlib.figure import Figure
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
-from instrument.designs import get_design
-from instrument.sample import Sample
-from procedures import load_sweep
-from procedures.cli import main, operator, session
-from procedures.cli.options import Output
-from procedures.load_plan import SweepSettings
-from procedures.load_sweep import Progress, SweepResult
-from procedures.record import Recorder
-from simulators.bench import SimulatedBench
-from simulators.clock import NEVER
-from simulators.scene import Scene, read_scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import Sample
+from palpate.procedures.commands import main
+from palpate.procedures.commands.options import Output
+from palpate.procedures.lab import open as session
+from palpate.procedures.lab import operator
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings
+from palpate.procedures.measurements.loads.procedure import Progress, SweepResult
+from palpate.procedures.records.record import Recorder
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import NEVER
+from palpate.simulators.scenes.scene import Scene, read_scene
 
 HEADER = {"procedure": "sweep-loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
 

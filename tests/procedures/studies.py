@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from instrument.config import parse
-from procedures.study.description import Study, StudyFile, study_of
+from palpate.instrument.config import parse
+from palpate.procedures.study.description import Study, StudyFile, study_of
 
 GRID = """
 name = "grid"

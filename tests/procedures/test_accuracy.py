@@ -12,20 +12,22 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from instrument.designs import get_design
-from instrument.models import price_list, solid, surface
-from instrument.models.error_estimate import Energies, Judged
-from instrument.models.parameter_sets import PHYSICAL, get_parameter_set
-from instrument.models.parameters import SolidParameters
-from instrument.models.price import Price
-from instrument.models.price_list import PriceList, stored
-from instrument.models.response import MODELS, response
-from procedures.accuracy import machine, meshes
-from procedures.accuracy import measure as measuring
-from procedures.accuracy.measure import BEAM_ELEMENTS, measure
-from procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Solved, references, refinements
-from procedures.accuracy.plot import plot_prices
-from procedures.accuracy.references import truth_of
+from palpate.instrument.models.finite_elements.error_estimate import Energies, Judged
+from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
+from palpate.instrument.models.parameters import SolidParameters
+from palpate.instrument.models.prices import price_list
+from palpate.instrument.models.prices.price import Price
+from palpate.instrument.models.prices.price_list import PriceList, stored
+from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.stored import surface
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.accuracy import machine, meshes
+from palpate.procedures.accuracy import measure as measuring
+from palpate.procedures.accuracy.measure import BEAM_ELEMENTS, measure
+from palpate.procedures.accuracy.meshes import COARSEST, MIDDLES, MODULI, TIMED, Mesh, Solved, references, refinements
+from palpate.procedures.accuracy.plot import plot_prices
+from palpate.procedures.accuracy.references import truth_of
 from tests.procedures.conftest import Palpate
 
 MODELS_COMMAND = ("accuracy", "models")

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.errors import EstimateError
-from instrument.estimators import ESTIMATORS, LEAST_SQUARES, Floats
-from procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
-from procedures.cli import accuracy_dwell
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats
+from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
+from palpate.procedures.commands import accuracy_dwell
 from tests.procedures.conftest import Palpate
 
 FREQUENCY, RATE = 10.0, 250.0

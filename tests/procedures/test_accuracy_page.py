@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from instrument.models.price_list import stored
-from procedures.accuracy import arithmetic, page
-from procedures.accuracy.arithmetic import ArithmeticPrice
-from procedures.accuracy.page import Way, cheapest
-from procedures.cli import accuracy_dwell
-from simulators.linear import integrators
+from palpate.instrument.models.prices.price_list import stored
+from palpate.procedures.accuracy import arithmetic, page
+from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
+from palpate.procedures.accuracy.page import Way, cheapest
+from palpate.procedures.commands import accuracy_dwell
+from palpate.simulators.linear import integrators
 from tests.procedures.conftest import Palpate
 
 

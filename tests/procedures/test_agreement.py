@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from instrument.designs import get_design
-from instrument.estimate import FEW_DEGREES
-from instrument.film_forces import film_forces
-from instrument.uncertainty import coverage_factor
-from procedures.agreement import CRYSTALS, FALSE_ALARMS, FREQUENCY_STEP, forces_differ, frequencies_differ
-from procedures.films import FilmRecord
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import FEW_DEGREES
+from palpate.instrument.uncertainty.budget import coverage_factor
+from palpate.procedures.steps.agreement import CRYSTALS, FALSE_ALARMS, FREQUENCY_STEP, forces_differ, frequencies_differ
+from palpate.procedures.steps.films import FilmRecord
 from tests.benchmarks.agreement import DWELLS, OnPaper, false_alarms
 from tests.benchmarks.coverage import FREQUENCY, LOADS, LOUD, RATE
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from procedures.arithmetic import alike, arithmetic, same_arithmetic
-from procedures.run import Run
+from palpate.procedures.arithmetic import alike, arithmetic, same_arithmetic
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 from tests.runs import rehash
 
@@ -25,7 +25,7 @@ x86_64 = pytest.mark.skipif(platform.machine() != "x86_64", reason="OpenBLAS has
 
 def digest(folder: Path, kernel: str, threads: str, *, scene: str) -> tuple[str, dict[str, Any]]:
     """Of a sweep in a process that is told to sum by these kernels."""
-    code = "from procedures.cli import main; main()"
+    code = "from palpate.procedures.commands import main; main()"
     command = (sys.executable, "-c", code, *SWEEP, "--scene", scene, "--out", str(folder))
     kernels = {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": threads}
     subprocess.run(command, env={**os.environ, **kernels}, check=True, cwd=folder.parent, timeout=50)

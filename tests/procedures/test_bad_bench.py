@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from instrument.bench import BenchDescription
-from instrument.contract import Identity
-from procedures.run import Run
-from simulators import bench as simulated_bench
-from simulators.bench import SimulatedBench
-from simulators.modbus import ServerThread
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.contracts.contract import Identity
+from palpate.procedures.records.run import Run
+from palpate.simulators import bench as simulated_bench
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.wire.modbus import ServerThread
 from tests.conftest import hasty
 from tests.procedures.conftest import Benches, Palpate, outputs
 

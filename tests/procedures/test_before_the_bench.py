@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import write_calibration
-from instrument.errors import RangeError
-from procedures.cli import session
-from procedures.cli.calibrations import check_store, load_cell_path
+from palpate.instrument.calibration.files import write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import RangeError
+from palpate.procedures.lab import open as session
+from palpate.procedures.lab.calibrations import check_store, load_cell_path
 from tests.fuzz.files import BENCH
 from tests.procedures.conftest import Palpate
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.sample import get_sample
-from procedures.bluesky import Done, FilmSignals, Load, Setting
-from procedures.films import Films
-from procedures.servo import LoadServo, press
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.bluesky import Done, FilmSignals, Load, Setting
+from palpate.procedures.steps.films import Films
+from palpate.procedures.steps.servo import LoadServo, press
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from bluesky import RunEngine

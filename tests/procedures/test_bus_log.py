@@ -12,12 +12,12 @@ from typing import Any
 import can
 import pytest
 
-from drivers.bench import Bench
-from drivers.bus_log import BusLog
-from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
-from instrument.errors import RecordError
-from procedures.run import Run
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.drivers.logs.bus_log import BusLog
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Palpate, Spoken
 
 

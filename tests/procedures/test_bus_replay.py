@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bus_log import RUN
-from drivers.pcapng import Link, Packet, PcapngWriter, read_pcapng
-from procedures.cli import session
-from procedures.run import Run
+from palpate.drivers.logs.bus_log import RUN
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.procedures.lab import open as session
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate, Spoken
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.1 s")

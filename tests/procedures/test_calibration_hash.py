@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import read_calibration, write_calibration
-from instrument.errors import ConfigError
-from procedures.run import Run
+from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import ConfigError
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")

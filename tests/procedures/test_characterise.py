@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.designs import get_design
-from instrument.errors import EstimateError
-from procedures import characterise
-from procedures.characteristics import Characteristic, FilmsPoint, evaluate
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.measurements.characterise import procedure as characterise
+from palpate.procedures.measurements.characterise.characteristics import Characteristic, FilmsPoint, evaluate
 from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")

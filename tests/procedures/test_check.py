@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.errors import RecordError, UsageError
-from procedures import chain
-from procedures.chain import FRAME, ChainFile, Frame
-from procedures.check import check
-from procedures.encoding import row_crc32
-from procedures.format3 import DATABASE
-from procedures.record import Recorder
-from procedures.record_file import HEAD_FILE, RECORD
-from procedures.repair import repair
-from procedures.run import Run
+from palpate.instrument.errors import RecordError, UsageError
+from palpate.procedures.records import chain
+from palpate.procedures.records.chain import FRAME, ChainFile, Frame
+from palpate.procedures.records.check import check
+from palpate.procedures.records.encoding import row_crc32
+from palpate.procedures.records.format3 import DATABASE
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.repair import repair
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, Palpate
 from tests.runs import as_format3
 

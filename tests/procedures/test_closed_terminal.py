@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from procedures.cli.keys import Keyboard, keyboard
-from procedures.cli.options import Output
-from procedures.report.terminal import Spoken
-from procedures.run import Run
+from palpate.procedures.commands.options import Output
+from palpate.procedures.lab.keys import Keyboard, keyboard
+from palpate.procedures.records.run import Run
+from palpate.procedures.showing.terminal import Spoken
 
 PALPATE = str(Path(sys.executable).with_name("palpate"))
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from procedures.export import as_dataset
-from procedures.record import Recorder
-from procedures.run import Run
+from palpate.procedures.records.export import as_dataset
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER
 
 

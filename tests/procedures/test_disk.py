@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures import chain_writer
-from procedures.record import Recorder
-from procedures.run import Run
+from palpate.procedures.records import chain_writer
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
 from tests.benchmarks.disk import cuts, failing
 from tests.procedures.conftest import HEADER
 

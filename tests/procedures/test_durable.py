@@ -15,12 +15,12 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from instrument.errors import RecordError
-from procedures.check import check
-from procedures.cli.options import Progress
-from procedures.record import Recorder
-from procedures.record_file import HEAD_FILE, RECORD
-from procedures.run import Run
+from palpate.instrument.errors import RecordError
+from palpate.procedures.commands.options import Progress
+from palpate.procedures.records.check import check
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from simulators.effects import EFFECTS, effect_class
-from simulators.planning import plan as planning
-from simulators.scene import read_scene
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.planning import plan as planning
+from palpate.simulators.scenes.scene import read_scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 NOISY = IDEAL_SCENE + '\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n'
@@ -159,7 +159,7 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
     def started(*_: object) -> None:
         raise AssertionError("a rig was built")
 
-    monkeypatch.setattr("simulators.rig.Rig.__init__", started)
+    monkeypatch.setattr("palpate.simulators.rig.rig.Rig.__init__", started)
     text, message = WRONG[wrong]
     Path("wrong.toml").write_text(f"{IDEAL_SCENE}\n{text}\n")
     spoken = palpate(*command, "wrong.toml")

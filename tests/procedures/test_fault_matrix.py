@@ -6,10 +6,10 @@ import itertools
 
 import pytest
 
-from simulators.faults import FAULTS, fault_class
-from simulators.faults.can import CanFault
-from simulators.faults.rtu import RtuFault
-from simulators.faults.tcp import TcpFault
+from palpate.simulators.faults import FAULTS, fault_class
+from palpate.simulators.faults.can import CanFault
+from palpate.simulators.faults.rtu import RtuFault
+from palpate.simulators.faults.tcp import TcpFault
 from tests.fault_matrix import ONCE, STAYS, Cell, cells, play
 from tests.fault_procedures import PROCEDURES
 

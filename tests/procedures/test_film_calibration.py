@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import read_film_calibration, write_calibration
-from instrument.designs import get_design
-from instrument.errors import DeviceError
-from procedures import film_calibration
-from procedures.film_calibration import FilmSettings
-from procedures.film_point import UNSETTLED
-from procedures.record import Recorder
-from procedures.run import Run
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.files import read_film_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import DeviceError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.measurements.films import procedure as film_calibration
+from palpate.procedures.measurements.films.procedure import FilmSettings
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps.film_point import UNSETTLED
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of, silent
 from tests.procedures.test_load_cell import CREATED
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from instrument.designs import get_design
-from instrument.dwell import Dwell
-from instrument.errors import DeviceError, RangeError
-from instrument.estimate import fit_sine
-from procedures import films as module
-from procedures.film_point import DwellChoice, FilmPoint, measure, recording_seconds
-from procedures.films import FilmRecord, Films, check_nodes
-from procedures.record import Recorder
-from procedures.run import Run
-from procedures.servo import IndicatorMean, LoadServo
+from palpate.drivers.bench import Bench
+from palpate.instrument.errors import DeviceError, RangeError
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.dwell import Dwell
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps import films as module
+from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure, recording_seconds
+from palpate.procedures.steps.films import FilmRecord, Films, check_nodes
+from palpate.procedures.steps.servo import IndicatorMean, LoadServo
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION
 
 RATE = 250.0  # Hz, at 10 Hz

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from procedures.frequency_sweep import FrequencySettings, check, dwell_at, parse_frequencies
-from procedures.run import Run
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.measurements.frequency.procedure import FrequencySettings, check, dwell_at, parse_frequencies
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
 SWEEP = ("sweep", "frequency")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.errors import BenchError
-from procedures.run import Run
-from procedures.servo import check_zero
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import BenchError
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps.servo import check_zero
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Palpate
 
 SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N")

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from instrument.errors import RecordError
-from procedures import format3
-from procedures.check import check
-from procedures.holes import MOST, check_holes
-from procedures.record import Recorder
-from procedures.record_file import RECORD
-from procedures.repair import repair
-from procedures.run import Run
-from procedures.run_list import list_runs
-from procedures.study.results import read_results
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records import format3
+from palpate.procedures.records.check import check
+from palpate.procedures.records.holes import MOST, check_holes
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import RECORD
+from palpate.procedures.records.repair import repair
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.study.results import read_results
 from tests.procedures.conftest import HEADER, Palpate
 
 SPARSE = 200_000_000_000  # bytes
@@ -74,7 +74,7 @@ def test_too_little_memory_is_one_message(palpate: Palpate, monkeypatch: pytest.
     def greedy(_path: Path) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("procedures.bus_log.read_log", greedy)
+    monkeypatch.setattr("palpate.procedures.logs.shown.read_log", greedy)
     Path("trace.pcapng").touch()
     said = palpate("bus", "show", "trace.pcapng")
     assert said.status == 1

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.cli import palpate
-from simulators.linear import integrators
-from simulators.linear.integrators import STATES, STIFFNESS, Measured, chain, compare
+from palpate.procedures.commands import palpate
+from palpate.simulators.linear import integrators
+from palpate.simulators.linear.integrators import STATES, STIFFNESS, Measured, chain, compare
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.estimate import amplitude_ratio, fit_sine
-from procedures.record_file import RECORD
-from procedures.run import Run
+from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.procedures.records.record_file import RECORD
+from palpate.procedures.records.run import Run
 from tests.kills import Commands
 from tests.procedures.conftest import OFF, Palpate
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.errors import DeviceError, RangeError
-from procedures import load_cell
-from procedures.load_cell import LoadCellResult, LoadCellSettings
-from procedures.record import Recorder
-from procedures.run import Run
-from simulators.bench import SimulatedBench
-from simulators.effects.load_cell import LoadCell
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.errors import DeviceError, RangeError
+from palpate.procedures.measurements.load_cell import procedure as load_cell
+from palpate.procedures.measurements.load_cell.procedure import LoadCellResult, LoadCellSettings
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.effects.load_cell import LoadCell
+from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of, silent
 

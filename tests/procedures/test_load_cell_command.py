@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.calibration_file import read_calibration, write_calibration
-from procedures.run import Run
+from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 FILE = Path("runs") / "calibrations" / "load_cell-SIM-SI-0001.toml"

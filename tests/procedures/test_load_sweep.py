@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.designs import get_design
-from instrument.errors import RangeError, UnreachableError
-from instrument.estimate import amplitude_ratio, fit_sine
-from instrument.load import Load
-from instrument.models.response import response
-from instrument.sample import SAMPLES
-from procedures.load_plan import parse_loads
-from procedures.load_sweep import LoadPoint, evaluate
-from procedures.run import Run
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene, read_scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import RangeError, UnreachableError
+from palpate.instrument.models.response import response
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.procedures.measurements.loads.plan import parse_loads
+from palpate.procedures.measurements.loads.procedure import LoadPoint, evaluate
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene, read_scene
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
 

@@ -10,13 +10,13 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from instrument.errors import RecordError
-from procedures import chain_writer
-from procedures.chain import SECTOR
-from procedures.check import check
-from procedures.record import Recorder
-from procedures.record_file import HEAD_FILE, RECORD
-from procedures.run import Run
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records import chain_writer
+from palpate.procedures.records.chain import SECTOR
+from palpate.procedures.records.check import check
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER
 
 POINTS = 10

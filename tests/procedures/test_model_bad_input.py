@@ -8,7 +8,7 @@ from shutil import copyfile
 
 import pytest
 
-from instrument.models import surface
+from palpate.instrument.models.stored import surface
 from tests.procedures.conftest import Palpate
 
 COMMANDS = {

@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from instrument.designs import get_design
-from instrument.models import solid_system
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.ratio import Answer, Question
-from instrument.models.response import response
-from instrument.models.solid_mesh import Resolution
-from procedures import model_picture, model_plot
-from procedures.model_picture import Picture
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.ratio import Answer, Question
+from palpate.instrument.models.response import response
+from palpate.instrument.models.solid import system as solid_system
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.showing import model_picture, model_plot
+from palpate.procedures.showing.model_picture import Picture
 from tests.procedures.conftest import Palpate, changed
 
 PLOT = ("model", "plot", "--sensed-modulus", "100 kPa")

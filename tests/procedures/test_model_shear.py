@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from instrument.design import Design
-from instrument.models import shear as model
-from instrument.sample import Sample
+from palpate.instrument.models import shear as model
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
 from tests.procedures.conftest import Palpate
 
 

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from drivers.bench import Bench
-from instrument import propagation
-from instrument.calibration import THESIS_LOAD_CELL, LoadCellCalibration
-from instrument.errors import RangeError, SafetyError, UnreachableError
-from instrument.sample import SAMPLES, get_sample
-from procedures import modulus
-from procedures.cli import operator
-from procedures.cli.operator import ConsoleOperator
-from procedures.modulus import ModulusResult, ModulusSettings
-from procedures.record import Recorder
-from procedures.run import Run
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.instrument.uncertainty import propagation
+from palpate.procedures.lab import operator
+from palpate.procedures.lab.operator import ConsoleOperator
+from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.measurements.modulus.procedure import ModulusResult, ModulusSettings
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Palpate, scene_of, silent
 
 RESULT = {

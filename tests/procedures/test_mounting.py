@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from procedures.cli import operator
-from procedures.cli.operator import Mounting, at_terminal, weaker
-from procedures.report.text import where
-from procedures.run import Run
-from simulators.bench import SimulatedBench
+from palpate.procedures.lab import operator
+from palpate.procedures.lab.operator import Mounting, at_terminal, weaker
+from palpate.procedures.records.run import Run
+from palpate.procedures.showing.text import where
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")

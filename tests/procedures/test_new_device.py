@@ -8,25 +8,26 @@ from pathlib import Path
 import pint  # noqa: F401  (what an inner session imports is forgotten with it, and dask comes with pint)
 import pytest
 
-import drivers
-import instrument.contracts
-import procedures
-import simulators.effects
+import palpate.drivers.devices
+import palpate.instrument.contracts
+import palpate.procedures
+import palpate.simulators.devices
+import palpate.simulators.effects
 import tests.conformance  # noqa: F401  (what an inner session imports is forgotten with it)
-from instrument.errors import UsageError
-from procedures.new_device import BUSES, FILES, new_device
-from procedures.new_files import EFFECT, PROCEDURE, new_effect, new_procedure
+from palpate.instrument.errors import UsageError
+from palpate.procedures.templates.new_device import BUSES, FILES, new_device
+from palpate.procedures.templates.new_files import EFFECT, PROCEDURE, new_effect, new_procedure
 from tests.procedures.conftest import Palpate
 
 pytest_plugins = ["pytester"]
 
 
 PACKAGES = {
-    "drivers": drivers,
-    "simulators": simulators,
-    "simulators/effects": simulators.effects,
-    "instrument/contracts": instrument.contracts,
-    "procedures": procedures,
+    "drivers/devices": palpate.drivers.devices,
+    "simulators/devices": palpate.simulators.devices,
+    "simulators/effects": palpate.simulators.effects,
+    "instrument/contracts": palpate.instrument.contracts,
+    "procedures": palpate.procedures,
 }
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from rich.table import Table
 
-from procedures import agreement, film_point
-from procedures.policy import ATTEMPTS
-from procedures.report.marks import FLAGS, MARKS, legend
+from palpate.procedures.showing.marks import FLAGS, MARKS, legend
+from palpate.procedures.steps import agreement, film_point
+from palpate.procedures.steps.policy import ATTEMPTS
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 OFF = IDEAL_SCENE + "\n[effects.frequency_error]\nbits = 28\n"  # 10 Hz comes as 9.965 Hz
@@ -25,7 +25,7 @@ SLOW = [
 
 @pytest.fixture
 def off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr("procedures.film_point.ATTEMPTS", 1)
+    monkeypatch.setattr("palpate.procedures.steps.film_point.ATTEMPTS", 1)
     scene = tmp_path / "off.toml"
     scene.write_text(OFF)
     return str(scene)

@@ -9,12 +9,16 @@ from pathlib import Path
 
 import pytest
 
-import procedures.testing.benches  # noqa: F401  (what an inner session imports is forgotten with it)
-from simulators.bench import SimulatedBench
+import palpate.procedures.testing.benches  # noqa: F401  (what an inner session imports is forgotten with it)
+from palpate.simulators.bench import SimulatedBench
 
 pytest_plugins = ["pytester"]
 EXAMPLES = Path(__file__).parents[1] / "examples"
-ALONE = ("--disable-plugin-autoload", "-p", "procedures.testing")  # other plugins would be imported again each time
+ALONE = (
+    "--disable-plugin-autoload",
+    "-p",
+    "palpate.procedures.testing",
+)  # other plugins would be imported again each time
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 
 
@@ -190,6 +194,7 @@ def test_the_example_project_passes(pytester: pytest.Pytester) -> None:
 
 def test_the_plugin_costs_nothing_where_it_is_not_used() -> None:
     """Beside pytest it imports no module but its own."""
-    code = "import sys, pytest; before = set(sys.modules); import procedures.testing; print(*set(sys.modules) - before)"
+    code = "import sys, pytest; before = set(sys.modules); import palpate.procedures.testing"
+    code += "; print(*set(sys.modules) - before)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert set(done.stdout.split()) == {"procedures", "procedures.testing"}
+    assert set(done.stdout.split()) == {"palpate", "palpate.procedures", "palpate.procedures.testing"}

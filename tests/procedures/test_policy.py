@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.incident import INCIDENT
-from instrument.errors import (
+from palpate.drivers.bench import Bench
+from palpate.drivers.incident import INCIDENT
+from palpate.instrument.errors import (
     BenchError,
     DeviceError,
     IdentityError,
@@ -23,11 +23,11 @@ from instrument.errors import (
     SettingsLost,
     UnreachableError,
 )
-from procedures.policy import ATTEMPTS, RESTORE, STOP, carry_out, policy_for
-from procedures.run import Run
-from simulators.bench import SimulatedBench
-from simulators.faults import inject
-from simulators.faults.fault import parse_faults
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps.policy import ATTEMPTS, RESTORE, STOP, carry_out, policy_for
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.faults import inject
+from palpate.simulators.faults.fault import parse_faults
 from tests.fault_procedures import scene
 from tests.procedures.conftest import Palpate
 from tests.writes import counted_writes

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from instrument.thesis import read_table
-from simulators.bench import SimulatedBench
-from simulators.scene import read_scene
+from palpate.instrument.thesis import read_table
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SWEEP = ("sweep", "position")

@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 import pytest
 
-from procedures.cli import palpate as main
-from procedures.policy import POLICIES
+from palpate.procedures.commands import palpate as main
+from palpate.procedures.steps.policy import POLICIES
 from tests.procedures.conftest import Palpate
 
 README = Path(__file__).parents[2] / "README.md"

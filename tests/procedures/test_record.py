@@ -16,13 +16,13 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from instrument.errors import RangeError, RecordError, UsageError
-from procedures.chain import HASH
-from procedures.chain_writer import AHEAD
-from procedures.encoding import LARGEST_ROW
-from procedures.record import Recorder, new_run_folder
-from procedures.record_file import IN_A_FRAME
-from procedures.run import Run
+from palpate.instrument.errors import RangeError, RecordError, UsageError
+from palpate.procedures.records.chain import HASH
+from palpate.procedures.records.chain_writer import AHEAD
+from palpate.procedures.records.encoding import LARGEST_ROW
+from palpate.procedures.records.record import Recorder, new_run_folder
+from palpate.procedures.records.record_file import IN_A_FRAME
+from palpate.procedures.records.run import Run
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}
 SECOND = 1_000_000_000
@@ -176,7 +176,7 @@ def test_a_folder_takes_one_run_only(tmp_path: Path) -> None:
 
 def test_of_recorders_that_start_at_once_in_a_folder_one_gets_it(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from procedures.record import *\n"
+        "import sys; from pathlib import Path; from palpate.procedures.records.record import *\n"
         "print('ready', flush=True); sys.stdin.readline()\n"
         f"try: Recorder.create(Path({str(tmp_path / 'run')!r}), {HEADER!r}).finish('complete', {{}})\n"
         "except UsageError as error: sys.exit(error.exit_code)\n"
@@ -233,8 +233,8 @@ def test_a_limit_of_the_system_stops_the_run_and_keeps_its_points(tmp_path: Path
 import resource, sys
 from pathlib import Path
 import numpy as np
-from instrument.errors import RecordError
-from procedures.record import Recorder
+from palpate.instrument.errors import RecordError
+from palpate.procedures.records.record import Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_050_000, 1_050_000))  # in the midst of a waveform
 try:
     with Recorder.create(Path({str(tmp_path)!r}), {HEADER!r}) as recorder:

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.record_file import RECORD
-from procedures.run import Run
-from procedures.run_list import list_runs
+from palpate.procedures.records.record_file import RECORD
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import list_runs
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +26,7 @@ WRITERS = """
 import json, os, sys
 from pathlib import Path
 import numpy as np
-from procedures.record import Recorder
+from palpate.procedures.records.record import Recorder
 
 def write(store, points, values):
     for run in range(1000):

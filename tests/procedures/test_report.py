@@ -14,19 +14,19 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.errors import RecordError
-from procedures.load_cell import LoadCellResult
-from procedures.load_sweep import LoadPoint, evaluate
-from procedures.record import Recorder
-from procedures.report.load_cell import plot_load_cell, print_load_cell
-from procedures.report.load_sweep import plot_sweep, print_sweep
-from procedures.report.runs import print_run, print_runs
-from procedures.report.text import PIPE_WIDTH, STAMP, new_table, print_all
-from procedures.run import Run
-from procedures.run_list import RunSummary
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import RecordError
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
+from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
+from palpate.procedures.measurements.loads.procedure import LoadPoint, evaluate
+from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.showing.runs import print_run, print_runs
+from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all
 from tests.procedures.conftest import HEADER, Palpate
 
 DESIGN = get_design("single")

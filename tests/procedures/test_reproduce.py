@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instrument.errors import UnknownName
-from instrument.models import solid, springs
-from instrument.thesis import contents, read_table
-from procedures.reproduce import curves, models, position, single, solutions
-from procedures.reproduce.comparison import Column, Comparison, Series
-from procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, Case, Curves, Solved
-from procedures.reproduce.solutions import Solutions
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.models.foundation import springs
+from palpate.instrument.models.solid import model as solid
+from palpate.instrument.thesis import contents, read_table
+from palpate.procedures.reproduce.chapter4 import curves, models, position, single, solutions
+from palpate.procedures.reproduce.chapter4.curves import COARSE_MESH, FINE_MESH, STIFF_RING, Case, Curves, Solved
+from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series
 from tests.procedures.conftest import Palpate
 
 REPRODUCE = ("reproduce", "models")

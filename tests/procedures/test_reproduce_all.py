@@ -11,25 +11,27 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from instrument import propagation
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.compression import compress
-from instrument.designs import get_design
-from instrument.evidence import Evidence, ratio_by
-from instrument.film_forces import ToothPoint
-from instrument.sample import get_sample
-from instrument.thesis import Cell, read_table
-from procedures import load_sweep
-from procedures.load_cell import LoadCellResult
-from procedures.load_sweep import LoadPoint, SweepResult
-from procedures.modulus import ModulusResult
-from procedures.reproduce import bench_tables, curves, everything, experiments, models, percent
-from procedures.reproduce.criterion import LEAST_SHARE
-from procedures.reproduce.curves import Case
-from procedures.reproduce.everything import Everything
-from procedures.reproduce.rows import Row, RowTable
-from procedures.reproduce.solutions import Solutions
-from procedures.run import Run
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.findings.compression import compress
+from palpate.instrument.findings.evidence import Evidence, ratio_by
+from palpate.instrument.findings.film_forces import ToothPoint
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.thesis import Cell, read_table
+from palpate.instrument.uncertainty import propagation
+from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
+from palpate.procedures.measurements.modulus.procedure import ModulusResult
+from palpate.procedures.records.run import Run
+from palpate.procedures.reproduce import everything
+from palpate.procedures.reproduce.chapter4 import curves, models
+from palpate.procedures.reproduce.chapter4.curves import Case
+from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
+from palpate.procedures.reproduce.everything import Everything
+from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
+from palpate.procedures.reproduce.judging.rows import Row, RowTable
 from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from instrument.designs import get_design
-from instrument.evidence import Evidence
-from instrument.models.validation import validate
-from instrument.sample import SAMPLES
-from procedures.reproduce import blind, experiments
-from procedures.reproduce.criterion import judge
+from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.prices.validation import validate
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.reproduce.chapter5 import blind, experiments
+from palpate.procedures.reproduce.judging.criterion import judge
 from tests.procedures.test_reproduce_all import swept
 
 SINGLE = experiments.ARRANGEMENTS[0]
@@ -65,9 +65,10 @@ def test_the_samples_of_every_arrangement_are_swept_at_three_of_its_loads() -> N
 @pytest.mark.parametrize("parameters", blind.SETS)
 def test_a_blind_sweep_of_the_bench_finds_what_its_model_says(parameters: str, tmp_path: Path) -> None:
     """So that the distance is the model's, and not the bench's: each mean within four of its uncertainties."""
-    from instrument.calibration import THESIS_LOAD_CELL
-    from procedures import load_plan, load_sweep
-    from procedures.cli.reproduce import _opener
+    from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+    from palpate.procedures.commands.reproduce import _opener
+    from palpate.procedures.measurements.loads import plan as load_plan
+    from palpate.procedures.measurements.loads import procedure as load_sweep
 
     arrangement = experiments.ARRANGEMENTS[1]
     with _opener(tmp_path, None)(arrangement.scene, load_plan.PROCEDURE, blind.MODEL, parameters) as session:

@@ -9,11 +9,11 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from instrument.thesis import Cell, Table, read_table
-from procedures.reproduce import pair, theory
-from procedures.reproduce.comparison import Column, Comparison, Series, fit_sentence
-from procedures.reproduce.curves import TOOTH, Case
-from procedures.reproduce.films import voltage_sentence
+from palpate.instrument.thesis import Cell, Table, read_table
+from palpate.procedures.reproduce.chapter4 import pair, theory
+from palpate.procedures.reproduce.chapter4.curves import TOOTH, Case
+from palpate.procedures.reproduce.chapter4.films import voltage_sentence
+from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series, fit_sentence
 
 IDENTIFIED = Case("single", "axisymmetric", "identified")
 

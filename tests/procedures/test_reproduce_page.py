@@ -20,26 +20,29 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from skfem import ElementQuadP
 
-from instrument import propagation
-from instrument.bench import BenchDescription, RtuAddress, TcpAddress
-from instrument.designs import get_design
-from instrument.evidence import REPEATS, Evidence
-from instrument.models import springs
-from instrument.sample import SAMPLES
-from instrument.thesis import contents, read_table
-from procedures import load_cell, load_sweep, modulus
-from procedures.report.reproduce import print_everything
-from procedures.reproduce import everything, experiments
-from procedures.reproduce.criterion import REQUIRED
-from procedures.reproduce.everything import Everything
-from procedures.reproduce.figure_page import anchor
-from procedures.reproduce.figures import area_ratios, chapter4, chapter5, elements, orders, setup
-from procedures.reproduce.figures.experiments import WITH_THEORIES
-from procedures.reproduce.figures.measured import Measured
-from procedures.reproduce.figures.ratios import RATIO_FIGURES
-from procedures.reproduce.models import Reproduction
-from procedures.reproduce.page import PARTS, write_page
-from procedures.reproduce.rows import RowTable, counts
+from palpate.instrument.bench.description import BenchDescription, RtuAddress, TcpAddress
+from palpate.instrument.findings.evidence import REPEATS, Evidence
+from palpate.instrument.models.foundation import springs
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import contents, read_table
+from palpate.instrument.uncertainty import propagation
+from palpate.procedures.measurements.load_cell import procedure as load_cell
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.reproduce import everything
+from palpate.procedures.reproduce.chapter4.models import Reproduction
+from palpate.procedures.reproduce.chapter5 import experiments
+from palpate.procedures.reproduce.everything import Everything
+from palpate.procedures.reproduce.figure_page import anchor
+from palpate.procedures.reproduce.figures import area_ratios, chapter4, chapter5, elements, orders, setup
+from palpate.procedures.reproduce.figures.experiments import WITH_THEORIES
+from palpate.procedures.reproduce.figures.measured import Measured
+from palpate.procedures.reproduce.figures.ratios import RATIO_FIGURES
+from palpate.procedures.reproduce.judging.criterion import REQUIRED
+from palpate.procedures.reproduce.judging.rows import RowTable, counts
+from palpate.procedures.reproduce.page import PARTS, write_page
+from palpate.procedures.reproduce.report import print_everything
 from tests.procedures.conftest import silent
 from tests.procedures.test_reproduce_all import pressed, row, swept, weighed
 

@@ -14,20 +14,20 @@ from typing import Any
 
 import pytest
 
-from instrument.errors import RecordError
-from instrument.sample import get_sample
-from procedures.cli import keys, operator
-from procedures.cli.conduct import Procedure
-from procedures.cli.resume import resumable
-from procedures.encoding import as_json
-from procedures.load_plan import SweepSettings
-from procedures.load_sweep import LoadPoint
-from procedures.record import Recorder
-from procedures.record_file import HEAD_FILE
-from procedures.resume import Resumed, header_of, settings_of
-from procedures.run import Run
-from procedures.softness import SoftnessSettings
-from simulators.bench import SimulatedBench
+from palpate.instrument.errors import RecordError
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.engine.conduct import Procedure
+from palpate.procedures.engine.resumption import resumable
+from palpate.procedures.lab import keys, operator
+from palpate.procedures.measurements.loads.plan import SweepSettings
+from palpate.procedures.measurements.loads.procedure import LoadPoint
+from palpate.procedures.measurements.softness.procedure import SoftnessSettings
+from palpate.procedures.records.encoding import as_json
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import HEAD_FILE
+from palpate.procedures.records.resumed import Resumed, header_of, settings_of
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
 from tests.runs import as_format3, rehash
 

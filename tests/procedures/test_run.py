@@ -15,14 +15,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from instrument.errors import RecordError, UnknownName, UsageError
-from procedures import chain
-from procedures.chain import Head
-from procedures.export import export
-from procedures.record import Recorder, put_file
-from procedures.repair import repair
-from procedures.run import Run
-from procedures.run_list import find_run, list_runs
+from palpate.instrument.errors import RecordError, UnknownName, UsageError
+from palpate.procedures.records import chain
+from palpate.procedures.records.chain import Head
+from palpate.procedures.records.export import export
+from palpate.procedures.records.record import Recorder, put_file
+from palpate.procedures.records.repair import repair
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import find_run, list_runs
 from tests.runs import as_format3, rehash
 
 NOBODY = 65534

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from procedures.point_by_point import Progress
-from procedures.run import Run
-from simulators.bench import SimulatedBench
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps.begin import Progress
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Benches, Palpate, outputs
 
 pytestmark = pytest.mark.usefixtures("foreground")

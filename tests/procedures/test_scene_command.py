@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from instrument.design import Design
-from instrument.designs import get_design
-from procedures import scene_plot
-from simulators.planning.plan import Question
-from simulators.planning.waveforms import Waveforms, waveforms
-from simulators.scene import read_scene, shipped
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.showing import scene_plot
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.waveforms import Waveforms, waveforms
+from palpate.simulators.scenes.scene import read_scene, shipped
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 HEAD = {"scene", "purpose", "design", "model", "parameter_set", "seed", "nodes", "effects"}

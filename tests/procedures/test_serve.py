@@ -19,19 +19,19 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from drivers.bench import Bench
-from instrument.bench import read_bench
-from instrument.sample import get_sample
-from procedures.cli import session
-from procedures.cli.options import Output
-from procedures.cli.served import Person, Traffic, status
-from procedures.cli.serving import Wish, serve_until_told, serving
-from procedures.point_by_point import Progress
-from procedures.run import Run
-from simulators.bench import Place, SimulatedBench
-from simulators.clock import VirtualClock
-from simulators.rig import STANDARD_GRAVITY
-from simulators.scene import Scene, shipped
+from palpate.drivers.bench import Bench
+from palpate.instrument.bench.description import read_bench
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.commands.options import Output
+from palpate.procedures.lab import open as session
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps.begin import Progress
+from palpate.procedures.virtual.person import Person, Traffic, status
+from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serving
+from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.rig.rig import STANDARD_GRAVITY
+from palpate.simulators.scenes.scene import Scene, shipped
 from tests.procedures.conftest import Palpate, happens_in
 
 STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.bench import Bench
-from drivers.clock import WallClock
-from procedures.cli.serving import Wish, serving
-from simulators.bench import Place
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.clock import WallClock
+from palpate.procedures.virtual.served_bench import Wish, serving
+from palpate.simulators.bench import Place
+from palpate.simulators.scenes.scene import Scene
 
 WATCHDOG = 1.0  # s
 

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 import can
 import pytest
 
-from drivers.can import CanLink
-from instrument.contract import PROBE
-from instrument.multicast import MULTICAST, keep_to_group
-from procedures.cli.serving import Wish, serving
-from simulators.bench import Place
-from simulators.scene import Scene
+from palpate.drivers.links.can import CanLink
+from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.contracts.contract import PROBE
+from palpate.procedures.virtual.served_bench import Wish, serving
+from palpate.simulators.bench import Place
+from palpate.simulators.scenes.scene import Scene
 
 
 @pytest.fixture

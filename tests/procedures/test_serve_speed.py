@@ -13,14 +13,15 @@ import pytest
 
 from tests.procedures.conftest import Palpate
 
-PALPATE = (sys.executable, "-c", "from procedures.cli import main; main()")
+PALPATE = (sys.executable, "-c", "from palpate.procedures.commands import main; main()")
 SPEED, HASTE = 10, 5
 # The client's wall goes faster too, so that this takes seconds; the bench is SPEED / HASTE times as fast as it.
 CLIENT = (
     sys.executable,
     "-c",
     f"""
-from procedures.cli import main, session
+from palpate.procedures.commands import main
+from palpate.procedures.lab import open as session
 
 class Hasty(session.WallClock):
     def now_ns(self):

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.errors import BenchError, ConfigError, DeviceError, LinkError, PalpateError, UsageError
-from instrument.sample import get_sample
-from procedures.cli.served import Person
-from simulators.bench import SimulatedBench
-from simulators.faults import FAULTS, fault_class
-from simulators.faults.fault import NODE
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.instrument.errors import BenchError, ConfigError, DeviceError, LinkError, PalpateError, UsageError
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.virtual.person import Person
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.faults import FAULTS, fault_class
+from palpate.simulators.faults.fault import NODE
+from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
 
 

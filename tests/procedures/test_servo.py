@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.sensor_node import Recording, SensorNode, acquire
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
-from instrument.sample import SAMPLES
-from procedures import films
-from procedures.films import SHORT_RECORD
-from procedures.point_by_point import Progress
-from procedures.run import Run
-from procedures.servo import PATIENCE, LoadServo, preload
-from simulators.bench import SimulatedBench
-from simulators.linear.lti import Floats
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.records.run import Run
+from palpate.procedures.steps import films
+from palpate.procedures.steps.begin import Progress
+from palpate.procedures.steps.films import SHORT_RECORD
+from palpate.procedures.steps.servo import PATIENCE, LoadServo, preload
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep
 
 PRELOAD = 2.4  # N

@@ -8,12 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from instrument.designs import get_design
-from instrument.errors import RangeError
-from instrument.models.springs import ratio_of_modulus
-from instrument.sample import get_sample
-from procedures import softness
-from procedures.softness import SoftnessPoint, SoftnessResult, SoftnessSettings, default_model
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.foundation.springs import ratio_of_modulus
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.measurements.softness import procedure as softness
+from palpate.procedures.measurements.softness.procedure import (
+    SoftnessPoint,
+    SoftnessResult,
+    SoftnessSettings,
+    default_model,
+)
 from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")

@@ -26,11 +26,11 @@ BUSES = {"can", "canopen", "pymodbus", "serial"}
     ],
 )
 def test_a_command_imports_nothing_that_it_can_do_without(command: str, needless: set[str], tmp_path: Path) -> None:
-    code = "from procedures.cli import main; main()"
+    code = "from palpate.procedures.commands import main; main()"
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-c", code, *command.split()],
         cwd=tmp_path, capture_output=True, text=True, check=True,
     )  # fmt: skip
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
-    assert "procedures.cli" in imported
+    assert "palpate.procedures.commands" in imported
     assert not imported & needless

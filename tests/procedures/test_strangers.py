@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from drivers.bench import Bench
-from drivers.modbus_device import ModbusDevice
-from drivers.signal_generator import SignalGenerator
-from instrument.contracts.signal_generator import CONTRACT as GENERATOR
-from instrument.designs import get_design
-from procedures import load_sweep
-from procedures.films import FilmRecord, Films
-from procedures.load_plan import SweepSettings
-from procedures.record import Recorder
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.instrument.contracts.signal_generator import CONTRACT as GENERATOR
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.films import FilmRecord, Films
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, silent
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from instrument.errors import BenchError, RangeError, RecordError, UsageError
-from procedures.report.study import plot_study
-from procedures.study.description import Value
-from procedures.study.results import Results, read_results
-from procedures.study.run import run
-from procedures.study.store import RECORD, Store
+from palpate.instrument.errors import BenchError, RangeError, RecordError, UsageError
+from palpate.procedures.study.description import Value
+from palpate.procedures.study.report import plot_study
+from palpate.procedures.study.results import Results, read_results
+from palpate.procedures.study.run import run
+from palpate.procedures.study.store import RECORD, Store
 from tests.procedures.conftest import silent
 from tests.procedures.studies import GRID, RANDOM, study_from
 

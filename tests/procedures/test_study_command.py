@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from instrument.config import parse
-from instrument.errors import PalpateError
-from procedures.cli import executors
-from procedures.cli.study_cell import COLUMNS, Sweep
-from procedures.study.description import StudyFile, study_of
-from procedures.study.run import attempt
-from simulators.scene import read_scene
+from palpate.instrument.config import parse
+from palpate.instrument.errors import PalpateError
+from palpate.procedures.study.description import StudyFile, study_of
+from palpate.procedures.study.run import attempt
+from palpate.procedures.virtual import executors
+from palpate.procedures.virtual.study_cell import COLUMNS, Sweep
+from palpate.simulators.scenes.scene import read_scene
 from tests.procedures.conftest import Palpate, sweep_scene
 
 LOADS = (2.0, 3.0)

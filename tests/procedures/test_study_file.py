@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from instrument.errors import ConfigError
-from procedures.study.description import MOST_CELLS, read_study
-from procedures.study.results import coordinate
+from palpate.instrument.errors import ConfigError
+from palpate.procedures.study.description import MOST_CELLS, read_study
+from palpate.procedures.study.results import coordinate
 from tests.procedures.studies import GRID, RANDOM, study_from
 
 

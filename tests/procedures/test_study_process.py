@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from instrument.errors import UsageError
-from procedures.study.store import stored
+from palpate.instrument.errors import UsageError
+from palpate.procedures.study.store import stored
 
 pytestmark = pytest.mark.slow
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.designs import get_design
-from procedures import load_sweep
-from procedures.cli.keys import Keyboard
-from procedures.load_plan import SweepSettings, parse_loads, plan
-from procedures.record import Recorder
-from procedures.run import Run
-from simulators.bench import SimulatedBench
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.keys import Keyboard
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings, parse_loads, plan
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
+from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs, silent
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures.cli.options import Choice
+from palpate.procedures.commands.options import Choice
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
 SWEEP = ("sweep", "temperature")
@@ -100,7 +100,7 @@ def test_films_that_warm_up_are_simulated_where_no_scene_is_named(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen: list[Choice] = []
-    module = sys.modules["procedures.cli.sweep"]
+    module = sys.modules["palpate.procedures.commands.sweep"]
     monkeypatch.setattr(module, "_sweep", lambda *arguments: chosen.append(arguments[3]))
     palpate(*SWEEP)
     palpate(*SWEEP, "--scene", "ideal")

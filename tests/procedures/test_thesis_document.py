@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
-from instrument.thesis import contents
-from procedures.cli import palpate as command
-from procedures.definitions import DEFINITIONS, ELSEWHERE
+from palpate.instrument.thesis import contents
+from palpate.procedures.commands import palpate as command
+from palpate.procedures.measurements.characterise.definitions import DEFINITIONS, ELSEWHERE
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
@@ -38,7 +38,7 @@ def commands(group: click.Group, above: str = "") -> Iterator[str]:
 def test_what_the_document_names_exists() -> None:
     modules = {
         path.stem
-        for folder in ("simulators/effects", "instrument/designs", "drivers")
+        for folder in ("simulators/effects", "instrument/sensor/designs", "drivers/devices")
         for path in (ROOT / folder).glob("*.py")
     }
     scenes = {path.stem for path in (ROOT / "simulators" / "scenes").glob("*.toml")}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulators.linear.lti import Floats, StateSpace, Times
-from simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.linear.lti import Floats, StateSpace, Times
+from palpate.simulators.linear.periodic import HERTZ, Periodic
 
 SECOND = 1_000_000_000
 DAY = 86_400 * SECOND

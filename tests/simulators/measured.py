@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from instrument.contracts.sensor_node import RANGE_VOLTS
-from instrument.design import FILM_KINDS, Design
-from instrument.estimate import amplitudes
-from simulators.clock import NEVER, VirtualClock
-from simulators.effects.adc import Adc
-from simulators.effects.effect import Effect, InputEffect
-from simulators.linear.lti import Floats
-from simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from simulators.planning.plan import RATE, SETTLING, Question, driven
-from simulators.randomness import Stream
-from simulators.rig import Rig
-from simulators.scene import Scene
+from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.signals.estimate import amplitudes
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.effects.adc import Adc
+from palpate.simulators.effects.effect import Effect, InputEffect
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene
 
 PERIOD_NS = round(1e9 / RATE)
 GOLDEN = (math.sqrt(5) - 1) / 2

@@ -11,14 +11,14 @@ import numpy as np
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.quantity import Unit
-from instrument.sample import SAMPLES
-from simulators.effects import EFFECTS, effect_class
-from simulators.effects.effect import Effect
-from simulators.planning.plan import RATE, Question
-from simulators.scene import RigParameters, Scene, read_scene
+from palpate.instrument.quantity import Unit
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.planning.plan import RATE, Question
+from palpate.simulators.scenes.scene import RigParameters, Scene, read_scene
 
 ELSEWHERE = ("can_timing", "load_cell", "serial_timing")  # the films do not pass them
 LIMITS = ("amplifier_clip", "current_limit", "end_stops")

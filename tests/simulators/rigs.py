@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from instrument.models import springs
-from instrument.sample import SAMPLES
-from simulators.linear.periodic import HERTZ, Periodic
-from simulators.rig import Rig
-from simulators.scene import RigParameters, Scene, read_scene
+from palpate.instrument.models.foundation import springs
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import RigParameters, Scene, read_scene
 
 MS = 1_000_000
 SECOND = 1000 * MS

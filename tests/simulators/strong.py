@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from simulators.effects.adc import Adc
-from simulators.effects.amplifier_clip import AmplifierClip
-from simulators.effects.can_timing import CanTiming
-from simulators.effects.charge_amplifier import ChargeAmplifier
-from simulators.effects.crosstalk import Crosstalk
-from simulators.effects.current_limit import CurrentLimit
-from simulators.effects.effect import Effect
-from simulators.effects.end_stops import EndStops
-from simulators.effects.frequency_error import FrequencyError
-from simulators.effects.gain_scatter import GainScatter
-from simulators.effects.glue_clamping import GlueClamping
-from simulators.effects.humidity_leak import HumidityLeak
-from simulators.effects.hysteresis import Hysteresis
-from simulators.effects.jitter import Jitter
-from simulators.effects.load_cell import LoadCell
-from simulators.effects.mains_hum import MainsHum
-from simulators.effects.off_axis import OffAxis
-from simulators.effects.pink_noise import PinkNoise
-from simulators.effects.pyroelectric import Pyroelectric
-from simulators.effects.serial_timing import SerialTiming
-from simulators.effects.shaker_dynamics import ShakerDynamics
-from simulators.effects.triboelectric import Triboelectric
-from simulators.effects.viscoelastic import Viscoelastic
-from simulators.effects.voltage_amplifier import VoltageAmplifier
-from simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.effects.adc import Adc
+from palpate.simulators.effects.amplifier_clip import AmplifierClip
+from palpate.simulators.effects.can_timing import CanTiming
+from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.crosstalk import Crosstalk
+from palpate.simulators.effects.current_limit import CurrentLimit
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.effects.end_stops import EndStops
+from palpate.simulators.effects.frequency_error import FrequencyError
+from palpate.simulators.effects.gain_scatter import GainScatter
+from palpate.simulators.effects.glue_clamping import GlueClamping
+from palpate.simulators.effects.humidity_leak import HumidityLeak
+from palpate.simulators.effects.hysteresis import Hysteresis
+from palpate.simulators.effects.jitter import Jitter
+from palpate.simulators.effects.load_cell import LoadCell
+from palpate.simulators.effects.mains_hum import MainsHum
+from palpate.simulators.effects.off_axis import OffAxis
+from palpate.simulators.effects.pink_noise import PinkNoise
+from palpate.simulators.effects.pyroelectric import Pyroelectric
+from palpate.simulators.effects.serial_timing import SerialTiming
+from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
+from palpate.simulators.effects.triboelectric import Triboelectric
+from palpate.simulators.effects.viscoelastic import Viscoelastic
+from palpate.simulators.effects.voltage_amplifier import VoltageAmplifier
+from palpate.simulators.effects.white_noise import WhiteNoise
 
 STRONG: dict[str, Effect] = {
     "frequency_error": FrequencyError(bits=28),

@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.sensor_node import acquire
-from instrument.contracts.sensor_node import bus_load, place, stuff_bits
-from instrument.designs import get_design
-from instrument.errors import LinkError
-from simulators.bench import SimulatedBench
-from simulators.effects.can_timing import CanTiming
-from simulators.effects.effect import Bound, Case, Effect
-from simulators.effects.serial_timing import SerialTiming
-from simulators.planning.plan import Question, case_of
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import acquire
+from palpate.instrument.contracts.sensor_node import bus_load, place, stuff_bits
+from palpate.instrument.errors import LinkError
+from palpate.instrument.sensor.designs import get_design
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.effects.can_timing import CanTiming
+from palpate.simulators.effects.effect import Bound, Case, Effect
+from palpate.simulators.effects.serial_timing import SerialTiming
+from palpate.simulators.planning.plan import Question, case_of
+from palpate.simulators.scenes.scene import Scene
 
 US = 1000  # ns
 

@@ -7,10 +7,10 @@ import itertools
 import can
 import pytest
 
-from instrument.errors import BenchError
-from instrument.multicast import MULTICAST
-from simulators import can_bus
-from simulators.can_bus import burst, open_bus, own_channel
+from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.errors import BenchError
+from palpate.simulators.wire import can_bus
+from palpate.simulators.wire.can_bus import burst, open_bus, own_channel
 
 FRAMES = [(0x80, b""), (0x181, bytes(range(8))), (0x281, b"\x01\x00\x00\x00\x00"), (0x80, b"")]
 

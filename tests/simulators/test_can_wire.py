@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from simulators.bench import SimulatedBench
-from simulators.sensor_node import CONTRACT
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.devices.sensor_node import CONTRACT
 
 REQUEST, ANSWER, HEARTBEAT, NMT, SYNC = 0x601, 0x581, 0x701, 0x000, 0x080
 START, STOP, PREPARE, RESET_NODE, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82

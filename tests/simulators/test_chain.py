@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulators.effects.viscoelastic import Viscoelastic
-from simulators.linear import path as path_module
-from simulators.linear.lti import Floats, gain
-from simulators.linear.path import Path
-from simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from simulators.physics.chain import INPUTS, Armature, Chain, Limits, Plays, Stack, Touch
+from palpate.simulators.effects.viscoelastic import Viscoelastic
+from palpate.simulators.linear import path as path_module
+from palpate.simulators.linear.lti import Floats, gain
+from palpate.simulators.linear.path import Path
+from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
+from palpate.simulators.physics.chain import INPUTS, Armature, Chain, Limits, Plays, Stack, Touch
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())

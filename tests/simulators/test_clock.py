@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from simulators.clock import NEVER, VirtualClock
+from palpate.simulators.clock import NEVER, VirtualClock
 
 SECOND = 1_000_000_000
 DAY = 86_400 * SECOND

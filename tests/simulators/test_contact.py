@@ -11,14 +11,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from simulators.clock import VirtualClock
-from simulators.effects.viscoelastic import Viscoelastic
-from simulators.linear.lti import Floats, StateSpace, gain
-from simulators.linear.path import Path
-from simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
-from simulators.planning.steady import followed
-from simulators.rig import Rig
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.viscoelastic import Viscoelastic
+from palpate.simulators.linear.lti import Floats, StateSpace, gain
+from palpate.simulators.linear.path import Path
+from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
+from palpate.simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
+from palpate.simulators.planning.steady import followed
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0

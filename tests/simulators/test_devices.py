@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.bench import Bench
-from drivers.sensor_node import Recording
-from instrument.contract import Contract
-from instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import Recording
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
 from tests.conftest import latched
 
 

@@ -11,29 +11,29 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from instrument.designs import DESIGNS, get_design
-from instrument.errors import UnknownName
-from instrument.sample import SAMPLES
-from simulators.clock import VirtualClock
-from simulators.effects import EFFECTS, effect_class
-from simulators.effects.adc import Adc
-from simulators.effects.amplifier_clip import AmplifierClip
-from simulators.effects.crosstalk import Crosstalk
-from simulators.effects.current_limit import CurrentLimit
-from simulators.effects.effect import Effect, Floats, Kind, SourceEffect
-from simulators.effects.end_stops import EndStops
-from simulators.effects.gain_scatter import GainScatter
-from simulators.effects.glue_clamping import GlueClamping
-from simulators.effects.load_cell import LoadCell
-from simulators.effects.off_axis import OffAxis
-from simulators.effects.pyroelectric import Pyroelectric
-from simulators.effects.triboelectric import Triboelectric
-from simulators.effects.viscoelastic import Viscoelastic
-from simulators.effects.white_noise import WhiteNoise
-from simulators.randomness import Stream
-from simulators.rig import Rig
-from simulators.sensor_node import SensorNode
-from simulators.strain_indicator import StrainIndicator
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.devices.strain_indicator import StrainIndicator
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.effects.adc import Adc
+from palpate.simulators.effects.amplifier_clip import AmplifierClip
+from palpate.simulators.effects.crosstalk import Crosstalk
+from palpate.simulators.effects.current_limit import CurrentLimit
+from palpate.simulators.effects.effect import Effect, Floats, Kind, SourceEffect
+from palpate.simulators.effects.end_stops import EndStops
+from palpate.simulators.effects.gain_scatter import GainScatter
+from palpate.simulators.effects.glue_clamping import GlueClamping
+from palpate.simulators.effects.load_cell import LoadCell
+from palpate.simulators.effects.off_axis import OffAxis
+from palpate.simulators.effects.pyroelectric import Pyroelectric
+from palpate.simulators.effects.triboelectric import Triboelectric
+from palpate.simulators.effects.viscoelastic import Viscoelastic
+from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 from tests.simulators.strong import STRONG, together
 
@@ -66,7 +66,7 @@ def test_every_effect_has_a_kind_defaults_for_all_and_cannot_be_changed(name: st
     effect = effect_class(name)()
     assert effect.kind in get_args(Kind)
     assert isinstance(effect.cancels_in_ratio, bool)
-    assert type(effect).__module__ == f"simulators.effects.{name}"
+    assert type(effect).__module__ == f"palpate.simulators.effects.{name}"
     for parameter in type(effect).model_fields:
         with pytest.raises(ValueError, match="frozen"):
             setattr(effect, parameter, 1.0)

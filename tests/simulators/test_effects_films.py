@@ -9,21 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.designs.array import MOST, array_of
-from instrument.estimate import fit_sine
-from simulators.clock import VirtualClock
-from simulators.effects.charge_amplifier import ChargeAmplifier
-from simulators.effects.crosstalk import Crosstalk
-from simulators.effects.effect import Effect
-from simulators.effects.glue_clamping import GlueClamping
-from simulators.effects.off_axis import OffAxis
-from simulators.effects.pyroelectric import Pyroelectric
-from simulators.effects.triboelectric import Triboelectric
-from simulators.linear.lti import Floats
-from simulators.randomness import Stream
-from simulators.rig import Rig
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.designs.array import MOST, array_of
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.crosstalk import Crosstalk
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.effects.glue_clamping import GlueClamping
+from palpate.simulators.effects.off_axis import OffAxis
+from palpate.simulators.effects.pyroelectric import Pyroelectric
+from palpate.simulators.effects.triboelectric import Triboelectric
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 ANY = Stream(1, "any")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from instrument.errors import ConfigError
-from simulators.scene import read_scene
+from palpate.instrument.errors import ConfigError
+from palpate.simulators.scenes.scene import read_scene
 
 HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 

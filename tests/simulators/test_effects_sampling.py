@@ -11,25 +11,25 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from instrument.estimate import fit_sine
-from simulators.clock import VirtualClock
-from simulators.effects import pink_noise
-from simulators.effects.adc import Adc
-from simulators.effects.charge_amplifier import ChargeAmplifier
-from simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect
-from simulators.effects.gain_scatter import GainScatter
-from simulators.effects.glue_clamping import GlueClamping
-from simulators.effects.jitter import Jitter
-from simulators.effects.mains_hum import MainsHum
-from simulators.effects.pink_noise import PinkNoise
-from simulators.effects.white_noise import WhiteNoise
-from simulators.linear.lti import Times
-from simulators.planning.fits import fitted
-from simulators.planning.plan import Question, case_of, driven
-from simulators.randomness import BLOCK, Stream
-from simulators.rig import Rig
-from simulators.scene import Scene
-from simulators.sensor_node import SensorNode
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators.bounds.fits import fitted
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.effects import pink_noise
+from palpate.simulators.effects.adc import Adc
+from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect
+from palpate.simulators.effects.gain_scatter import GainScatter
+from palpate.simulators.effects.glue_clamping import GlueClamping
+from palpate.simulators.effects.jitter import Jitter
+from palpate.simulators.effects.mains_hum import MainsHum
+from palpate.simulators.effects.pink_noise import PinkNoise
+from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.linear.lti import Times
+from palpate.simulators.planning.plan import Question, case_of, driven
+from palpate.simulators.randomness import BLOCK, Stream
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 MONTH = 30 * 86_400 * SECOND

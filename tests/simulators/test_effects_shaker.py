@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from instrument.estimate import fit_sine
-from instrument.models import springs
-from instrument.sample import SAMPLES
-from simulators.clock import VirtualClock
-from simulators.effects.amplifier_clip import AmplifierClip
-from simulators.effects.current_limit import CurrentLimit
-from simulators.effects.effect import Effect
-from simulators.effects.end_stops import EndStops
-from simulators.effects.frequency_error import FrequencyError
-from simulators.effects.hysteresis import Hysteresis
-from simulators.effects.shaker_dynamics import ShakerDynamics
-from simulators.effects.viscoelastic import PRONY, Viscoelastic
-from simulators.linear.lti import Floats
-from simulators.linear.periodic import HERTZ
-from simulators.planning.plan import Question
-from simulators.planning.plan import driven as measured
-from simulators.planning.steady import phasors as settled
-from simulators.rig import Rig
+from palpate.instrument.models.foundation import springs
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.amplifier_clip import AmplifierClip
+from palpate.simulators.effects.current_limit import CurrentLimit
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.effects.end_stops import EndStops
+from palpate.simulators.effects.frequency_error import FrequencyError
+from palpate.simulators.effects.hysteresis import Hysteresis
+from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
+from palpate.simulators.effects.viscoelastic import PRONY, Viscoelastic
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.linear.periodic import HERTZ
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.plan import driven as measured
+from palpate.simulators.planning.steady import phasors as settled
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, waveform
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0

@@ -11,13 +11,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from simulators.clock import VirtualClock
-from simulators.effects.pyroelectric import Pyroelectric
-from simulators.linear.crossing import _measure
-from simulators.linear.exponential import Doublings, exponential
-from simulators.linear.free_motion import BLOCK, FreeMotion
-from simulators.linear.lti import Floats
-from simulators.rig import Rig
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.pyroelectric import Pyroelectric
+from palpate.simulators.linear.crossing import _measure
+from palpate.simulators.linear.exponential import Doublings, exponential
+from palpate.simulators.linear.free_motion import BLOCK, FreeMotion
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.rig.rig import Rig
 from tests.simulators import linear_matrices, rigs
 from tests.simulators.linear_matrices import APART, chains, questions, worst
 

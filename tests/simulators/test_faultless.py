@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simulators.scene import read_scene
+from palpate.simulators.scenes.scene import read_scene
 from tests.operations import operations, without_code_of_faults
 
 FAR = {"on": "signal_generator", "kind": "no_reply", "transaction": 1_000_000}

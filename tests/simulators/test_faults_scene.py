@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from instrument.errors import ConfigError
-from simulators.faults import FAULTS, fault_class
-from simulators.faults.fault import Fault, Trigger, parse_faults
-from simulators.scene import read_scene
+from palpate.instrument.errors import ConfigError
+from palpate.simulators.faults import FAULTS, fault_class
+from palpate.simulators.faults.fault import Fault, Trigger, parse_faults
+from palpate.simulators.scenes.scene import read_scene
 
 HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
 FIRST = 'kind = "no_reply"\non = "signal_generator"\n'
@@ -124,13 +124,13 @@ def test_a_fault_of_a_probability_strikes_by_seed_and_number_alone() -> None:
 
 LIFE = """
 import sys
-from drivers.bench import Bench
-from simulators.bench import SimulatedBench
-from simulators.scene import read_scene
+from palpate.drivers.bench import Bench
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
 for file in sys.argv[1:]:
     with SimulatedBench(read_scene(file)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.nodes[0].acquire(0.1)
-    print(*sorted(name for name in sys.modules if name.startswith("simulators.faults")))
+    print(*sorted(name for name in sys.modules if name.startswith("palpate.simulators.faults")))
 """
 
 
@@ -145,4 +145,4 @@ def test_without_faults_their_code_is_not_imported(tmp_path: Path) -> None:
     )  # fmt: skip
     without, with_faults = life.stdout.split("\n")[:2]
     assert without == ""
-    assert "simulators.faults.tcp" in with_faults
+    assert "palpate.simulators.faults.tcp" in with_faults

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.sensor_node import Recording
-from instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
-from simulators.bench import Place, SimulatedBench
-from simulators.faults import FAULTS, inject
-from simulators.faults.fault import parse_faults
-from simulators.scene import Scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import Recording
+from palpate.instrument.errors import BenchError, DeviceError, LinkError, LinkTimeout
+from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.faults import FAULTS, inject
+from palpate.simulators.faults.fault import parse_faults
+from palpate.simulators.scenes.scene import Scene
 from tests.writes import counted_writes
 
 

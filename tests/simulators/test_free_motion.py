@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from simulators.linear.lti import Floats, StateSpace, first_order_low_pass
-from simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import DAY, SECOND, output, random_system, sine
 
 

@@ -15,20 +15,20 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
-from instrument.contracts import sensor_node, strain_indicator
-from instrument.designs import get_design
-from instrument.errors import EstimateError, RangeError
-from instrument.estimate import fit_sine
-from simulators.clock import VirtualClock
-from simulators.effects.charge_amplifier import ChargeAmplifier
-from simulators.effects.crosstalk import Crosstalk
-from simulators.linear import bouc_wen
-from simulators.linear.integrators import _first_order_hold
-from simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
-from simulators.linear.path import Path
-from simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
-from simulators.randomness import Stream
+from palpate.instrument.contracts import sensor_node, strain_indicator
+from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.crosstalk import Crosstalk
+from palpate.simulators.linear import bouc_wen
+from palpate.simulators.linear.integrators import _first_order_hold
+from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
+from palpate.simulators.linear.path import Path
+from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
+from palpate.simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
+from palpate.simulators.randomness import Stream
 
 MS = 1_000_000
 

@@ -7,18 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from instrument.contracts import sensor_node
-from instrument.designs import get_design
-from instrument.errors import EstimateError
-from instrument.estimate import fit_sine
-from instrument.models.curve import ratio_curve
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.softness import modulus_of_ratio
-from simulators.clock import VirtualClock
-from simulators.linear.periodic import HERTZ, SECOND, Periodic
-from simulators.randomness import Stream
-from simulators.rig import Rig
-from simulators.sensor_node import SensorNode
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.stored.curve import ratio_curve
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import MS, scene
 
 

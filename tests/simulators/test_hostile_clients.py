@@ -9,14 +9,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.modbus import ModbusLink
-from drivers.signal_generator import SignalGenerator
-from instrument.bench import TcpAddress
-from instrument.contract import PROBE
-from simulators import modbus_server
-from simulators.bench import SimulatedBench
-from simulators.modbus_server import MOST_CONNECTIONS
-from simulators.scene import Scene
+from palpate.drivers.devices.signal_generator import SignalGenerator
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.bench.description import TcpAddress
+from palpate.instrument.contracts.contract import PROBE
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire import modbus_server
+from palpate.simulators.wire.modbus_server import MOST_CONNECTIONS
 
 READ = bytes.fromhex("03 0000 0002")
 

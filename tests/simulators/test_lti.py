@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from simulators.linear.lti import Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
-from simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import SECOND, output, random_system, rich, sine
 
 BLOCKS = (1, 7, 333, 1000)

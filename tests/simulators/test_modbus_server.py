@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 from pymodbus.framer import FramerRTU
 
-from instrument.contract import PROBE
-from simulators.bench import SimulatedBench
-from simulators.scene import Scene
-from simulators.terminal import Terminal
+from palpate.instrument.contracts.contract import PROBE
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.terminal import Terminal
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.bench import Bench
-from drivers.sensor_node import acquire
-from instrument.contracts.sensor_node import place
-from instrument.designs import DESIGNS
-from instrument.errors import ConfigError
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.planning.plan import Question, driven
-from simulators.scene import Scene, read_scene
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import acquire
+from palpate.instrument.contracts.sensor_node import place
+from palpate.instrument.errors import ConfigError
+from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.scenes.scene import Scene, read_scene
 from tests.simulators.rigs import SECOND
 
 STEP = 0.5 / 32768  # V, of the sensitive range

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from instrument.errors import UnreachableError
-from simulators.linear import path as path_module
-from simulators.linear.crossing import NEVER, Signal, Watch
-from simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
-from simulators.linear.path import Guard, Mode, Path
-from simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
+from palpate.instrument.errors import UnreachableError
+from palpate.simulators.linear import path as path_module
+from palpate.simulators.linear.crossing import NEVER, Signal, Watch
+from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
+from palpate.simulators.linear.path import Guard, Mode, Path
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 MS = 1_000_000
 DAY = 86_400 * SECOND

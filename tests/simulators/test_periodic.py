@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import DAY, SECOND, rich, sine
 
 

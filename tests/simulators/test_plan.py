@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulators.effects import EFFECTS
-from simulators.effects.adc import Adc
-from simulators.effects.amplifier_clip import AmplifierClip
-from simulators.effects.charge_amplifier import ChargeAmplifier
-from simulators.effects.current_limit import CurrentLimit
-from simulators.effects.effect import Effect
-from simulators.effects.end_stops import EndStops
-from simulators.effects.hysteresis import Hysteresis
-from simulators.effects.mains_hum import MainsHum
-from simulators.effects.shaker_dynamics import ShakerDynamics
-from simulators.effects.white_noise import WhiteNoise
-from simulators.planning import plan as planning
-from simulators.planning.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, Plan, Question, plan
-from simulators.planning.steady import phasors
-from simulators.scene import read_scene
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.effects.adc import Adc
+from palpate.simulators.effects.amplifier_clip import AmplifierClip
+from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.current_limit import CurrentLimit
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.effects.end_stops import EndStops
+from palpate.simulators.effects.hysteresis import Hysteresis
+from palpate.simulators.effects.mains_hum import MainsHum
+from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
+from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.planning import plan as planning
+from palpate.simulators.planning.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, Plan, Question, plan
+from palpate.simulators.planning.steady import phasors
+from palpate.simulators.scenes.scene import read_scene
 from tests.simulators.rigs import scene
 
 

@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
-from simulators import effects
-from simulators.effects import EFFECTS, effect_class
-from simulators.effects.effect import Effect
-from simulators.planning.plan import Question
-from simulators.scene import read_scene, shipped
+from palpate.simulators import effects
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.scenes.scene import read_scene, shipped
 from tests.simulators.measured import volts
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from simulators.randomness import BLOCK, Stream
+from palpate.simulators.randomness import BLOCK, Stream
 
 LONG = 200_000
 FAR = 30 * 86_400 * 1_000_000  # microseconds in 30 days

@@ -13,13 +13,13 @@ import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 
-from instrument.models import experiment
-from instrument.sample import SAMPLES
-from simulators.clock import VirtualClock
-from simulators.effects import effect_class
-from simulators.linear.lti import Floats
-from simulators.linear.periodic import CYCLE, HERTZ
-from simulators.rig import Rig
+from palpate.instrument.models import experiment
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects import effect_class
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.linear.periodic import CYCLE, HERTZ
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
 
 Times = npt.NDArray[np.int64]

@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from instrument.sample import SAMPLES
-from simulators.clock import VirtualClock
-from simulators.linear.lti import Floats
-from simulators.rig import Rig
-from simulators.strain_indicator import IDEAL_SENSITIVITY, StrainIndicator
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.strain_indicator import IDEAL_SENSITIVITY, StrainIndicator
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
 
 

@@ -12,20 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instrument.design import Design
-from instrument.errors import ConfigError, RangeError, UnknownName, UsageError
-from instrument.load import Load
-from instrument.models import axisymmetric, price_list
-from instrument.models.parameter_sets import get_parameter_set
-from instrument.models.parameters import RoundParameters
-from instrument.models.price_list import Choice
-from instrument.models.response import response
-from instrument.quantity import parse
-from instrument.sample import SAMPLES, get_sample
-from simulators.clock import VirtualClock
-from simulators.effects import EFFECTS
-from simulators.rig import Rig
-from simulators.scene import LARGEST_SEED, Scene, read_scene, shipped
+from palpate.instrument.errors import ConfigError, RangeError, UnknownName, UsageError
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.prices import price_list
+from palpate.instrument.models.prices.price_list import Choice
+from palpate.instrument.models.response import response
+from palpate.instrument.quantity import parse
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import LARGEST_SEED, Scene, read_scene, shipped
 
 HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 EVERYTHING = {
@@ -353,9 +354,9 @@ def test_an_unknown_model_or_sample_or_a_seed_out_of_range_is_refused_outside_fi
 
 LIFE = """
 import sys
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.scene import read_scene
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import read_scene
 files = sys.argv[1:]
 for file in files:
     scene = read_scene(file)
@@ -366,7 +367,7 @@ for file in files:
             sim.amplifier.write({"enable": 1.0})
             sim.indicator.read("reading")
             sim.clock.wait(0.01)
-    print(*sorted(name.rpartition(".")[2] for name in sys.modules if name.startswith("simulators.effects.")))
+    print(*sorted(name.rpartition(".")[2] for name in sys.modules if name.startswith("palpate.simulators.effects.")))
 """
 
 

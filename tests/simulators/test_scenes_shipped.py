@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulators.clock import VirtualClock
-from simulators.effects import EFFECTS, effect_class
-from simulators.linear.lti import Floats
-from simulators.planning.plan import Question, driven
-from simulators.planning.waveforms import Waveforms, waveforms
-from simulators.rig import Rig
-from simulators.scene import Scene, read_scene, shipped
-from simulators.sensor_node import Samples, SensorNode
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import Samples, SensorNode
+from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.planning.waveforms import Waveforms, waveforms
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene, read_scene, shipped
 
 SCENES = (
     "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "thesis_common_base",

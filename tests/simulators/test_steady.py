@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from instrument.designs import get_design
-from simulators.effects import EFFECTS
-from simulators.effects.effect import Effect
-from simulators.effects.hysteresis import Hysteresis
-from simulators.linear.lti import Complexes, Floats
-from simulators.linear.periodic import HERTZ, SECOND
-from simulators.planning.plan import Question, driven
-from simulators.planning.steady import describing_function, followed, phasors, steady_state
-from simulators.rig import Rig
-from simulators.scene import Scene
+from palpate.instrument.sensor.designs import get_design
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.effects.effect import Effect
+from palpate.simulators.effects.hysteresis import Hysteresis
+from palpate.simulators.linear.lti import Complexes, Floats
+from palpate.simulators.linear.periodic import HERTZ, SECOND
+from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.planning.steady import describing_function, followed, phasors, steady_state
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import scene
 from tests.simulators.strong import STRONG
 

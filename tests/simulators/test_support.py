@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from instrument.errors import BenchError
-from instrument.sample import SAMPLES
-from simulators.bench import SimulatedBench
-from simulators.clock import VirtualClock
-from simulators.physics.mounted import SUPPORT_STIFFNESS
-from simulators.rig import Rig
+from palpate.instrument.errors import BenchError
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.rig.mounted import SUPPORT_STIFFNESS
+from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, scene
 
 SUSPENSION = 1000.0  # N/m

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulators.clock import VirtualClock
-from simulators.linear.periodic import HERTZ
-from simulators.rig import Rig
-from simulators.scene import read_scene
-from simulators.sensor_node import SensorNode
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SensorNode
+from palpate.simulators.linear.periodic import HERTZ
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.scenes.scene import read_scene
 from tests.simulators.rigs import MS, SECOND, pressed
 
 pytestmark = pytest.mark.slow

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.models import springs
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.response import response
-from procedures.reproduce.figures.picture import Picture, canvas, legend, save
+from palpate.instrument.models.foundation import springs
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.response import response
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, legend, save
 
 NUMBER = "Figure 4.4"
 AREA_RATIOS = (1.0, 2.0, 5.0, 10.0, 20.0)  # the text praises 1 to 10, and finds steeper curves beyond

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from instrument.designs import get_design
-from procedures.reproduce.figures.picture import Picture, canvas, save
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

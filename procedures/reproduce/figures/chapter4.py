@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from instrument.thesis import contents
-from procedures.reproduce.curves import Curves
-from procedures.reproduce.figures import area_ratios, beam, elements, mesh, pressed, ratios, sections
-from procedures.reproduce.figures.picture import Picture
+from palpate.instrument.thesis import contents
+from palpate.procedures.reproduce.chapter4.curves import Curves
+from palpate.procedures.reproduce.figures import area_ratios, beam, elements, mesh, pressed, ratios, sections
+from palpate.procedures.reproduce.figures.picture import Picture
 
 # Parameter sets, curves and folder -> the picture.
 Draw = Callable[[Sequence[str], Curves, Path], Picture]

@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from procedures.reproduce.curves import Curves
-from procedures.reproduce.figures import experiments, orders, setup
-from procedures.reproduce.figures.measured import Measured
-from procedures.reproduce.figures.picture import Picture
+from palpate.procedures.reproduce.chapter4.curves import Curves
+from palpate.procedures.reproduce.figures import experiments, orders, setup
+from palpate.procedures.reproduce.figures.measured import Measured
+from palpate.procedures.reproduce.figures.picture import Picture
 
 # What was measured, parameter sets, curves and folder -> the picture.
 Draw = Callable[[Measured, Sequence[str], Curves, Path], Picture]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from procedures.reproduce.figures.picture import Picture, canvas, legend, save
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, legend, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from instrument.designs import get_design
-from instrument.evidence import of_experiment, ratio_by
-from instrument.sample import SAMPLES
-from instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
-from procedures.load_sweep import SweepResult
-from procedures.reproduce.blind import MODEL
-from procedures.reproduce.columns import RATIO
-from procedures.reproduce.curves import Case, Curves
-from procedures.reproduce.figures.lines import Line
-from procedures.reproduce.figures.measured import Measured
-from procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
-from procedures.reproduce.figures.ratios import COMMON, DIFFERENT, THREE, TWO
+from palpate.instrument.findings.evidence import of_experiment, ratio_by
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
+from palpate.procedures.measurements.loads.procedure import SweepResult
+from palpate.procedures.reproduce.chapter4.curves import Case, Curves
+from palpate.procedures.reproduce.chapter5.blind import MODEL
+from palpate.procedures.reproduce.chapter5.columns import RATIO
+from palpate.procedures.reproduce.figures.lines import Line
+from palpate.procedures.reproduce.figures.measured import Measured
+from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
+from palpate.procedures.reproduce.figures.ratios import COMMON, DIFFERENT, THREE, TWO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

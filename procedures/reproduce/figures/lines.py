@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.evidence import Evidence, of_model, ratio_by
-from instrument.thesis import read_table
-from procedures.reproduce.curves import RING, STIFF_RING, Case, Curves
-from procedures.reproduce.theory import OF_THEORY, beam_ratios, implied, sample_moduli
+from palpate.instrument.findings.evidence import Evidence, of_model, ratio_by
+from palpate.instrument.thesis import read_table
+from palpate.procedures.reproduce.chapter4.curves import RING, STIFF_RING, Case, Curves
+from palpate.procedures.reproduce.chapter4.theory import OF_THEORY, beam_ratios, implied, sample_moduli
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from instrument.bench import BenchDescription
-from instrument.evidence import Evidence
-from procedures.load_sweep import SweepResult
-from procedures.modulus import ModulusResult
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.findings.evidence import Evidence
+from palpate.procedures.measurements.loads.procedure import SweepResult
+from palpate.procedures.measurements.modulus.procedure import ModulusResult
 
 
 @dataclass(frozen=True, slots=True)

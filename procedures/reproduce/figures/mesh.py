@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.designs import get_design
-from instrument.models.mesh import grid, inside
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import round_parameters, solid_parameters
-from procedures.reproduce.figures.picture import Picture, canvas, legend, save
+from palpate.instrument.models.axisymmetric.mesh import grid, inside
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import round_parameters, solid_parameters
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, legend, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,9 +68,9 @@ def _draw_plan(axes: Axes) -> int:
     """Returns how many elements the plan has."""
     from matplotlib.collections import LineCollection
 
-    from instrument.models.solid_mesh import GAP, OVERHANG, RING, TOOTH
-    from instrument.models.solid_parts import Stack
-    from instrument.models.solid_system import RESOLUTIONS
+    from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH
+    from palpate.instrument.models.solid.parts import Stack
+    from palpate.instrument.models.solid.system import RESOLUTIONS
 
     plan = Stack(solid_parameters(get_design("single"), LOAD), RESOLUTIONS[REFINEMENT], (False, False)).plan
     points: NDArray[np.float64] = MM * plan.mesh.doflocs[:, plan.mesh.dofs.element_dofs]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from instrument.designs import get_design
-from instrument.sample import SAMPLES
-from instrument.thesis import read_table
-from procedures.reproduce.experiments import AT_3_N, order_by_modulus
-from procedures.reproduce.figures.measured import Measured
-from procedures.reproduce.figures.picture import THESIS, Picture, canvas, save
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import read_table
+from palpate.procedures.reproduce.chapter5.experiments import AT_3_N, order_by_modulus
+from palpate.procedures.reproduce.figures.measured import Measured
+from palpate.procedures.reproduce.figures.picture import THESIS, Picture, canvas, save
 
 BY_MODULUS = "Figure 5.2"
 # Design -> figure, and the table that has its ratios.

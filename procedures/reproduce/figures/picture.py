@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from instrument.thesis import contents
-from procedures.report.text import STAMP
-from procedures.run import storing
+from palpate.instrument.thesis import contents
+from palpate.procedures.records.run import storing
+from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from procedures.reproduce.comparison import Comparison
-from procedures.reproduce.figures.picture import COLORS, THESIS, Picture, canvas, legend, save
+from palpate.procedures.reproduce.figures.picture import COLORS, THESIS, Picture, canvas, legend, save
+from palpate.procedures.reproduce.judging.comparison import Comparison
 
 NUMBER = "Table A2.7"
 TEETH = {"force_pvdf3_N": ("left tooth", "o", "-"), "force_pvdf1_N": ("right tooth", "s", "--")}

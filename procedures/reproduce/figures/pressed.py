@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from instrument.designs import get_design
-from instrument.models import axisymmetric
-from instrument.models.parameter_sets import PHYSICAL
-from instrument.models.parameters import round_parameters
-from instrument.quantity import show
-from instrument.sample import get_sample
-from procedures.reproduce.figures.picture import Picture, canvas, save
+from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import round_parameters
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, save
 
 NUMBER = "Figure 4.18"
 SAMPLE, REFINEMENT = "2", 1  # the softest

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instrument.designs import get_design
-from instrument.evidence import Evidence
-from instrument.models.parameter_sets import PHYSICAL
-from procedures.reproduce.curves import RING, STIFF_RING, Case, Curves
-from procedures.reproduce.figures.lines import MODULI, Line
-from procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
+from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.reproduce.chapter4.curves import RING, STIFF_RING, Case, Curves
+from palpate.procedures.reproduce.figures.lines import MODULI, Line
+from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
 
 Array = NDArray[np.float64]
 

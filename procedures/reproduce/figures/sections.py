@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from instrument.design import Design
-from instrument.designs import get_design
-from instrument.models.parameter_sets import PHYSICAL
-from procedures.reproduce.figures.picture import Picture, canvas, legend, save
+from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, legend, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

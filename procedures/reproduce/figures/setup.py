@@ -6,10 +6,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from instrument.designs import get_design
-from instrument.quantity import show
-from procedures.reproduce.figures.measured import Measured
-from procedures.reproduce.figures.picture import Picture, canvas, save
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.reproduce.figures.measured import Measured
+from palpate.procedures.reproduce.figures.picture import Picture, canvas, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

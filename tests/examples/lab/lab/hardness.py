@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from drivers.bench import Bench
-from instrument.calibration import THESIS_LOAD_CELL
-from instrument.designs import get_design
-from instrument.film_forces import film_forces
-from instrument.sample import get_sample
-from procedures.films import Films
-from procedures.load_plan import preload_for
-from procedures.servo import LoadServo, press, withdraw
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.measurements.loads.plan import preload_for
+from palpate.procedures.steps.films import Films
+from palpate.procedures.steps.servo import LoadServo, press, withdraw
 
 LOAD = 3.0  # N peak to peak
 FREQUENCY = 10.0  # Hz

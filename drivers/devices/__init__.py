@@ -1,0 +1,1 @@
+"""One driver for each device of the bench, and what drivers of one bus share."""

@@ -1,0 +1,154 @@
+"""Driver of the sample changer, and the operator of a bench that has one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from palpate.drivers.clock import Clock
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.bench.operator import Operator
+from palpate.instrument.contracts import sample_changer
+from palpate.instrument.contracts.sample_changer import PLACES
+from palpate.instrument.errors import DeviceError, SampleError, UnknownName
+from palpate.instrument.sensor.sample import Sample
+
+POLL = 0.5  # s
+TIMEOUT = 120.0  # s
+STATE = ("mounted", "exchanges", "status")
+
+
+@dataclass(frozen=True, slots=True)
+class Mounted:
+    """What lies under the probe, by its tag; how often that has changed so far; whether it is being changed now."""
+
+    sample: str
+    exchanges: int
+    moving: bool
+
+
+class SampleChanger(ModbusDevice):
+    """Orders are given by name. What was laid by an order must lie there, untouched, until the next one."""
+
+    contract = sample_changer.CONTRACT
+    orders = frozenset({"order"})
+
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+        super().__init__(link, unit)
+        self._clock = clock
+        self._laid: Mounted | None = None
+        self.samples: tuple[str, ...] = ()
+
+    def connect(self) -> None:
+        """As of every device; read the names of the samples it holds, and wait until it stands.
+
+        A run that was killed may have left it on its way.
+        """
+        super().connect()
+        names = (self.get_text(f"place_{number}") for number in range(1, PLACES + 1))
+        self.samples = tuple(name for name in names if name)
+        self._standing(TIMEOUT)
+
+    def check_holds(self, names: Iterable[str]) -> None:
+        """Refuse names of samples that no place holds. Raises UnknownName, which lists those that it holds."""
+        for name in names:
+            if name not in self.samples:
+                raise UnknownName(f"sample of the {self.name}", name, self.samples)
+
+    def mounted(self) -> Mounted:
+        """What lies under the probe now. Raises LinkError, LinkTimeout, DeviceError."""
+        return self._asked(self._mounted)
+
+    def _mounted(self) -> Mounted:
+        name, exchanges, status = self._read(STATE)
+        moving = "moving" in self.contract.set_bits("status", self._value("status", status))
+        return Mounted(self._text("mounted", name), int(self._value("exchanges", exchanges)), moving)
+
+    def mount(self, name: str, timeout: float = TIMEOUT) -> None:
+        """Have the sample of that name laid under the probe, which stands at home, and wait for it.
+
+        Raises:
+            UnknownName, RangeError: no place holds it; nothing is sent.
+            DeviceError: it refuses, is not done within `timeout` s, or has laid another.
+        """
+        self.check_holds((name,))
+        self._laid = None
+        self._standing(timeout)  # another client's order may be under way
+        self.set(order=name)
+        found = self._standing(timeout)
+        if found.sample != name:
+            raise DeviceError(f"{self.name}: has mounted {found.sample!r}, was ordered {name!r}; look at it")
+        self._laid = found
+
+    def _standing(self, timeout: float) -> Mounted:
+        """What is mounted as soon as nothing moves."""
+        waited = 0.0
+        while (found := self.mounted()).moving:
+            if waited >= timeout:
+                raise DeviceError(f"{self.name}: moves still after {timeout:g} s; look at it")
+            self._clock.wait(POLL)
+            waited += POLL
+        return found
+
+    def leave(self) -> None:
+        """From now on a person lays what he likes under the probe."""
+        self._laid = None
+
+    def check(self) -> None:
+        """See that what was laid by the last order lies there still, and was not away meanwhile.
+
+        Raises:
+            SampleError: it does not, or was. LinkError, LinkTimeout, DeviceError: it cannot be asked.
+        """
+        if self._laid is None:
+            return
+        found, laid = self.mounted(), self._laid
+        if found != laid:
+            now = (
+                "moves" if found.moving else f"has {found.sample!r} mounted" if found.sample else "has nothing mounted"
+            )
+            raise SampleError(
+                f"{self.name}: {now}, {laid.sample!r} was ordered; exchanged {found.exchanges - laid.exchanges} times "
+                "since, by hand or by another client. Leave the samples alone and go on",
+                device=self.name,
+            )
+
+    def differences(self) -> list[str]:
+        """As of every device; and raises as `check`: a setting can be written again, a swapped sample cannot."""
+        self.check()
+        return super().differences()
+
+
+class ChangerAndPerson:
+    """The operator of a bench with a sample changer, which mounts samples; a person does all else.
+
+    Meets `palpate.instrument.bench.operator.Operator`.
+    """
+
+    def __init__(self, changer: SampleChanger, person: Operator) -> None:
+        self._changer = changer
+        self._person = person
+
+    def mount(self, sample: Sample) -> None:
+        self._changer.mount(sample.name)
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        self._changer.leave()
+        self._person.lay_on_support(sample)
+
+    def place_probe(self, x: float, y: float) -> None:
+        self._person.place_probe(x, y)
+
+    def press_tooth(self, tooth: int) -> None:
+        self._changer.leave()
+        self._person.press_tooth(tooth)
+
+    def place_weight(self, mass: float) -> None:
+        self._person.place_weight(mass)
+
+    def turn_load_cell(self, degrees: float) -> None:
+        self._person.turn_load_cell(degrees)
+
+    def set_temperature(self, kelvin: float) -> None:
+        self._person.set_temperature(kelvin)

@@ -1,0 +1,244 @@
+"""Driver of the sensor array nodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.drivers.clock import Clock
+from palpate.drivers.devices.canopen_device import CanopenDevice
+from palpate.drivers.links.can import CanLink
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.sensor_node import (
+    CHANNELS,
+    EMERGENCY,
+    FULL_SCALE_COUNTS,
+    RANGE_VOLTS,
+    SILENT,
+    SYNC_COB_ID,
+    SYNC_PRODUCER,
+)
+from palpate.instrument.errors import DeviceError, LinkError, RangeError
+
+CONTRACT = sensor_node.CONTRACT
+_SAMPLES, _STAMP = CONTRACT.pdos
+_SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
+_FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
+_MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples, before the counter starts over
+LATEST_WAITS = 10
+MOST_EMERGENCIES = 10_000  # kept of one node
+LARGEST_RECORDING = 10_000_000  # samples, where nobody says how many
+HEARTBEAT = 0x700
+BOOTED = 0
+MISSED = 3  # heartbeats, after which a node is missed
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What one node sampled.
+
+    time: (n,) s from the start of the acquisition. voltage: (4, n) V. saturated: (4, n).
+    """
+
+    node: int
+    rate: float
+    time: npt.NDArray[np.float64]
+    voltage: npt.NDArray[np.float64]
+    saturated: npt.NDArray[np.bool_]
+
+
+class SensorNode(CanopenDevice):
+    """One node on the CAN bus."""
+
+    contract = CONTRACT
+    orders = frozenset({"sync_cob_id"})  # starts and stops SYNC
+
+    def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
+        super().__init__(link, node_id)
+        self.clock = clock
+        self.rate = 1000.0
+        self.emergencies: list[bytes] = []
+        self._noticed = 0  # emergencies
+        self._restarts = 0
+        self._heartbeats = 0
+        self._heard_ns = 0
+        self._heartbeat = 0.0
+        self._volts_per_count = np.ones(CHANNELS)
+        self._frames: list[bytearray] = []
+        self._most = 0  # frames that are kept: a node may send for ever
+
+    def connect(self) -> None:
+        """Join the bus, identify the node, and read back the settings. Raises as `identify`."""
+        super().connect()
+        self.rate = self._sync_rate()
+        self._heartbeat = self.get("heartbeat")
+        for channel in range(1, CHANNELS + 1):
+            self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
+        for pdo in CONTRACT.pdos:
+            self.link.subscribe(pdo.base + self.id, self._on_frame)
+        if not (emergency := int(self.get(EMERGENCY))) & SILENT:
+            self.link.subscribe(emergency, self._on_emergency)
+        self.link.subscribe(HEARTBEAT + self.id, self._on_heartbeat)
+        self._heard_ns = self.clock.now_ns()
+
+    def differences(self) -> list[str]:
+        """What the node no longer holds as it was written, and whether it has started anew."""
+        restarted = [f"{self.name}: has started anew"] if self._restarts else []
+        return restarted + super().differences()
+
+    def restore(self) -> None:
+        """Write the settings again. Raises as `set`."""
+        self._restarts = 0
+        super().restore()
+
+    def notices(self) -> list[str]:
+        """Emergencies since the last call, and a heartbeat that has stopped.
+
+        A node's answer follows its heartbeats on the bus: what was due has come when it answers.
+        """
+        self.get("error_register")
+        new, self._noticed = self.emergencies[self._noticed :], len(self.emergencies)
+        found = [f"emergency 0x{int.from_bytes(data[:2], 'little'):04X}" for data in new]
+        now, heard = self.clock.now_ns(), self._heartbeats
+        missed = 1e-9 * (now - self._heard_ns)
+        if self._heartbeat and not heard and missed > MISSED * self._heartbeat:
+            found.append(f"no heartbeat for {missed:.3g} s")
+        if heard:
+            self._heard_ns, self._heartbeats = now, 0
+        return [f"{self.name}: {each}" for each in found]
+
+    def set_range(self, channel: int, range_: str) -> None:
+        """Set the charge amplifier range of a channel (1 to 4): "5 V" or "500 mV"."""
+        self.set(f"range_{channel}", range_)
+        self._volts_per_count[channel - 1] = RANGE_VOLTS[sensor_node.RANGES[range_]] / FULL_SCALE_COUNTS
+
+    def set_sample_rate(self, rate: float) -> None:
+        """Set the cycle of SYNC to 1/`rate` s; it counts for all nodes while this one produces SYNC.
+
+        Raises:
+            RangeError: not above 0 Hz, or a cycle outside the contract's limits.
+        """
+        if not rate > 0:
+            raise RangeError(f"{self.name}: sample rate {rate:g} Hz must be above 0")
+        self.set("sync_period", 1.0 / rate)
+        self.rate = 1.0 / self.get("sync_period")
+
+    def _sync_rate(self) -> float:
+        """As the node holds it; 0: no SYNC, as CiA 301 has it by default."""
+        held = self._held("sync_period")
+        return 1.0 / self._value("sync_period", held) if any(held) else 0.0
+
+    def reset_integrators(self) -> None:
+        """Short the integrators of all charge amplifiers: their outputs start again from zero."""
+        for channel in range(1, CHANNELS + 1):
+            self.set(f"reset_{channel}", 1)
+
+    def acquire(self, duration: float) -> Recording:
+        """Sample for `duration` s; this node produces SYNC. See `acquire`."""
+        return acquire([self], duration)[0]
+
+    def arm(self, count: int = LARGEST_RECORDING) -> None:
+        """Forget what came before and take `count` samples from the next SYNC on."""
+        self._frames = []
+        self._most = 2 * count
+        self.link.command(self._node, "OPERATIONAL")
+
+    def disarm(self) -> None:
+        """Take no more samples."""
+        self.link.command(self._node, "PRE-OPERATIONAL")
+
+    def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(self._frames) < self._most:
+            self._frames.append(data)
+
+    def _on_heartbeat(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if data and data[0] & 0x7F == BOOTED:
+            self._restarts += 1
+        else:
+            self._heartbeats += 1
+
+    def _on_emergency(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(self.emergencies) < MOST_EMERGENCIES:
+            self.emergencies.append(bytes(data))
+
+    def collect(self, count: int) -> Recording:
+        """The first `count` samples since `arm`.
+
+        Raises:
+            LinkError: frames are missing, doubled or out of order; says from which sample on.
+            DeviceError: the node has sent more emergencies than are kept.
+        """
+        frames, self._frames, self._most = self._frames, [], 0
+        if len(self.emergencies) == MOST_EMERGENCIES:
+            raise DeviceError(f"{self.name}: has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again")
+        lost = f"{self.name}: samples are missing from number {{}} on; the bus lost frames, record again"
+        sizes = np.fromiter(map(len, frames), int)
+        odd = np.flatnonzero(sizes != np.resize([_SAMPLES_SIZE, _STAMP_SIZE], sizes.size))
+        good = int(odd[0]) if odd.size else sizes.size
+        if good // 2 < count:
+            raise LinkError(lost.format(good // 2 + 1))
+        pairs = np.frombuffer(b"".join(frames[: 2 * count]), _FRAME_PAIR)
+        counter = pairs["counter"].astype(np.int64)
+        wrong = np.flatnonzero(counter != np.arange(1, count + 1))
+        if wrong.size:
+            raise LinkError(lost.format(int(wrong[0]) + 1))
+        saturation = pairs["saturation"]
+        return Recording(
+            node=self.id,
+            rate=self.rate,
+            time=np.arange(1, count + 1) / self.rate,
+            voltage=pairs["samples"].T * self._volts_per_count[:, np.newaxis],
+            saturated=(saturation >> np.arange(CHANNELS, dtype=np.uint8)[:, np.newaxis] & 1).astype(bool),
+        )
+
+
+def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
+    """Sample with all `nodes` at once for `duration` s; the first one produces SYNC.
+
+    A node's answer to a request follows its samples on the bus, so when it has told its count, every
+    sample up to there has arrived; each count is then checked against what came.
+
+    Raises:
+        RangeError: less than one sample, or more than the nodes can count; nothing is sent.
+        LinkError: samples were lost. DeviceError: the nodes sampled too few.
+    """
+    producer = nodes[0]
+    if not producer.rate:
+        raise DeviceError(
+            f"{producer.name}: sync_period (1006h) is 0, so it sends no SYNC and nothing is sampled; set the sample "
+            "rate first",
+            device=producer.name,
+        )
+    samples = duration * producer.rate
+    if not (math.isfinite(samples) and samples >= 0.5):
+        raise RangeError(
+            f"{producer.name}: duration {duration:g} s is not finite and at least one sample at {producer.rate:g} Hz"
+        )
+    count = round(samples)
+    if count > _MOST:
+        raise RangeError(
+            f"{producer.name}: {count} samples are more than the nodes' counters tell apart, {_MOST}; "
+            f"record at most {_MOST / producer.rate:.6g} s at once"
+        )
+    for node in nodes:
+        node.rate = producer.rate
+        node.arm(count)
+    producer.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    try:
+        producer.clock.wait(duration)
+        for _ in range(LATEST_WAITS):
+            missing = count - int(min(node.get("sample_counter") for node in nodes))
+            if missing <= 0:
+                break
+            producer.clock.wait(missing / producer.rate)
+        else:
+            raise DeviceError(f"{producer.name}: {missing} of {count} samples were not taken; check SYNC and NMT state")
+    finally:
+        producer.set("sync_cob_id", SYNC_COB_ID)
+        for node in nodes:
+            node.disarm()
+    return [node.collect(count) for node in nodes]

@@ -1,0 +1,183 @@
+"""Driver of the shaker amplifier."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.contracts import shaker_amplifier
+from palpate.instrument.contracts.contract import Value
+from palpate.instrument.contracts.shaker_amplifier import SETTINGS
+from palpate.instrument.errors import BenchInUse, DeviceError, SafetyError, SettingsLost
+
+HOTTEST = 85.0  # degC; it trips at 90
+ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 2, 3, 6  # Modbus exception codes
+OFF = {"enable": "off"}
+
+
+@dataclass(frozen=True, slots=True)
+class AmplifierState:
+    """Output current A rms, output voltage V rms, heat sink temperature °C, faults now and latched."""
+
+    current: float
+    voltage: float
+    temperature: float
+    faults: frozenset[str]
+    faults_latched: frozenset[str]
+    enabled: bool
+
+
+class ShakerAmplifier(ModbusDevice):
+    """An amplifier that is `owned` takes settings from the program that has claimed it; that alone feeds its watchdog.
+
+    One that is not `owned` takes settings from anybody, and any request feeds its watchdog.
+    """
+
+    contract = shaker_amplifier.CONTRACT
+
+    def __init__(self, link: ModbusLink, unit: int, *, owned: bool = True) -> None:
+        super().__init__(link, unit)
+        self.owned = owned
+        self._token = 0
+        self._counters = {False: 0, True: 0}  # False: of signs of life, which depend on the time; True: of orders
+        self._turn = threading.Lock()  # heartbeat and driving thread send by turns, so that counters rise on the wire
+
+    def claim(self) -> bool:
+        """Become the owner, or stay it. False: another program owns it and was heard of within the watchdog's time.
+
+        Raises:
+            DeviceError: it has no owners. LinkError: it cannot be asked.
+        """
+        if not self.owned:
+            return True
+        if self._token:
+            try:
+                self.feed()
+                return True
+            except (BenchInUse, SettingsLost):
+                self._token = 0
+        try:
+            self._token, self._counters = int(self.get("ticket")), {False: 0, True: 0}
+        except DeviceError as error:
+            if error.code != ILLEGAL_ADDRESS:
+                raise
+            raise DeviceError(
+                f"{self.name}: has no owners, so whoever reads it keeps its output on though this program has died; "
+                'if that cannot be helped, write watchdog_fed_by = "any request" below [shaker_amplifier] in the bench '
+                "file"
+            ) from None
+        try:
+            self.feed()
+        except BenchInUse:
+            self._token = 0
+            return False
+        return True
+
+    def feed(self) -> None:
+        """Tell the watchdog that this program is alive; said again where it is not confirmed, as it does no harm.
+
+        Raises:
+            BenchInUse: another program has claimed it. SettingsLost: it knows of no owner, having been switched off.
+            LinkError, DeviceError: it does not answer.
+        """
+        self._asked(self.live)
+
+    def live(self) -> None:
+        """As `feed`, but not said again where it is not confirmed."""
+        if self._token:
+            self._told(lambda: self._as_owner({}))
+        else:
+            self._told(lambda: self._read(("status",)))
+
+    def release(self) -> None:
+        """Output off, and nobody's from now on. Raises LinkError, DeviceError."""
+        token, self._token = self._token, 0
+        if token:
+            self.set(release=token)
+
+    def _write(self, start: int, registers: list[int], values: Mapping[str, Value]) -> None:
+        if not self._token or not values.keys() <= SETTINGS.keys() or values == OFF:
+            super()._write(start, registers, values)
+            return
+        for name, register in zip(sorted(values, key=SETTINGS.__getitem__), registers, strict=True):
+            self._as_owner({"order": name, "order_value": register}, {name: values[name]})
+
+    def _as_owner(self, order: Mapping[str, Value], meant: Mapping[str, Value] | None = None) -> None:
+        """Write token and counter, and behind them an `order`; errors name the setting that is `meant` by it."""
+        with self._turn:
+            self._counters[bool(order)] += 1
+            block = {"token": self._token, "counter": self._counters[bool(order)], **order}
+            data = b"".join(self.contract.encode(name, value) for name, value in block.items())
+            registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
+            try:
+                super()._write(self.contract["token"].address, registers, meant or block)
+            except DeviceError as error:
+                if error.code == DEVICE_BUSY:
+                    raise BenchInUse(
+                        f"{self.name}: belongs to another program, which feeds its watchdog; wait for that to end, or "
+                        "look for who else knows its address"
+                    ) from None
+                if error.code == ILLEGAL_VALUE:
+                    raise SettingsLost(f"{self.name}: does not know this program any more; look at it") from None
+                raise
+
+    def configure(self, gain: float, current_limit: float, watchdog: float) -> None:
+        """Set the voltage gain V/V, the peak current A at which it trips, and the watchdog time-out s."""
+        self.set(gain=gain, current_limit=current_limit)
+        self.set(watchdog=watchdog)
+
+    def enable(self) -> None:
+        """Switch the output stage on. Raises DeviceError while a fault is latched."""
+        self.set(enable="on")
+
+    def disable(self) -> None:
+        """Switch the output stage off."""
+        self.set(enable="off")
+
+    def clear_faults(self) -> None:
+        """Clear latched faults whose cause is gone."""
+        self.set(clear_faults=1)
+
+    def read(self) -> AmplifierState:
+        """Currents, temperature and faults."""
+        current, voltage, temperature, faults, latched, status = self.get_many(
+            "output_current", "output_voltage", "temperature", "faults", "faults_latched", "status"
+        )
+        return AmplifierState(
+            current,
+            voltage,
+            temperature,
+            self.contract.set_bits("faults", faults),
+            self.contract.set_bits("faults_latched", latched),
+            "enabled" in self.contract.set_bits("status", status),
+        )
+
+    def check(self) -> AmplifierState:
+        """As `read`.
+
+        Raises:
+            SafetyError: a fault is latched, and the output is off; or the current limit is passed, or the heat sink is
+                within 5 K of the temperature at which the device trips.
+        """
+        state = self.read()
+        if state.faults_latched:
+            remedy = "Remove the cause, then clear the faults"
+            if state.faults_latched == {"watchdog"}:
+                remedy = (
+                    "It heard nothing of this program for too long: was that stopped (Ctrl-Z), did this machine sleep, "
+                    "was a cable out? The next run clears the fault"
+                )
+            raise SafetyError(
+                f"{self.name}: tripped on {', '.join(sorted(state.faults_latched))}; the output is off. {remedy}"
+            )
+        limit = float(self._settings.get("current_limit", math.inf))
+        if state.temperature > HOTTEST or math.sqrt(2) * state.current > limit:
+            raise SafetyError(
+                f"{self.name}: heat sink at {state.temperature:g} degC, {math.sqrt(2) * state.current:.3g} A peak; "
+                f"limits are {HOTTEST:g} degC and {limit:g} A. Outputs go off; let it cool, or ask for smaller loads"
+            )
+        return state

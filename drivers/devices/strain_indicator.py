@@ -1,0 +1,140 @@
+"""Driver of the strain indicator."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from palpate.drivers.clock import Clock
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.contracts import strain_indicator
+from palpate.instrument.errors import DeviceError
+
+COMMAND_POLL = 0.01  # s
+COMMAND_POLLS = 100
+DISPLAY = ("status", "decimals", "reading", "reading_float", "updates")
+UPDATES = 65536  # after which the display's renewals are counted from 0 again
+COUNTED_NS = 1_000_000_000_000  # in which they are not half as many
+RENEWAL_NS = 300_000_000  # the display is renewed ten times a second: after so long it must have been
+
+
+@dataclass(frozen=True, slots=True)
+class IndicatorReading:
+    """Reading in mV (NaN while the bridge is open) and what the status word says of it.
+
+    `stale`: the display has not been renewed since the last reading, though there was time for it.
+    """
+
+    reading_mV: float
+    resolution_mV: float
+    stable: bool
+    overload: bool
+    bridge_open: bool
+    stale: bool = False
+
+    @property
+    def sick(self) -> str:
+        """Why no load can be read, whether it is stable or not; empty: it can."""
+        faults = {"bridge open": self.bridge_open, "overload": self.overload, "not renewed": self.stale}
+        return ", ".join(fault for fault, raised in faults.items() if raised)
+
+    @property
+    def valid(self) -> bool:
+        return self.stable and not self.sick and math.isfinite(self.reading_mV)
+
+
+class StrainIndicator(ModbusDevice):
+    contract = strain_indicator.CONTRACT
+    orders = frozenset({"command"})
+
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+        super().__init__(link, unit)
+        self._clock = clock
+        self._renewed: tuple[int, float] | None = None
+
+    def identify(self) -> None:
+        """As of every device; its display may have been renewed less often than before, as it may have started anew."""
+        super().identify()
+        self._renewed = None
+
+    def configure(self, gage_factor: float, full_scale_mV: float) -> None:
+        """Set the gage factor and the reading in mV above which overload is flagged."""
+        self.set(gage_factor=gage_factor, full_scale=full_scale_mV)
+
+    def track(self, time_constant: float) -> None:
+        """Follow the load through a one-pole filter of `time_constant` s."""
+        self.set(filter=time_constant, mode="track")
+
+    def peak_to_peak(self, window: float) -> None:
+        """Read the peak-to-peak load over the last `window` s."""
+        self.set(filter=window, mode="peak_to_peak")
+
+    def read(self) -> IndicatorReading:
+        """The reading, which stands in the device twice: both must agree.
+
+        Raises:
+            DeviceError: the integer and the floating-point reading differ, or the display was renewed less often than
+                at the last reading: the reply is an old one.
+        """
+        values = self._asked(self._fresh)
+        if self._renewed is not None and values[-1] == self._renewed[1]:
+            values = self._asked(self._fresh)  # it may be the reply of then: one of another length cannot
+        status, decimals, integer, floating, updates = values
+        bits = self.contract.set_bits("status", status)
+        step = 10.0**-decimals
+        reading = integer * step
+        if "bridge_open" in bits:
+            reading = math.nan
+        elif not abs(reading - floating) <= step + 1e-6 * abs(reading):
+            raise DeviceError(
+                f"{self.name}: reading is {reading:g} mV as an integer and {floating:g} mV as a float; not used"
+            )
+        return IndicatorReading(
+            reading, step, "stable" in bits, "overload" in bits, "bridge_open" in bits, self._stale(updates)
+        )
+
+    def _fresh(self) -> list[float]:
+        values = list(map(self._value, DISPLAY, self._read(DISPLAY)))
+        if self._renewed is not None and self._clock.now_ns() - self._renewed[0] < COUNTED_NS:
+            before, now = self._renewed[1], values[-1]
+            if (now - before) % UPDATES > UPDATES / 2:
+                self.link.distrust()
+                raise DeviceError(
+                    f"{self.name}: its display was renewed {now:g} times, {before:g} at the reading before; the reply "
+                    "is late, or the indicator has started anew: not used"
+                )
+        return values
+
+    def _stale(self, updates: float) -> bool:
+        now = self._clock.now_ns()
+        if self._renewed is None or updates != self._renewed[1]:
+            self._renewed = now, updates
+        return now - self._renewed[0] > RENEWAL_NS
+
+    def zero(self) -> None:
+        """Take the present reading as zero balance. Raises DeviceError where it is not stable."""
+        self._command("zero")
+
+    def clear_zero(self) -> None:
+        self._command("clear_zero")
+
+    def tare(self) -> None:
+        """Show readings net of the present one. Raises DeviceError where it is not stable."""
+        self._command("tare")
+
+    def clear_tare(self) -> None:
+        self._command("clear_tare")
+
+    def _command(self, command: str) -> None:
+        self.set(command=command)
+        for _ in range(COMMAND_POLLS):
+            pending, last, result = self.get_many("command", "last_command", "command_result")
+            if self.contract.choice("command", pending) == "idle":
+                break
+            self._clock.wait(COMMAND_POLL)
+        else:
+            raise DeviceError(f"{self.name}: {command} was not carried out within {COMMAND_POLL * COMMAND_POLLS:g} s")
+        outcome = self.contract.choice("command_result", result)
+        if self.contract.choice("last_command", last) != command or outcome != "done":
+            raise DeviceError(f"{self.name}: {command} ended in {outcome}; wait for a stable reading and repeat it")

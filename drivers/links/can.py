@@ -1,0 +1,210 @@
+"""CAN links; the only import of python-can and canopen in the drivers."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import can
+import canopen
+from canopen.lss import LssMaster
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
+from palpate.instrument.bench.description import CanBus
+from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+
+for _name in ("can", "canopen"):  # their warnings would go to stderr; whatever fails is raised
+    logging.getLogger(_name).addHandler(logging.NullHandler())
+canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
+
+FrameCallback = Callable[[int, bytearray, float], None]
+FrameTap = Callable[[bool, can.Message], None]
+
+
+def _has_wire(bus: CanBus) -> bool:
+    """Whether its frames take their time: not those of a bus within this machine, which Linux lists as virtual too."""
+    if bus.interface == "socketcan":
+        return not Path("/sys/devices/virtual/net", bus.channel).exists()
+    return bus.interface not in ("virtual", MULTICAST)
+
+
+class _Listener(can.Listener):
+    """Hands standard data frames to who subscribed; canopen's own takes an extended identifier for the standard one."""
+
+    errors = 0  # frames that were destroyed on the bus; controllers send them again
+
+    def __init__(self, network: canopen.Network) -> None:
+        self._subscribers = network.subscribers
+
+    def on_message_received(self, msg: can.Message) -> None:
+        if msg.is_error_frame:
+            self.errors += 1
+        elif not (msg.is_extended_id or msg.is_fd or msg.is_remote_frame):
+            try:
+                for callback in self._subscribers.get(msg.arbitration_id, ()):
+                    callback(msg.arbitration_id, msg.data, msg.timestamp)
+            except Exception as error:  # of a frame that is malformed
+                logging.getLogger("canopen").error("%s", error)
+
+    __call__ = on_message_received
+
+
+def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:
+    pass
+
+
+class _Tapped:
+    """Tells of each frame once: of one that is sent before it is, and not of its echo."""
+
+    def __init__(self, bus: can.BusABC, heard: FrameTap, *, echoes: bool) -> None:
+        self._heard = heard
+        self._send = bus.send
+        self._echoes: deque[tuple[int, bytes]] | None = deque() if echoes else None
+        bus.send = self.send  # type: ignore[method-assign]
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._heard(True, msg)
+        if self._echoes is not None:
+            self._echoes.append((msg.arbitration_id, bytes(msg.data)))
+        self._send(msg, timeout)
+
+    def __call__(self, msg: can.Message) -> None:
+        frame = (msg.arbitration_id, bytes(msg.data))
+        if self._echoes and frame in self._echoes:
+            while self._echoes.popleft() != frame:
+                pass  # an echo that was lost
+        else:
+            self._heard(False, msg)
+
+
+class CanLink:
+    """One CAN bus, shared by the nodes on it; SDO transfers go one at a time.
+
+    After a time-out, or a signal in the middle, a node's answer may still be on its way and would answer the
+    next request. The node is therefore listened to until it has been silent for a whole time-out.
+    """
+
+    def __init__(self, bus: CanBus) -> None:
+        self.name = f"{bus.interface}:{bus.channel}"
+        self._description = bus
+        self._lock = threading.Lock()
+        self._network: canopen.Network | None = None
+        self._answers_due: set[canopen.RemoteNode] = set()
+        self._taps: list[FrameTap] = []
+
+    def tap(self, heard: FrameTap) -> None:
+        """From `open` on call `heard` with each frame that goes (True) or comes, in whichever thread it does."""
+        self._taps.append(heard)
+
+    def open(self) -> None:
+        """Join the bus. Raises LinkError."""
+        d = self._description
+        try:
+            bus = can.Bus(interface=d.interface, channel=d.channel, bitrate=d.bitrate)
+        except Exception as error:  # each interface of python-can has its own, down to NameError
+            raise LinkError(
+                f"CAN bus {self.name} cannot be opened: {error}; check the interface and channel in the bench file"
+            ) from error
+        if d.interface == MULTICAST:
+            keep_to_group(bus.fileno())
+        self._network = canopen.Network(bus)
+        self._listener = _Listener(self._network)
+        taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
+        self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
+        self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # would be kept for ever
+        self._network.connect()
+
+    def close(self) -> None:
+        """Leave the bus. Raises LinkError where it failed meanwhile."""
+        network, self._network = self._network, None
+        if network is not None:
+            try:
+                network.disconnect()
+            except (can.CanError, OSError) as error:
+                raise LinkError(f"CAN bus {self.name} failed: {error}; check adapter and cable") from error
+
+    @property
+    def network(self) -> canopen.Network:
+        if self._network is None:
+            raise LinkError(f"CAN bus {self.name} is not open; open the bench first")
+        return self._network
+
+    def error_frames(self) -> int:
+        """How many there were on the bus since the last call."""
+        errors, self._listener.errors = self._listener.errors, 0
+        return errors
+
+    def add_node(self, node_id: int) -> canopen.RemoteNode:
+        node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
+        node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
+        node.sdo.RESPONSE_TIMEOUT = self._description.timeout
+        if _has_wire(self._description):
+            node.sdo.shortest = shortest_transfer(self._description.bitrate)
+        node.sdo_channels = [node.sdo]
+        node.emcy.on_emcy = _unheard  # type: ignore[method-assign]  # canopen would keep them all, for ever; who wants them subscribes
+        self.network.add_node(node)
+        return node
+
+    def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
+        """Call `callback(cob_id, data, timestamp)` in the receiving thread for each such frame."""
+        self.network.subscribe(cob_id, callback)
+
+    def upload(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, size: int | None = None) -> bytes:
+        """Read an object, of `size` bytes where the node does not say. Raises LinkError, LinkTimeout, DeviceError."""
+        data: bytes = self._transfer(who, node, node.sdo.upload, index, subindex, size)
+        return data
+
+    def download(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, data: bytes) -> None:
+        """Write an object, once. Raises LinkError, LinkTimeout, DeviceError."""
+        self._transfer(who, node, node.sdo.download, index, subindex, data)
+
+    def _transfer(self, who: str, node: canopen.RemoteNode, call: Callable[..., Any], *args: object) -> Any:
+        with self._lock:
+            if node in self._answers_due:
+                self._await_silence(who, node)
+            self._answers_due.add(node)
+            try:
+                result = call(*args)
+            except SdoAbortedError as error:
+                self._answers_due.discard(node)
+                raise DeviceError(f"{who}: aborted the transfer: {error}") from error
+            except SdoCommunicationError as error:
+                raise LinkTimeout(
+                    f"{who}: no valid answer within {self._description.timeout:g} s; {self._why_none(node)}"
+                ) from error
+            except (can.CanError, OSError) as error:
+                raise LinkError(f"{who}: {self.name} failed: {error}; check adapter and termination") from error
+            self._answers_due.discard(node)
+            return result
+
+    def _why_none(self, node: canopen.RemoteNode) -> str:
+        """What may be the reason that no valid answer came."""
+        if node.sdo.too_soon:
+            return (
+                f"{node.sdo.too_soon} answers came sooner than {self._description.bitrate} bit/s can bring them; look "
+                "for a second node of that id, and give the bus its true bitrate"
+            )
+        return "check power, bit rate, node id"
+
+    def _await_silence(self, who: str, node: canopen.RemoteNode) -> None:
+        with suppress(queue.Empty):
+            for _ in range(LATE_ANSWERS):
+                node.sdo.responses.get(timeout=self._description.timeout)
+            raise LinkError(f"{who}: keeps answering what was not asked; look for a second SDO client on the bus")
+
+    def command(self, node: canopen.RemoteNode, state: str) -> None:
+        """NMT: ask a node to go to `state` (OPERATIONAL, PRE-OPERATIONAL, STOPPED, RESET); there is no answer."""
+        with self._lock:
+            try:
+                node.nmt.state = state
+            except (can.CanError, OSError) as error:
+                raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error

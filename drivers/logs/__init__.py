@@ -1,0 +1,1 @@
+"""Files of all that went over a bench's links: written, read, and answered from again."""

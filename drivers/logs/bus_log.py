@@ -1,0 +1,231 @@
+"""All traffic of a run in files that other tools read: everything as pcapng, CAN beside it as BLF or ASC."""
+
+from __future__ import annotations
+
+import stat
+import struct
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Self
+
+import can
+from can.io.blf import BLFParseError
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.clock import Clock
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.links.can import CanLink
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.errors import RecordError, UsageError
+
+CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
+WHOLE_FORMAT = ".pcapng"
+UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # where the unit id stands
+CLOCK, RUN = "clock", "run"  # notes: a time that the bench's clock has told [ns], the header of the run
+NODES = sensor_node.CONTRACT.name
+FRAME = struct.Struct(">IB3x")  # Linux' can_frame up to its data
+EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
+
+
+def check_log(path: Path) -> None:
+    """Whether a log can be written there.
+
+    Raises:
+        UsageError: CAN traffic has no such format, or a file of that name is there.
+        RecordError: no file can be made there.
+    """
+    if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
+        formats = f"{WHOLE_FORMAT} (everything), {' or '.join(CAN_FORMATS)} (CAN)"
+        raise UsageError(f"--log {path}: the name must end in {formats}")
+    for file in log_files(path):
+        try:
+            file.touch(exist_ok=False)
+            file.unlink()
+        except FileExistsError:
+            raise UsageError(f"--log {path}: {file} exists already; give another name") from None
+        except OSError as error:
+            raise _unwritable(path, error) from None
+
+
+def logged(path: Path) -> Path:
+    """A log that shall be read. Raises UsageError: it has not the name of one, or is no file."""
+    if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
+        raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}")
+    try:
+        kind = path.stat().st_mode
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
+    if not stat.S_ISREG(kind):
+        raise UsageError(f"{path}: is no file, so no bus log; check the name")
+    return path
+
+
+def log_files(path: Path) -> list[Path]:
+    """The files of a log: everything, and CAN beside it where `path` names a format of CAN."""
+    whole = path.with_suffix(WHOLE_FORMAT)
+    return [path] if path.suffix.lower() == WHOLE_FORMAT else [whole, path]
+
+
+def _unwritable(path: Path, error: OSError) -> RecordError:
+    return RecordError(f"{path}: the bus log cannot be written: {error.strerror or error}; choose another --log")
+
+
+def modbus_links(bench: Bench) -> Iterator[tuple[ModbusLink, Link, Callable[[bytes], str]]]:
+    """Each Modbus link of a bench, its kind, and which device a request on it is for."""
+    devices = [device for device in bench.devices if isinstance(device, ModbusDevice)]
+    for link in {id(device.link): device.link for device in devices}.values():
+        place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
+        names = {device.unit: device.contract.name for device in devices if device.link is link}
+
+        def whom(data: bytes, names: dict[int, str] = names, place: int = place) -> str:
+            return names.get(data[place], f"unit {data[place]}")
+
+        yield link, Link.LINE if link.serial else Link.TCP, whom
+
+
+def can_links(bench: Bench) -> list[CanLink]:
+    """The CAN links of a bench."""
+    return list({id(device.link): device.link for device in bench.devices if isinstance(device.link, CanLink)}.values())
+
+
+def packed(frame: can.Message) -> bytes:
+    """A frame as Linux has it."""
+    flags = (EXTENDED, frame.is_extended_id), (REMOTE, frame.is_remote_frame), (ERROR, frame.is_error_frame)
+    return FRAME.pack(frame.arbitration_id | sum(bit for bit, is_set in flags if is_set), frame.dlc) + frame.data
+
+
+def unpacked(data: bytes) -> can.Message:
+    """The frame that gives this when it is packed."""
+    identifier, size = FRAME.unpack_from(data)
+    return can.Message(
+        arbitration_id=identifier & ~(EXTENDED | REMOTE | ERROR),
+        is_extended_id=bool(identifier & EXTENDED),
+        is_remote_frame=bool(identifier & REMOTE),
+        is_error_frame=bool(identifier & ERROR),
+        dlc=size,
+        data=data[FRAME.size :],
+    )
+
+
+class BusLog:
+    """A context manager, entered before the bench is; messages are stamped with its `clock` after `started`.
+
+    What the program does stands in the order in which it was done: what it sends, each reply, and each time that it was
+    told. A CAN frame stands before what is done about it.
+    """
+
+    def __init__(self, bench: Bench, clock: Clock, path: Path, started: datetime) -> None:
+        self._path = path
+        self._bench = bench
+        self._clock = clock
+        self._begun_ns = round(started.timestamp()) * 1_000_000_000
+        self._lock = threading.RLock()  # held from the stamp on: both files in one order, and in that of time
+        self._stack = ExitStack()
+        self._failure: Exception | None = None
+
+    def __enter__(self) -> Self:
+        whole, *frames = log_files(self._path)
+        try:
+            with ExitStack() as stack:
+                self._whole = PcapngWriter(stack.enter_context(whole.open("wb")))
+                self._frames: list[Any] = [can.Logger(file) for file in frames]
+                for log in self._frames:
+                    stack.callback(log.stop)
+                self._stack = stack.pop_all()
+        except OSError as error:
+            raise _unwritable(self._path, error) from error
+        for modbus, kind, whom in modbus_links(self._bench):
+            self._listen(modbus, kind, whom)
+        for link in can_links(self._bench):
+            link.tap(self._heard_frame)
+        self._bench.clock.tap(self._told_time)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Raises RecordError: something could not be written, so that the log ends before the run."""
+        with self._lock:
+            try:
+                with self._stack:
+                    if self._failure is None:
+                        self._whole.end()
+            except (OSError, ValueError) as error:
+                self._failure = self._failure or error
+        if self._failure is not None and kind is None:
+            raise RecordError(f"{self._path}: the bus log is not whole: {self._failure}; free the disk")
+
+    def describe(self, header: str) -> None:
+        """Write down which run this is: the header of its record, as JSON."""
+        self._note(RUN, header)
+
+    def _listen(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
+        asked = ""
+
+        def heard(sending: bool, data: bytes) -> None:
+            nonlocal asked
+            if sending:
+                asked = whom(data)
+            with self._lock:
+                self._write(self._whole.write, Packet(self._now_ns(), asked, kind, sending, data))
+
+        link.tap(heard)
+
+    def _heard_frame(self, sending: bool, frame: can.Message) -> None:
+        stamped = unpacked(packed(frame))
+        with self._lock:
+            now = self._now_ns()
+            self._write(self._whole.write, Packet(now, NODES, Link.CAN, sending, packed(frame)))
+            stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, 0
+            for log in self._frames:
+                self._write(log, stamped)
+
+    def _told_time(self, now_ns: int) -> None:
+        self._note(CLOCK, str(now_ns))
+
+    def _note(self, what: str, text: str) -> None:
+        with self._lock:
+            self._write(self._whole.write, Packet(self._now_ns(), what, Link.NOTE, True, text.encode()))
+
+    def _now_ns(self) -> int:
+        return self._begun_ns + self._clock.now_ns()
+
+    def _write(self, write: Any, what: object) -> None:
+        """What fails ends the log, not the run."""
+        with self._lock:
+            if self._failure is None:
+                try:
+                    write(what)
+                except (OSError, ValueError) as error:
+                    self._failure = error
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A CAN frame of a log; `time` in s of the epoch."""
+
+    time: float
+    identifier: int
+    data: bytes
+
+
+def frame_of(packet: Packet) -> Frame:
+    """The CAN frame of a packet."""
+    frame = unpacked(packet.data)
+    return Frame(packet.time_ns / 1e9, frame.arbitration_id, bytes(frame.data))
+
+
+def read_frames(path: Path) -> Iterator[Frame]:
+    """The frames of a log, in their order. Raises OSError, ValueError: it cannot be read, or is damaged."""
+    reader, mode = CAN_FORMATS[path.suffix.lower()]
+    try:
+        with path.open(mode) as file:  # which python-can leaves open where its header is damaged
+            for frame in reader(file):
+                yield Frame(frame.timestamp, frame.arbitration_id, bytes(frame.data))
+    except (can.CanError, BLFParseError, struct.error, EOFError, zlib.error) as error:
+        raise ValueError(str(error)) from error

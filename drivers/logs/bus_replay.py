@@ -1,0 +1,303 @@
+"""A recorded bench on the wire again: what its log holds is answered as it was, and nothing else.
+
+The program that made the log does the same again: each request and each look at the clock has to be the next one of the
+log. What was heard up to the one after it is then given over real sockets, a pseudo-terminal and a CAN bus.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+import struct
+import threading
+import tty
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Self
+
+import can
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.clock import WallClock
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.logs.bus_log import (
+    CLOCK,
+    NODES,
+    RUN,
+    WHOLE_FORMAT,
+    can_links,
+    logged,
+    modbus_links,
+    packed,
+    unpacked,
+)
+from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
+from palpate.instrument.bench.description import BenchDescription, TcpAddress
+from palpate.instrument.bench.serial_line import FASTEST, character_bits, reply_begins
+from palpate.instrument.config import parse
+from palpate.instrument.contracts import shaker_amplifier
+from palpate.instrument.errors import ConfigError, UsageError
+
+LOOPBACK = "127.0.0.1"
+CHUNK = 4096  # bytes
+LINE = "line"
+TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its number; all that stands before the request
+AMPLIFIER = shaker_amplifier.CONTRACT
+ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # token and counter are written
+FIRST = bytes([0, 0, 0, 1])
+LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # the status alone is read
+LOOKED = b"\3\2\0\0"
+BITS = character_bits(parity=True, stop_bits=2)  # of the longest character
+
+
+class BusReplay:
+    """A context manager: inside it the devices of a log are to be found where `description` says.
+
+    It is the clock of the bench that is opened there, which is given to `attach` before.
+
+    What feeds the amplifier's watchdog may come at any time and finds out nothing: here it is always confirmed.
+
+    Attributes:
+        goes_on: as a wall's clock, so that nobody looks at it to feed the watchdog.
+        run: header of the run that was recorded, as its record has it.
+        verified: whether the log is as it was written; one of an earlier version does not tell.
+        description: of the recorded bench; inside, with its addresses of now.
+
+    Raises where it is made:
+        UsageError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
+    """
+
+    goes_on = True
+
+    def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
+        """`describe` says for people what a packet is."""
+        self.path = path if path.suffix.lower() == WHOLE_FORMAT else logged(path).with_suffix(WHOLE_FORMAT)
+        self._describe = describe
+        packets = self._read()
+        header = next((packet.data for packet in packets if packet.who == RUN), None)
+        if header is None:
+            raise ConfigError(f"{self.path}: no run was begun in it; replay what --log has recorded of a whole run")
+        try:
+            self.run: dict[str, Any] = json.loads(header)
+            bench: str = self.run["bench"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(f"{self.path}: its run is of another palpate ({error}); replay with that one") from None
+        self._packets = list(_without_heartbeats(packet for packet in packets if packet.who != RUN))
+        self._at = 0
+        self.description = parse(bench.encode(), BenchDescription, str(self.path))
+        self._stack = ExitStack()
+
+    def _read(self) -> list[Packet]:
+        try:
+            path = logged(self.path)
+            with path.open("rb") as file:
+                self.verified = is_hashed(file.read(CHUNK))
+            return list(read_pcapng(path))
+        except OSError as error:
+            raise UsageError(f"{self.path}: cannot be read: {error.strerror or error}; check the name") from error
+        except (ValueError, struct.error) as error:
+            raise ConfigError(f"{self.path}: damaged: {error}; only a whole log can be replayed") from error
+
+    def __enter__(self) -> Self:
+        recorded = self.description
+        with ExitStack() as stack:
+            channel = f"replay-{os.getpid()}-{id(self)}"
+            self._bus = can.Bus(interface="virtual", channel=channel)
+            stack.callback(self._bus.shutdown)
+            self._wire = stack.enter_context(_Wire())
+            places: dict[str, dict[str, Any]] = {
+                **{
+                    name: {"host": LOOPBACK, "port": self._wire.listen(name)}
+                    for name, address in recorded
+                    if isinstance(address, TcpAddress)
+                },
+                LINE: {"port": self._wire.line(LINE), "baudrate": FASTEST},
+                "can": {"interface": "virtual", "channel": channel},
+            }
+            self.description = recorded.model_copy(
+                update={name: getattr(recorded, name).model_copy(update=place) for name, place in places.items()}
+            )
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def attach(self, bench: Bench) -> None:
+        """Hear what is asked on the links of a bench that is not open yet."""
+        for modbus, kind, whom in modbus_links(bench):
+            self._answer(modbus, kind, whom)
+        for link in can_links(bench):
+            link.tap(self._heard_frame)
+
+    def now_ns(self) -> int:
+        """The time that the program was told here."""
+        at = self._next(Packet(0, CLOCK, Link.NOTE, True, b""))
+        return int(self._packets[at].data)
+
+    def wait(self, duration: float) -> None:
+        """It has passed already."""
+
+    def _answer(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
+        def heard(sending: bool, data: bytes) -> None:
+            if sending:
+                who = whom(data)
+                sent = Packet(0, who, kind, True, data)
+                reply = _confirmed(data) if _is_heartbeat(sent) else self._reply(self._next(sent))
+                if reply and kind is Link.TCP:
+                    reply = data[:TRANSACTION] + reply[TRANSACTION:]
+                self._wire.expect(LINE if link.serial else who, len(data), reply)
+
+        link.tap(heard)
+
+    def _heard_frame(self, sending: bool, frame: can.Message) -> None:
+        if sending:
+            self._next(Packet(0, NODES, Link.CAN, True, packed(frame)))
+
+    def _next(self, did: Packet) -> int:
+        """Where the log has what the program does now. Raises ConfigError: it did something else here."""
+        self._hear()
+        at = self._at
+        if at == len(self._packets) or not _same(self._packets[at], did):
+            goes_on = "ends" if at == len(self._packets) else f"goes on with {self._describe(self._packets[at])!r}"
+            raise ConfigError(
+                f"{self.path}: asked is {self._describe(did)!r}, and there the log {goes_on}; only a run that was "
+                "neither paused nor stopped nor lost a connection is the same again, with the palpate that recorded it"
+            )
+        self._at += 1
+        self._hear()
+        return at
+
+    def _hear(self) -> None:
+        """The frames that came before the program did something again."""
+        while self._at < len(self._packets) and not self._packets[self._at].sent:
+            if self._packets[self._at].link is Link.CAN:
+                self._bus.send(unpacked(self._packets[self._at].data))
+            self._at += 1
+
+    def _reply(self, at: int) -> bytes:
+        """What was answered to a request; nothing where it was asked in vain."""
+        who = self._packets[at].who
+        for later in range(at + 1, len(self._packets)):
+            if self._packets[later].who == who:
+                return b"" if self._packets[later].sent else self._packets[later].data
+        return b""
+
+
+def _same(recorded: Packet, did: Packet) -> bool:
+    """A look at the clock is one whatever it shows, a request on TCP the same whatever its number."""
+    if (recorded.link, recorded.who) != (did.link, did.who):
+        return False
+    begins = TRANSACTION if did.link is Link.TCP else 0
+    return did.link is Link.NOTE or recorded.data[begins:] == did.data[begins:]
+
+
+def _is_heartbeat(packet: Packet) -> bool:
+    """Whether it feeds the amplifier's watchdog and does nothing else; the first of a token claims the amplifier."""
+    if packet.who != AMPLIFIER.name:
+        return False
+    request = packet.data[MBAP:]
+    return packet.sent and (request == LOOK or (request.startswith(ALIVE) and request[-4:] != FIRST))
+
+
+def _confirmed(request: bytes) -> bytes:
+    """The answer to a heartbeat."""
+    reply = request[MBAP:][:5] if request[MBAP:].startswith(ALIVE) else LOOKED
+    return request[:4] + (len(reply) + 1).to_bytes(2) + request[6:MBAP] + reply
+
+
+def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
+    unheard = False  # the answer to one
+    for packet in packets:
+        of_amplifier = packet.who == AMPLIFIER.name
+        if of_amplifier and packet.sent:
+            unheard = _is_heartbeat(packet)
+        if not (of_amplifier and unheard):
+            yield packet
+
+
+class _Wire:
+    """The far ends of the Modbus links: each gives its reply once the whole request has come."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._due: dict[str, deque[tuple[int, bytes]]] = {}
+        self._got: dict[str, int] = {}
+        self._stack = ExitStack()
+        self._thread = threading.Thread(target=self._run, name="bus replay", daemon=True)
+
+    def __enter__(self) -> Self:
+        ours, self._stop = socket.socketpair()
+        for end in (ours, self._stop):
+            self._stack.enter_context(end)
+        self._selector.register(ours, selectors.EVENT_READ, None)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.send(b".")
+        self._thread.join()
+        for key in list(self._selector.get_map().values()):
+            if isinstance(key.fileobj, socket.socket):
+                key.fileobj.close()
+        self._selector.close()
+        self._stack.close()
+
+    def listen(self, name: str) -> int:
+        """A TCP port of this device."""
+        server = socket.create_server((LOOPBACK, 0))
+        self._add(server, name)
+        port: int = server.getsockname()[1]
+        return port
+
+    def line(self, name: str) -> str:
+        """The path of a serial line's other end."""
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        for descriptor in (master, slave):
+            self._stack.callback(os.close, descriptor)
+        self._add(master, name)
+        return os.ttyname(slave)
+
+    def _add(self, end: socket.socket | int, name: str) -> None:
+        self._due[name], self._got[name] = deque(), 0
+        self._selector.register(end, selectors.EVENT_READ, name)
+
+    def expect(self, name: str, size: int, reply: bytes) -> None:
+        """A request of `size` bytes will come, and gets this."""
+        self._due[name].append((size, reply))
+
+    def _run(self) -> None:
+        while True:
+            for key, _ in self._selector.select():
+                if key.data is None:
+                    return
+                if isinstance(key.fileobj, socket.socket) and key.fileobj.getsockopt(
+                    socket.SOL_SOCKET, socket.SO_ACCEPTCONN
+                ):
+                    connection, _ = key.fileobj.accept()
+                    self._got[key.data] = 0
+                    self._selector.register(connection, selectors.EVENT_READ, key.data)
+                elif not self._serve(key.fd, key.data) and isinstance(key.fileobj, socket.socket):
+                    self._selector.unregister(key.fileobj)
+                    key.fileobj.close()
+
+    def _serve(self, end: int, name: str) -> bool:
+        """Take what has come and give what is due for it; whether the end is open still."""
+        try:
+            data = os.read(end, CHUNK)
+            self._got[name] += len(data)
+            due = self._due[name]
+            while due and self._got[name] >= due[0][0]:
+                size, reply = due.popleft()
+                self._got[name] -= size
+                if name == LINE:
+                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # a reply that comes sooner is none
+                os.write(end, reply)
+        except OSError:  # the other side has gone
+            return False
+        return bool(data)

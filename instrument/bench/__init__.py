@@ -1,0 +1,1 @@
+"""What a bench is, on paper: its description, the lines between devices, and the person at it."""

@@ -1,0 +1,254 @@
+"""Films calibrated against the load cell: what each gives for the force on its teeth, and what it hears of others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from typing import Annotated, Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ConfigDict, Field, model_validator
+
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.config import Config, Hashed, IsoDate, Name, NotNegative, Positive, check
+from palpate.instrument.errors import ConfigError, EstimateError
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.interpolation import interpolate
+
+Floats = npt.NDArray[np.float64]
+FEWEST = 3  # points for each film, below which there is no scatter
+REPEATS, LOAD_CELL = "scatter from one load set to the next", "load cell"
+
+
+@dataclass(frozen=True, slots=True)
+class FilmReading:
+    """What the films of a design gave while one tooth alone was pressed; loads and voltages are peak to peak.
+
+    Args:
+        tooth: number, from 0.
+        frequency: of the load [Hz].
+        set_load: that was asked for [N].
+        load, load_u: by the load cell [N].
+        voltage: (films,) V, in the design's order.
+    """
+
+    tooth: int
+    frequency: float
+    set_load: float
+    load: float
+    load_u: float
+    voltage: Floats
+
+
+class CalibratedFilm(Config):
+    """One film.
+
+    Args:
+        sensitivity_mV_per_N, sensitivity_u: mean over all points, with standard uncertainty.
+        scatter_u, degrees_of_freedom: the part of that from the scatter of the points.
+        load_cell_u: the part that the load cell's calibration has in it, the same for all films.
+        linearity: greatest deviation from a line through the means at the loads, as a fraction of the span.
+        clamping: sensitivity over that of the design.
+    """
+
+    model_config = ConfigDict(strict=True)
+
+    name: Name
+    sensitivity_mV_per_N: Positive
+    sensitivity_u: Positive
+    scatter_u: NotNegative
+    degrees_of_freedom: Annotated[int, Field(ge=1)]
+    load_cell_u: NotNegative
+    linearity: NotNegative
+    clamping: Positive
+
+
+class FilmCalibration(Hashed):
+    """Films of one sensor on its node. The field names are the keys of the calibration file.
+
+    Args:
+        films: in the design's order.
+        covariance: (films, films), of the sensitivities, (mV/N)².
+        crosstalk: (rigid films, teeth): of what film i gives while tooth j alone is pressed, over what it gives for
+            the same force on its own.
+        crosstalk_u: standard uncertainties.
+        frequencies_Hz, gain: for each film what it gives at a frequency over its mean.
+        device: serial number of the sensor node.
+        load_cell: the calibration of the load cell, with the degrees of freedom of its uncertainty.
+    """
+
+    design: Name
+    films: Annotated[tuple[CalibratedFilm, ...], Field(min_length=1)]
+    covariance: tuple[tuple[float, ...], ...]
+    crosstalk: tuple[tuple[float, ...], ...]
+    crosstalk_u: tuple[tuple[float, ...], ...]
+    frequencies_Hz: tuple[float, ...]
+    gain: tuple[tuple[float, ...], ...]
+    least_N: float
+    greatest_N: float
+    load_cell: Name
+    load_cell_degrees_of_freedom: Annotated[int, Field(ge=1)] | None = None
+    device: Name
+    simulated: Annotated[bool, Field(strict=True)]
+    source: Name
+    created: Name
+    expires: IsoDate
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        """Tables are as large as films and frequencies ask for."""
+        count = len(self.films)
+        shapes = {
+            "covariance": (self.covariance, count, count),
+            "gain": (self.gain, count, len(self.frequencies_Hz)),
+            "crosstalk_u": (self.crosstalk_u, len(self.crosstalk), len(self.crosstalk[0]) if self.crosstalk else 0),
+            "crosstalk": (self.crosstalk, len(self.crosstalk), len(self.crosstalk[0]) if self.crosstalk else 0),
+        }
+        for name, (table, rows, columns) in shapes.items():
+            if len(table) != rows or any(len(row) != columns for row in table):
+                raise ValueError(f"{name} is not {rows} rows of {columns} numbers, for {count} films")
+        return self
+
+    def budgets(self) -> tuple[Budget, ...]:
+        """Of each sensitivity."""
+        freedom = self.load_cell_degrees_of_freedom or math.inf
+        return tuple(
+            Budget(
+                f"sensitivity of film {film.name}",
+                film.sensitivity_mV_per_N,
+                "mV/N",
+                (
+                    Component(REPEATS, film.scatter_u, degrees_of_freedom=film.degrees_of_freedom, kind="A"),
+                    Component(LOAD_CELL, film.load_cell_u, degrees_of_freedom=freedom),
+                ),
+            )
+            for film in self.films
+        )
+
+    def apply(self, design: Design) -> Design:
+        """The design with these sensitivities and their covariance, which has the scatter's degrees of freedom.
+
+        The load cell's part of it, which is mostly better known, cancels in a ratio.
+        """
+        found = np.array([film.sensitivity_mV_per_N for film in self.films])
+        relative = np.array(self.covariance) / np.outer(found, found)
+        films = (
+            replace(film, sensitivity=1e-3 * float(value)) for film, value in zip(design.films, found, strict=True)
+        )
+        return replace(
+            design,
+            films=tuple(films),
+            film_covariance=tuple(map(tuple, relative.tolist())),
+            film_freedom=float(min(film.degrees_of_freedom for film in self.films)),
+        )
+
+    def check_use(self, design: Design, device: str, simulated: bool, today: date) -> None:
+        """Raises ConfigError where it is not that of this sensor on this node, or has expired."""
+        made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with node {self.device}"
+        if self.simulated != simulated or self.device != device:
+            raise ConfigError(f"{made}, not for this bench's {device}; run palpate calibrate films")
+        if self.design != design.name or [f.name for f in self.films] != [f.name for f in design.films]:
+            raise ConfigError(f"{made} for design {self.design}, not {design.name}; run palpate calibrate films")
+        if today > date.fromisoformat(self.expires):
+            raise ConfigError(f"{made} and expired on {self.expires}; run palpate calibrate films, or delete it")
+
+
+def calibrate_films(
+    design: Design, readings: Sequence[FilmReading], load_cell: LoadCellCalibration, origin: Mapping[str, Any]
+) -> FilmCalibration:
+    """Sensitivities and crosstalk from teeth pressed one after the other.
+
+    A film's gain scatters from one load set to the next by a share of itself, so that its sensitivity is the mean of
+    voltage over load. What the load cell's calibration does to all loads is common to all films.
+
+    Args:
+        readings: of every tooth, at loads and frequencies.
+        origin: `device`, `simulated`, `source`, `created` and `expires` as in `FilmCalibration`.
+
+    Raises:
+        EstimateError: fewer than three readings or loads for a film, a load that is not positive, or a film that gives
+            nothing.
+    """
+    own = np.array([[reading.tooth in film.teeth for reading in readings] for film in design.films])
+    load = np.array([reading.load for reading in readings])
+    if not (load > 0).all():
+        raise EstimateError(f"load {load.min():g} N by the load cell is not above 0; check the zero of the load cell")
+    if (own.sum(axis=1) < FEWEST).any():
+        raise EstimateError(f"{own.sum(axis=1).min()} readings of a film give no scatter; use at least {FEWEST}")
+    ratio = np.array([reading.voltage for reading in readings]).T / load
+    count = own.sum(axis=1)
+    mean = np.where(own, ratio, 0.0).sum(axis=1) / count
+    deviation = np.where(own, ratio - mean[:, np.newaxis], 0.0) / np.sqrt(count * (count - 1.0))[:, np.newaxis]
+    common = mean * _common(load_cell, load)
+    covariance = deviation @ deviation.T + np.outer(common, common)
+    u = np.sqrt(np.diagonal(covariance))
+    for film, value, value_u in zip(design.films, mean, u, strict=True):
+        if not value > 3 * value_u:
+            raise EstimateError(
+                f"film {film.name!r} on channel {film.channel} gives {1e3 * value:.3g} mV/N with standard uncertainty "
+                f"{1e3 * value_u:.2g} mV/N, not above three of them; check its connection"
+            )
+    crosstalk, crosstalk_u = _crosstalk(design, readings, ratio, mean)
+    frequencies = tuple(sorted({reading.frequency for reading in readings}))
+    at = np.array([reading.frequency for reading in readings])
+    fields = {
+        "design": design.name,
+        "films": [
+            {
+                "name": film.name,
+                "sensitivity_mV_per_N": 1e3 * float(mean[i]),
+                "sensitivity_u": 1e3 * float(u[i]),
+                "scatter_u": 1e3 * float(np.linalg.norm(deviation[i])),
+                "degrees_of_freedom": int(count[i]) - 1,
+                "load_cell_u": 1e3 * float(common[i]),
+                "linearity": _linearity([r for r, mine in zip(readings, own[i], strict=True) if mine], i),
+                "clamping": float(mean[i]) / film.sensitivity,
+            }
+            for i, film in enumerate(design.films)
+        ],
+        "covariance": (1e6 * covariance).tolist(),
+        "crosstalk": crosstalk.tolist(),
+        "crosstalk_u": crosstalk_u.tolist(),
+        "frequencies_Hz": frequencies,
+        "gain": [[float(ratio[i, own[i] & (at == f)].mean() / mean[i]) for f in frequencies] for i in range(len(mean))],
+        "least_N": min(reading.set_load for reading in readings),
+        "greatest_N": max(reading.set_load for reading in readings),
+        "load_cell": f"{load_cell.source}{load_cell.marks()}",
+        "load_cell_degrees_of_freedom": load_cell.degrees_of_freedom,
+        **origin,
+    }
+    return check(fields, FilmCalibration, "film calibration")
+
+
+def _common(load_cell: LoadCellCalibration, load: Floats) -> float:
+    """Relative standard uncertainty that the load cell's calibration gives a mean over these loads [N].
+
+    The same curve turned all readings into loads, so that its errors do not average out.
+    """
+    return math.fsum(load_cell.curve_u(float(value)) / float(value) for value in load) / load.size
+
+
+def _crosstalk(design: Design, readings: Sequence[FilmReading], ratio: Floats, mean: Floats) -> tuple[Floats, Floats]:
+    """(rigid films, teeth), and standard uncertainties."""
+    rigid = [i for i, film in enumerate(design.films) if film.kind == FILM_KINDS[0]]
+    pressed = np.array([reading.tooth for reading in readings])
+    values, uncertainties = np.zeros((2, len(rigid), len(design.teeth)))
+    for row, i in enumerate(rigid):
+        for tooth in range(len(design.teeth)):
+            parts = ratio[i, pressed == tooth] / mean[i]
+            values[row, tooth] = parts.mean()
+            uncertainties[row, tooth] = parts.std(ddof=1) / math.sqrt(parts.size)
+    return values, uncertainties
+
+
+def _linearity(readings: Sequence[FilmReading], film: int) -> float:
+    """Greatest deviation of the mean voltages from a line, as a fraction of the span."""
+    sets = sorted({reading.set_load for reading in readings})
+    load = np.array([np.mean([r.load for r in readings if r.set_load == s]) for s in sets])
+    volts = np.array([np.mean([r.voltage[film] for r in readings if r.set_load == s]) for s in sets])
+    line = interpolate(load, volts, 0.0)
+    return float(np.abs(volts - line.reading(load)).max() / abs(line.coefficients[1] * np.ptp(load)))

@@ -1,0 +1,295 @@
+"""Load cell: the calibration that runs of dead weights give and where it may be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import date
+from typing import Annotated, Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+
+from palpate.instrument.calibration.classification import (
+    Classification,
+    Run,
+    classify_astm_e74,
+    classify_iso_376,
+    lower_limit_factor,
+    quantities,
+)
+from palpate.instrument.calibration.load_cell_curve import Curvature, load_cell_curve
+from palpate.instrument.config import Hashed, IsoDate, Name, NotNegative, Positive, check
+from palpate.instrument.errors import ConfigError, EstimateError, RangeError
+from palpate.instrument.uncertainty.rounding import mean_u
+
+STANDARD_GRAVITY = 9.80665
+"""m/s², turns the gram-force of dead weights into newtons."""
+
+
+class LoadCellCalibration(Hashed):
+    """`reading_mV = zero_mV + sensitivity_mV_per_N · load_N + curvature · load_N²`, of a cell with its indicator.
+
+    The field names are the keys of the calibration file. Fractions are the greatest over the loads, and None where
+    the runs do not tell.
+
+    Args:
+        sensitivity_mV_per_N, sensitivity_u: slope at no load, with standard uncertainty.
+        zero_mV, zero_u: reading at no load, with standard uncertainty.
+        covariance: mV²/N, of sensitivity and zero.
+        degrees_of_freedom: of these uncertainties; None: known as well as the steps of the indicator.
+        curvature: of a cell for which a line does not do.
+        least_N, greatest_N: the calibrated range.
+        linearity: largest deviation of a mean reading from the line, as a fraction of the span.
+        reversibility: largest difference of loading and unloading at one load, as a fraction of the span.
+        reversibility_of_reading: v of ISO 376, which goes with the deflection at the load.
+        repeatability, reproducibility, interpolation, zero_return, creep: b', b, fc, f0 and c of ISO 376.
+        resolution_mV: smallest step of the indicator.
+        scatter_mV: standard deviation of single displays about their mean; None: not known.
+        lower_limit_factor_N: of ASTM E74.
+        astm_e74, iso_376: class "AA" or "A", "00" to "2", or "not classifiable".
+        gage_factor: that the indicator was set to.
+        device: serial number of the load cell.
+        simulated: whether the readings come from a simulated bench.
+        source: where the readings are to be found.
+        created: date and time, ISO 8601.
+        expires: last day on which it may be used, ISO 8601; None: nobody said.
+    """
+
+    model_config = ConfigDict(strict=True)
+
+    sensitivity_mV_per_N: Positive
+    sensitivity_u: Positive
+    zero_mV: float
+    zero_u: Positive
+    covariance: float
+    degrees_of_freedom: Annotated[int, Field(ge=1)] | None = None
+    least_N: float
+    greatest_N: float
+    linearity: NotNegative
+    reversibility: NotNegative
+    reversibility_of_reading: NotNegative
+    repeatability: NotNegative | None = None
+    reproducibility: NotNegative | None = None
+    interpolation: NotNegative
+    zero_return: NotNegative | None = None
+    creep: NotNegative | None = None
+    resolution_mV: Positive
+    scatter_mV: NotNegative | None = None
+    lower_limit_factor_N: NotNegative
+    astm_e74: Classification
+    iso_376: Classification
+    gage_factor: Positive
+    device: Name
+    simulated: bool
+    source: Name
+    created: Name
+    expires: IsoDate | None = None
+    curvature: Curvature | None = None
+
+    @field_validator("covariance")
+    @classmethod
+    def _is_a_covariance(cls, value: float, info: ValidationInfo) -> float:
+        bound = info.data.get("sensitivity_u", math.inf) * info.data.get("zero_u", math.inf)
+        if not abs(value) <= bound:
+            raise ValueError(f"{value:g} exceeds sensitivity_u · zero_u = {bound:g} in size")
+        return value
+
+    @field_validator("greatest_N")
+    @classmethod
+    def _is_a_range(cls, value: float, info: ValidationInfo) -> float:
+        least = info.data.get("least_N", -math.inf)
+        if not value > least:
+            raise ValueError(f"{value:g} N is not above least_N = {least:g} N")
+        return value
+
+    @model_validator(mode="after")
+    def _are_covariances(self) -> Self:
+        if self.curvature is not None:
+            u = np.array([self.zero_u, self.sensitivity_u, self.curvature.u])
+            if not np.linalg.eigvalsh(self._covariance() / np.outer(u, u)).min() >= -1e-9:
+                raise ValueError("covariances of zero, sensitivity and curvature cannot be: one is too large")
+        return self
+
+    def _covariance(self) -> npt.NDArray[np.float64]:
+        """Of zero, sensitivity and, where it has one, curvature."""
+        matrix = np.array([[self.zero_u**2, self.covariance], [self.covariance, self.sensitivity_u**2]])
+        if self.curvature is None:
+            return matrix
+        column = np.array([self.curvature.with_zero, self.curvature.with_sensitivity])
+        return np.block([[matrix, column[:, np.newaxis]], [column, np.array([self.curvature.u**2])]])
+
+    def load(self, reading_mV: float, displays: int = 1) -> tuple[float, float]:
+        """Load in N that gives this reading, the mean of so many displays, and its standard uncertainty in N.
+
+        The uncertainty holds the curve (with covariances) and the reading's own (`reading_u`).
+
+        Raises:
+            EstimateError: the reading is not finite, or beyond the vertex of a curved calibration.
+        """
+        if not math.isfinite(reading_mV):
+            raise EstimateError(f"reading {reading_mV} mV is not finite, so it has no load; repeat it")
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
+        net = reading_mV - self.zero_mV
+        slope_squared = self.sensitivity_mV_per_N**2 + 4 * bend * net
+        if not slope_squared > 0:
+            raise EstimateError(f"reading {reading_mV:g} mV is beyond the vertex of the calibration; reduce the load")
+        slope = math.sqrt(slope_squared)
+        load = 2 * net / (self.sensitivity_mV_per_N + slope)
+        return load, math.hypot(self.curve_u(load), self.reading_u(displays) / slope)
+
+    def curve_u(self, load_N: float) -> float:
+        """Standard uncertainty in N that the curve gives a load, by which all readings there are off alike."""
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
+        covariance = self._covariance()
+        powers = load_N ** np.arange(len(covariance))
+        variance = max(float(powers @ covariance @ powers), 0.0)
+        return math.sqrt(variance) / (self.sensitivity_mV_per_N + 2 * bend * load_N)
+
+    def reading_u(self, displays: int = 1) -> float:
+        """Standard uncertainty in mV of the mean of so many displays: their scatter and what it leaves of the rounding.
+
+        Where the scatter is not known, of the rounding alone.
+        """
+        if self.scatter_mV is None:
+            return self.resolution_mV / math.sqrt(12)
+        return mean_u(self.scatter_mV, self.resolution_mV, displays)
+
+    def reading(self, load_N: float) -> float:
+        """Reading in mV that this load gives."""
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
+        return self.zero_mV + (self.sensitivity_mV_per_N + bend * load_N) * load_N
+
+    def resolution(self) -> float:
+        """Load in N of the smallest step of the indicator."""
+        return self.resolution_mV / self.sensitivity_mV_per_N
+
+    def covers(self, load_N: float) -> bool:
+        """Whether a load lies in the calibrated range."""
+        slack = 1e-9 * self.greatest_N
+        return self.least_N - slack <= load_N <= self.greatest_N + slack
+
+    def check_range(self, load_N: float) -> None:
+        """Raises RangeError where a load in N lies outside the calibrated range."""
+        if not self.covers(load_N):
+            raise RangeError(
+                f"load {load_N:g} N lies outside the {self.least_N:.4g} to {self.greatest_N:.4g} N that the load cell "
+                f"is calibrated for ({self.source}); take a load inside, calibrate with other weights "
+                "(palpate calibrate load-cell --loads), or accept what the fit says out there with --extrapolate"
+            )
+
+    def check_use(self, device: str, simulated: bool, gage_factor: float, today: date) -> None:
+        """Raises ConfigError where it is not that of this cell and indicator as they are set, or has expired."""
+        made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with device {self.device}"
+        if self.simulated != simulated or self.device != device:
+            raise ConfigError(f"{made}, not for this bench's {device}; calibrate again")
+        if abs(self.gage_factor - gage_factor) > 1e-6 * gage_factor:
+            raise ConfigError(
+                f"{made} at gage factor {self.gage_factor:g}, this bench's is {gage_factor:g}; set gage_factor in the "
+                "bench file back, or run palpate calibrate load-cell"
+            )
+        if self.expires is not None and today > date.fromisoformat(self.expires):
+            raise ConfigError(f"{made} and expired on {self.expires}; run palpate calibrate load-cell")
+
+
+def calibrate_load_cell(
+    load_N: npt.ArrayLike,
+    runs: Sequence[Run],
+    resolution_mV: float,
+    *,
+    degree: int | None = None,
+    creep_mV: float | None = None,
+    gage_factor: float,
+    device: str,
+    simulated: bool,
+    source: str,
+    created: str,
+    expires: str | None = None,
+) -> LoadCellCalibration:
+    """Calibration from runs of dead weights put on and taken off again.
+
+    The curve goes through the mean reading at each load, since repeats at one load share its rounding. The span is
+    that of the line between the least and the greatest load. The spread of the sensitivity over several positions
+    of the cell counts towards its uncertainty, since nobody knows in which the cell is used.
+
+    Args:
+        load_N: (k,) N, increasing.
+        runs: readings (k,) each.
+        resolution_mV: smallest step of the indicator.
+        degree: of the curve; None: 2 where an F-test finds it better than 1.
+        creep_mV: change of the reading from 30 s to 300 s under the greatest load.
+        gage_factor, device, simulated, source, created, expires: as in `LoadCellCalibration`.
+
+    Raises:
+        EstimateError: as `interpolate`; loads that do not increase; shapes that do not match; no run; a sensitivity
+            not above three of its standard uncertainties.
+        RangeError: resolution not positive.
+        ConfigError: an empty text.
+    """
+    load = np.asarray(load_N, dtype=np.float64)
+    fitted = load_cell_curve(load, runs, resolution_mV, degree)
+    curve, sensitivity, span = fitted.curve, fitted.sensitivity, fitted.span
+    freedom = sensitivity.degrees_of_freedom
+    found = quantities(load, runs, curve, resolution_mV, creep_mV)
+    factor = lower_limit_factor(load, runs, curve)
+    up_less_down = np.mean([run.loading_mV - run.unloading_mV for run in runs], axis=0)
+    fields: dict[str, Any] = {
+        "sensitivity_mV_per_N": sensitivity.value,
+        "sensitivity_u": sensitivity.u,
+        "zero_mV": float(curve.coefficients[0]),
+        "zero_u": math.sqrt(curve.covariance[0, 0]),
+        "covariance": float(curve.covariance[0, 1]),
+        "degrees_of_freedom": max(math.floor(freedom), 1) if math.isfinite(freedom) else None,
+        "least_N": float(load[0]),
+        "greatest_N": float(load[-1]),
+        "linearity": fitted.linearity,
+        "reversibility": float(np.abs(up_less_down).max()) / span,
+        "reversibility_of_reading": _greatest(found["reversibility"]),
+        **{
+            name: _greatest(found[name])
+            for name in ("repeatability", "reproducibility", "interpolation", "zero_return", "creep")
+        },
+        "resolution_mV": float(resolution_mV),
+        "scatter_mV": fitted.scatter_mV,
+        "lower_limit_factor_N": factor,
+        "astm_e74": classify_astm_e74(load, 2 * load.size * len(runs), factor, resolution_mV / sensitivity.value),
+        "iso_376": classify_iso_376(load, found),
+        "gage_factor": gage_factor,
+        "device": device,
+        "simulated": simulated,
+        "source": source,
+        "created": created,
+        "expires": expires,
+    }
+    if curve.coefficients.size == 3:
+        fields["curvature"] = {
+            "mV_per_N2": float(curve.coefficients[2]),
+            "u": math.sqrt(curve.covariance[2, 2]),
+            "with_sensitivity": float(curve.covariance[1, 2]),
+            "with_zero": float(curve.covariance[0, 2]),
+        }
+    return check(fields, LoadCellCalibration, "load cell calibration")
+
+
+def _greatest(values: npt.NDArray[np.float64] | None) -> float | None:
+    return None if values is None else float(values.max())
+
+
+THESIS_LOAD_CELL = calibrate_load_cell(
+    np.arange(140.0, 741.0, 100.0) * 1e-3 * STANDARD_GRAVITY,
+    [
+        Run(
+            0.0,
+            np.array([16.0, 26.0, 36.0, 47.0, 56.0, 67.0, 77.0]),
+            np.array([16.0, 26.0, 36.0, 46.0, 57.0, 66.0, 76.0]),
+        )
+    ],
+    1.0,
+    gage_factor=8.98,
+    device="thesis load cell",
+    simulated=False,
+    source="thesis Table 5.1",
+    created="not recorded",
+)
+"""10.306 ± 0.056 mV/N, zero 1.81 mV, resolution 1 mV: thesis Table 5.1 [T]. Serves until a bench has its own."""

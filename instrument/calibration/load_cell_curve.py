@@ -1,0 +1,102 @@
+"""The curve through runs of dead weights, and how well its slope is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ConfigDict
+
+from palpate.instrument.calibration.classification import Run, spread_over_positions
+from palpate.instrument.config import Config, Positive
+from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.interpolation import Interpolation, best_degree, interpolate
+from palpate.instrument.uncertainty.rounding import mean_u
+
+
+class Curvature(Config):
+    """The term of second degree, mV/N², with its standard uncertainty and covariances."""
+
+    model_config = ConfigDict(strict=True)
+
+    mV_per_N2: float
+    u: Positive
+    with_sensitivity: float
+    with_zero: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadCellCurve:
+    """What a load cell is calibrated by.
+
+    Attributes:
+        curve: through the mean readings, of the degree that was asked for, or of the better one.
+        scatter_mV: standard deviation of single displays; None: not known.
+        sensitivity: slope at no load with its uncertainty [mV/N].
+        span: of a line between the least and the greatest load [mV].
+        linearity: largest deviation of a mean from that line, as a fraction of the span.
+    """
+
+    curve: Interpolation
+    scatter_mV: float | None
+    sensitivity: Budget
+    span: float
+    linearity: float
+
+
+def load_cell_curve(
+    load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float, degree: int | None
+) -> LoadCellCurve:
+    """Least squares through the means of the runs at loads (k,) [N].
+
+    Raises:
+        EstimateError: as `interpolate`; loads that do not increase; shapes that do not match; no run; a sensitivity
+            not above three of its standard uncertainties.
+        RangeError: resolution not positive.
+    """
+    _check(load, runs, resolution_mV)
+    mean = np.mean([run.mean_mV() for run in runs], axis=0)
+    scatter = _scatter(runs)
+    reading_u, freedom = resolution_mV / math.sqrt(12), math.inf
+    if scatter is not None:
+        displays = 2 * sum(run.repeats for run in runs)
+        reading_u, freedom = mean_u(scatter, resolution_mV, displays), (displays - 2 * len(runs)) * load.size
+    line = interpolate(load, mean, reading_u)
+    if degree is None:
+        degree = best_degree(load, mean, reading_u)
+    curve = line if degree == 1 else interpolate(load, mean, reading_u, degree)
+    spread, positions = spread_over_positions(load, runs), len({run.position for run in runs})
+    if curve.by_scatter:
+        freedom = curve.degrees_of_freedom
+    sensitivity = Budget("sensitivity", float(curve.coefficients[1]), "mV/N", (
+        Component("curve", math.sqrt(curve.covariance[1, 1]), degrees_of_freedom=freedom, kind="A"),
+        Component("positions", spread, degrees_of_freedom=max(positions - 1, 1), kind="A"),
+    ))  # fmt: skip
+    if not sensitivity.value > 3 * sensitivity.u:
+        raise EstimateError(
+            f"sensitivity {sensitivity.value:.4g} mV/N with standard uncertainty {sensitivity.u:.2g} mV/N is not above "
+            "three of them; check the weights, the bridge and its polarity"
+        )
+    span = float(line.coefficients[1] * np.ptp(load))
+    linearity = float(np.abs(mean - line.reading(load)).max()) / span
+    return LoadCellCurve(curve, scatter, sensitivity, span, linearity)
+
+
+def _check(load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float) -> None:
+    shapes = [series.shape for run in runs for series in (run.loading_mV, run.unloading_mV)]
+    if not runs or any(shape != load.shape for shape in shapes):
+        raise EstimateError(f"{load.size} loads, but readings of shapes {shapes}; each must be ({load.size},)")
+    if not (np.diff(load) > 0).all():
+        raise EstimateError(f"loads {load} N must increase, each once; put the weights in order")
+    if not (math.isfinite(resolution_mV) and resolution_mV > 0):
+        raise RangeError(f"resolution {resolution_mV} mV must be positive: it is the indicator's smallest step")
+
+
+def _scatter(runs: Sequence[Run]) -> float | None:
+    """Of single displays, pooled over the runs; None where one does not know its own."""
+    known = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
+    return float(np.linalg.norm(known)) / math.sqrt(len(runs)) if len(known) == len(runs) else None

@@ -1,0 +1,254 @@
+"""What a device's registers or objects are, declared once and used at both ends of the wire.
+
+A driver encodes and decodes with the contract, a simulator validates with the same one, and the
+tables for people, the EDS and the DBC are generated from it. A wrong scale would pass every
+round-trip test, so each field also has a golden frame written by hand in `tests/golden`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import struct
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+from palpate.instrument.contracts.field import NUL, SIZE, STRUCT, Access, Field, Value, sdo
+from palpate.instrument.errors import ConfigError, RangeError, UnknownName
+
+__all__ = ["PROBE", "Access", "Contract", "Field", "Identity", "Pdo", "Value", "probe", "sdo"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pdo:
+    """A process data object that a node sends: COB-ID `base + node id`, fields packed in order."""
+
+    name: str
+    base: int
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a device says it is (Modbus function 43/14, CANopen object 0x1018)."""
+
+    vendor: str
+    product: str
+    revision: str
+
+
+@dataclass(frozen=True)
+class Contract:
+    """All fields of one kind of device.
+
+    Modbus contracts address 16-bit holding registers, big-endian, most significant word first;
+    CANopen contracts address objects, little-endian.
+    """
+
+    name: str
+    title: str
+    bus: Literal["modbus", "canopen"]
+    identity: Identity
+    fields: tuple[Field, ...]
+    pdos: tuple[Pdo, ...] = ()
+    _by_name: dict[str, Field] = field(init=False, repr=False, compare=False)
+    _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError: its fields cannot stand on its bus, or beside each other."""
+        for f in self.fields:
+            if self.bus == "modbus" and (f.size % 2 or not f.size):
+                wide = ", ".join([*(name for name, size in SIZE.items() if size % 2 == 0), "text of an even length"])
+                raise ConfigError(
+                    f"{self.title}: {f.name} is of type {f.type}, which fills no whole 16-bit registers; valid: {wide}"
+                )
+        for first, second in itertools.pairwise(sorted(self.fields, key=lambda f: f.address)):
+            if first.address + (first.size // 2 if self.bus == "modbus" else 1) > second.address:
+                raise ConfigError(f"{self.title}: {first.name} and {second.name} overlap at 0x{second.address:x}")
+        if twice := [name for name, count in Counter(f.name for f in self.fields).items() if count > 1]:
+            raise ConfigError(f"{self.title}: several fields have the name {', '.join(twice)}; each needs its own")
+        order = ">" if self.bus == "modbus" else "<"
+        object.__setattr__(self, "_by_name", {f.name: f for f in self.fields})
+        object.__setattr__(
+            self,
+            "_codec",
+            {f.name: struct.Struct(order + STRUCT[f.type]) for f in self.fields if f.type != "text"},
+        )
+
+    def __getitem__(self, name: str) -> Field:
+        try:
+            return self._by_name[name]
+        except KeyError:
+            raise UnknownName(f"field of the {self.title}", name, self._by_name) from None
+
+    def raw(self, name: str, value: Value) -> float:
+        """The raw value of `value`, checked against the field's limits.
+
+        Args:
+            value: physical value in the field's unit, or the name of a choice.
+
+        Raises:
+            RangeError: outside the limits, not finite, or no such choice; names device, field,
+                value and limit.
+        """
+        f = self[name]
+        if isinstance(value, str):
+            if value not in f.choices:
+                raise RangeError(f"{self.title}: {f.name} = {value!r} is no choice; valid: {', '.join(f.choices)}")
+            return f.choices[value]
+        if not self.allows(name, value):
+            raise RangeError(f"{self.title}: {self._beyond(f, value)}")
+        return f.to_raw(value)
+
+    def misread(self, name: str, value: float) -> str:
+        """What is wrong with a value that a device gave; empty: nothing.
+
+        Limits and choices hold for it as for what is written. Where a field has neither, a float may be NaN: the device
+        has no reading.
+        """
+        f = self[name]
+        bounded = f.choices or f.minimum is not None or f.maximum is not None
+        if self.allows(name, value) or (math.isnan(value) and not bounded):
+            return ""
+        return self._beyond(f, value)
+
+    def _beyond(self, f: Field, value: float) -> str:
+        given = f"{f.name} = {value:g} {f.unit}".rstrip()
+        if f.choices:
+            return f"{given} is no choice; valid: {_listed(f.choices)}"
+        low, high = f.limits
+        return f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip()
+
+    def described(self, name: str, value: Value) -> str:
+        """A setting with its unit and limits or choices, for messages."""
+        f = self[name]
+        if f.type == "text":
+            return f"{name} = {value!r} (text of up to {f.length} bytes)"
+        limits = ", ".join(f.choices) if f.choices else "{:g} to {:g}".format(*f.limits)
+        return f"{name} = {value} {f.unit}".rstrip() + f" ({limits})"
+
+    def allows(self, name: str, value: float) -> bool:
+        """Whether a physical value is, to the field's resolution, within its limits and choices; NaN never is."""
+        f = self[name]
+        if not math.isfinite(value / f.scale):
+            return False
+        low, high = (f.to_raw(limit) if math.isfinite(limit) else limit for limit in f.limits)
+        return low <= f.to_raw(value) <= high and (not f.choices or value in f.choices.values())
+
+    def pack(self, name: str, value: float) -> bytes:
+        """Wire bytes of a reading, without limits. Raises struct.error where it does not fit the type."""
+        return self._codec[name].pack(self._by_name[name].to_raw(value))
+
+    def encode(self, name: str, value: Value) -> bytes:
+        """Wire bytes of `value`. Raises RangeError as `raw` does; of a text, as `encode_text`."""
+        if self[name].type == "text":
+            return self.encode_text(name, str(value))
+        raw = self.raw(name, value)
+        return self._codec[name].pack(raw)
+
+    def decode(self, name: str, data: bytes) -> float:
+        """Physical value of wire bytes; NaN stays NaN. Raises struct.error on a wrong length."""
+        raw: float = self._codec[name].unpack(data)[0]
+        f = self._by_name[name]
+        if f.scale >= 1.0:
+            return raw * f.scale
+        return raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
+
+    def encode_text(self, name: str, text: str) -> bytes:
+        """Wire bytes of a text. Raises RangeError: it is longer than the field, or holds what cannot be printed."""
+        f = self[name]
+        if not text.isprintable():
+            raise RangeError(f"{self.title}: {name} = {text!r} holds characters that cannot be printed; leave them out")
+        try:
+            data = text.encode()
+        except UnicodeEncodeError:
+            raise RangeError(f"{self.title}: {name} = {text!r} is no text in UTF-8; write it anew") from None
+        if len(data) > f.length:
+            raise RangeError(
+                f"{self.title}: {name} = {text!r} takes {len(data)} bytes of UTF-8, {f.length} are allowed; shorten it"
+            )
+        return data.ljust(f.length, NUL.encode())
+
+    def decode_text(self, name: str, data: bytes) -> str:
+        """The text of wire bytes. Raises ValueError: they are no such text."""
+        text = data.decode().rstrip(NUL)
+        if not text.isprintable():
+            raise ValueError(f"{text!r} holds characters that cannot be printed")
+        return text
+
+    def set_bits(self, name: str, value: float) -> frozenset[str]:
+        """Names of the bits that are set in a status word; `bit 9` for one that the contract does not name."""
+        names = {number: bit for bit, number in self[name].bits.items()}
+        word = int(value)
+        return frozenset(names.get(n, f"bit {n}") for n in range(word.bit_length()) if word >> n & 1)
+
+    def choice(self, name: str, value: float) -> str:
+        """Name of the choice with raw value `value`; the number itself where it has none."""
+        return next((k for k, v in self[name].choices.items() if v == value), f"{value:g}")
+
+    def shown(self, name: str, data: bytes) -> str:
+        """A field's wire bytes as people read them, its name before them."""
+        f = self[name]
+        if f.type == "text":
+            return f"{name} = {data.decode('utf-8', 'replace').rstrip(NUL)!r}"
+        if len(data) != f.size:
+            return f"{name} = {data.hex(' ')}"
+        value = self.decode(name, data)
+        if f.choices:
+            return f"{name} = {self.choice(name, value)}"
+        if f.bits:
+            return f"{name} = {' '.join(sorted(self.set_bits(name, value))) or 'none'}"
+        return f"{name} = {value:.10g} {f.unit}".rstrip()
+
+    def block(self, names: Iterable[str]) -> tuple[int, int]:
+        """First register and number of registers that hold the named fields (Modbus)."""
+        fields = [self[n] for n in names]
+        start = min(f.address for f in fields)
+        end = max(f.address + f.size // 2 for f in fields)
+        return start, end - start
+
+    def layout(self, names: tuple[str, ...]) -> tuple[int, int, list[slice]]:
+        """As `block`, and where in its bytes each of the named fields stands (Modbus)."""
+        start, count = self.block(names)
+        ends = [(2 * (f.address - start), f.size) for f in (self[name] for name in names)]
+        return start, count, [slice(at, at + size) for at, size in ends]
+
+    def widened(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The same and a number that stands beside them and can be read as well, where one does (Modbus)."""
+        start, count = self.block(names)
+        readable = [f for f in self.fields if f.access != "wo" and f.type != "text"]
+        beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
+        return (*names, *beside[-1:])
+
+    def digest(self) -> str:
+        """SHA-256 of the whole declaration, kept with each run."""
+        declared = {
+            "name": self.name,
+            "bus": self.bus,
+            "identity": asdict(self.identity),
+            "fields": [
+                {k: dict(v) if isinstance(v, Mapping) else v for k, v in _slots(f).items()} for f in self.fields
+            ],
+            "pdos": [asdict(p) for p in self.pdos],
+        }
+        return hashlib.sha256(json.dumps(declared, sort_keys=True).encode()).hexdigest()
+
+
+def _slots(f: Field) -> dict[str, object]:
+    return {name: getattr(f, name) for name in Field.__slots__}
+
+
+def _listed(choices: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({raw})" for name, raw in choices.items())
+
+
+PROBE = 0x12345678
+
+
+def probe(address: int) -> Field:
+    """The word-order probe that every device carries: reads 0x12345678 in the contract's order."""
+    return Field("probe", address, "uint32", "word-order probe, always 0x12345678 = 305419896", default=float(PROBE))

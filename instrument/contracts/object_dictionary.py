@@ -1,0 +1,77 @@
+"""The node's object dictionary, made from its contract: for the simulated node and for the EDS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import canopen
+from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes
+
+from palpate.instrument.contracts.contract import Contract, Field
+
+_TYPES = {
+    "uint8": datatypes.UNSIGNED8,
+    "int8": datatypes.INTEGER8,
+    "uint16": datatypes.UNSIGNED16,
+    "int16": datatypes.INTEGER16,
+    "uint32": datatypes.UNSIGNED32,
+    "int32": datatypes.INTEGER32,
+    "float32": datatypes.REAL32,
+    "text": datatypes.VISIBLE_STRING,
+}
+MAPPING = 0x1A00  # of the first TPDO; its COB-ID and type stand 0x200 below
+
+
+def object_dictionary(contract: Contract) -> Any:
+    """A `canopen.ObjectDictionary` of all objects of the contract, with its PDO mappings."""
+    od: Any = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
+    od.device_information.vendor_name = contract.identity.vendor
+    od.device_information.product_name = contract.title
+    od.device_information.vendor_number = int(contract.identity.vendor, 16)
+    od.device_information.product_number = int(contract.identity.product, 16)
+    od.device_information.revision_number = int(contract.identity.revision, 16)
+    od.device_information.nr_of_TXPDO = len(contract.pdos)
+    od.device_information.nr_of_RXPDO = 0
+    od.device_information.allowed_baudrates = {1_000_000}
+    by_index: dict[int, list[Field]] = {}
+    for f in contract.fields:
+        by_index.setdefault(f.index, []).append(f)
+    for index, fields in sorted(by_index.items()):
+        if len(fields) == 1 and fields[0].subindex == 0:
+            od.add_object(_variable(fields[0]))
+        else:
+            _add_group(od, index, fields[0].name.rsplit("_", 1)[0], [_variable(f) for f in fields])
+    for number, pdo in enumerate(contract.pdos):
+        entries = []
+        for sub, name in enumerate(pdo.fields, 1):
+            f = contract[name]
+            entry = ODVariable(name, MAPPING + number, sub)
+            entry.data_type, entry.access_type = datatypes.UNSIGNED32, "const"
+            entry.default = f.index << 16 | f.subindex << 8 | 8 * f.size
+            entries.append(entry)
+        _add_group(od, MAPPING + number, f"mapping of {pdo.name}", entries)
+    return od
+
+
+def _add_group(od: Any, index: int, name: str, members: list[Any]) -> None:
+    group = (ODRecord if index < 0x2000 else ODArray)(name, index)
+    count = ODVariable("highest subindex", index, 0)
+    count.data_type, count.access_type, count.default = datatypes.UNSIGNED8, "const", len(members)
+    for member in (count, *members):
+        group.add_member(member)
+    od.add_object(group)
+
+
+def _variable(f: Field) -> Any:
+    variable: Any = ODVariable(f.name, f.index, f.subindex)
+    variable.data_type, variable.access_type = _TYPES[f.type], f.access
+    variable.description = f.meaning
+    variable.unit, variable.factor = f.unit, f.scale
+    variable.pdo_mappable = f.name.startswith(("sample_", "saturation"))
+    if f.type == "text":
+        variable.default = f.default
+        return variable
+    variable.default = round(float(f.default) / f.scale)
+    if f.minimum is not None and f.maximum is not None:
+        variable.min, variable.max = round(f.minimum / f.scale), round(f.maximum / f.scale)
+    return variable

@@ -1,0 +1,1 @@
+"""What measurements say: forces, force ratios, positions and moduli, with uncertainty."""

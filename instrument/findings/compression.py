@@ -1,0 +1,216 @@
+"""A pad compressed step by step: stress, strain and modulus, from what indicator and positioner read (thesis 5.3).
+
+The probe hangs on a suspension, which yields with the load cell and everything else between positioner and bench. A
+run on the bare rigid support gives that compliance, and where the probe meets the support; the run with the pad on
+it then gives the pad's deflection, and by the two contacts its thickness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.contracts import positioner
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.findings.load_line import LoadLine, Series
+from palpate.instrument.uncertainty.budget import Correlations
+from palpate.instrument.uncertainty.propagation import LINEAR, Input, Propagated, propagate
+
+Floats = npt.NDArray[np.float64]
+Values = Mapping[str, Floats]  # inputs by name, each (n,)
+
+POSITION_STEP = positioner.CONTRACT["target"].scale  # m
+SEED = 5302  # of Monte Carlo trials: any, but the same
+LOADING, UNLOADING = "loading", "unloading"
+
+
+@dataclass(frozen=True, slots=True)
+class CompressionPoint:
+    """One step on the pad. Stress [Pa] and strain are positive under compression; `_u` are standard uncertainties.
+
+    `extrapolated`: the load lies outside the calibrated range of the load cell.
+    """
+
+    direction: str
+    position_m: float
+    reading_mV: float
+    load_N: float
+    extrapolated: bool
+    strain: float
+    strain_u: float
+    stress_Pa: float
+    stress_u: float
+    secant_modulus_Pa: float
+    secant_modulus_u: float
+
+
+@dataclass(frozen=True, slots=True)
+class Compression:
+    """What the compression of a pad gives.
+
+    Attributes:
+        tangent: Young modulus by the slope of the loading line [Pa].
+        secant: by stress over strain at the largest strain [Pa].
+        unloading: by the slope of the unloading line [Pa].
+        thickness: of the pad, by the two contacts [m].
+        compliance: of the bench [m/N].
+        linearity: greatest deviation of a load from the loading line, as a fraction of the span.
+        energy_loss: share of the work of loading that unloading does not give back.
+    """
+
+    tangent: Propagated
+    secant: Propagated
+    unloading: Propagated
+    thickness: Propagated
+    compliance: Propagated
+    linearity: float
+    energy_loss: Propagated
+    points: tuple[CompressionPoint, ...]
+
+
+def compress(
+    bare: Series, loading: Series, unloading: Series, calibration: LoadCellCalibration, area: float, area_u: float
+) -> Compression:
+    """Stress, strain and moduli of a pad.
+
+    Args:
+        bare: on the rigid support alone. loading, unloading: of the pad.
+        area: of the pad's face [m2], with its standard uncertainty.
+
+    Raises:
+        EstimateError: a series has fewer than three points that surely touch, or the pad is no softer than the bench.
+    """
+    support = LoadLine.through("bare", bare, calibration)
+    lines = {
+        LOADING: LoadLine.through(LOADING, loading, calibration),
+        UNLOADING: LoadLine.through(UNLOADING, unloading, calibration),
+    }
+    for name, line in lines.items():
+        if not support.slope > line.slope > 0:
+            raise EstimateError(
+                f"{name}: the load rises by {line.slope:.4g} N/m on the pad and by {support.slope:.4g} N/m on the bare"
+                " support; the pad must be the softer: check which of them was under the probe"
+            )
+    pad = _Pad(support.position, lines[LOADING].position)
+    inputs = (
+        *support.inputs(),
+        *lines[LOADING].inputs(),
+        Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N),
+        Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N),
+        Input("area", area, area_u),
+        Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contacts
+    )
+    related = {("sensitivity", "zero"): calibration.covariance / (calibration.sensitivity_u * calibration.zero_u)}
+
+    def found(
+        name: str,
+        unit: str,
+        of: Callable[[Values], Floats],
+        *more: Input,
+        method: str | None = None,
+        shared: Correlations = MappingProxyType({}),
+    ) -> Propagated:
+        given = (*inputs, *more)
+        names = [each.name for each in given]
+
+        def function(*values: Floats) -> Floats:
+            return of(dict(zip(names, values, strict=True)))
+
+        return propagate(name, unit, function, given, {**related, **shared}, seed=SEED, method=method)
+
+    def step(direction: str, index: int) -> CompressionPoint:
+        line = lines[direction]
+        position, load = float(line.positions[index]), float(line.loads[index])
+        own = Input("load", load, line.scatter, line.degrees_of_freedom, "A")
+        stress = found("stress", "Pa", pad.stress, own, method=LINEAR)
+        shared = line.shares(index) if direction == LOADING else {}
+        strain = found("strain", "", lambda v: pad.strain(v, position), own, method=LINEAR, shared=shared)
+        secant = found("secant modulus", "Pa", lambda v: pad.secant(v, position), own, method=LINEAR, shared=shared)
+        return CompressionPoint(
+            direction, position, calibration.reading(load), load, not calibration.covers(load), strain.value,
+            strain.u, stress.value, stress.u, secant.value, secant.u,
+        )  # fmt: skip
+
+    points = tuple(step(name, index) for name, line in lines.items() for index in range(len(line.loads)))
+    up = lines[LOADING]
+    last = int(np.argmax(up.positions))
+    loads = [
+        Input(f"{name} load {index}", float(load), line.scatter, line.degrees_of_freedom, "A")
+        for name, line in lines.items()
+        for index, load in enumerate(line.loads)
+    ]
+    each = [up.shares(index, f"{LOADING} load {index}") for index in range(len(up.loads))]
+    furthest = Input("load", float(up.loads[last]), up.scatter, up.degrees_of_freedom, "A")
+    return Compression(
+        tangent=found("tangent modulus", "Pa", lambda v: pad.modulus(v, LOADING)),
+        secant=found(
+            "secant modulus",
+            "Pa",
+            lambda v: pad.secant(v, float(up.positions[last])),
+            furthest,
+            shared=up.shares(last),
+        ),
+        unloading=found("unloading modulus", "Pa", lambda v: pad.modulus(v, UNLOADING), lines[UNLOADING].inputs()[0]),
+        thickness=found("thickness", "m", pad.thickness),
+        compliance=found("compliance of the bench", "m/N", pad.compliance),
+        linearity=up.deviation / float(np.ptp(up.loads)),
+        energy_loss=found(
+            "energy loss",
+            "1",
+            lambda v: 1 - pad.work(v, lines[UNLOADING]) / pad.work(v, up),
+            *loads,
+            method=LINEAR,
+            shared={pair: value for shares in each for pair, value in shares.items()},
+        ),
+        points=points,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Pad:
+    """What follows from the lines, whose mean positions these are [m]. A load is (read - zero) / sensitivity."""
+
+    at_bare: float
+    at_pad: float
+
+    def contact(self, v: Values) -> Floats:
+        return self.at_pad - (v["loading mean"] - v["zero"]) / v["loading slope"]
+
+    def thickness(self, v: Values) -> Floats:
+        bare = self.at_bare - (v["bare mean"] - v["zero"]) / v["bare slope"]
+        return bare - self.contact(v) + v["positions"]
+
+    def compliance(self, v: Values) -> Floats:
+        return v["sensitivity"] / v["bare slope"]
+
+    def modulus(self, v: Values, direction: str) -> Floats:
+        yielding = v["sensitivity"] / v[f"{direction} slope"] - self.compliance(v)
+        return self.thickness(v) / (yielding * v["area"])
+
+    def load(self, v: Values) -> Floats:
+        return (v["load"] - v["zero"]) / v["sensitivity"]
+
+    def stress(self, v: Values) -> Floats:
+        return self.load(v) / v["area"]
+
+    def strain(self, v: Values, position: float) -> Floats:
+        return (position - self.contact(v) - self.load(v) * self.compliance(v)) / self.thickness(v)
+
+    def secant(self, v: Values, position: float) -> Floats:
+        return self.stress(v) / self.strain(v, position)
+
+    def work(self, v: Values, line: LoadLine) -> Floats:
+        """Of one way, by volume: trapezoids from no strain on [J/m3]."""
+        stress, strain = [np.zeros_like(v["zero"])], [np.zeros_like(v["zero"])]
+        for index in np.argsort(line.positions):
+            at = {**v, "load": v[f"{line.name} load {index}"]}
+            stress.append(self.stress(at))
+            strain.append(self.strain(at, float(line.positions[index])))
+        work: Floats = np.trapezoid(np.array(stress), np.array(strain), axis=0)
+        return work

@@ -1,0 +1,123 @@
+"""Load against position while a probe presses: the line through a series, and the independent errors that it has."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.uncertainty.budget import Correlations
+from palpate.instrument.uncertainty.interpolation import interpolate
+from palpate.instrument.uncertainty.propagation import Input
+
+Floats = npt.NDArray[np.float64]
+
+LEAST_POINTS = 3
+SURE = 2.0  # steps of the indicator: above them the probe touches
+SIGNIFICANCE = 0.01
+BY_RESOLUTION = 1e6  # degrees of freedom where the display's step is all there is: as good as known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Displays of the indicator (n, m) mV, m at each of the positions (n,) m, which count downwards."""
+
+    positions: Floats
+    displays: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadLine:
+    """Load against position while the probe touches.
+
+    Its errors are given for the mean, at the mean `position`: there slope and mean have independent ones.
+
+    Attributes:
+        slope, slope_u: [N/m]. mean, mean_u, scatter: [N], the last of one load.
+        deviation: greatest from the line [N].
+    """
+
+    name: str
+    positions: Floats
+    loads: Floats
+    slope: float
+    slope_u: float
+    mean: float
+    scatter: float
+    degrees_of_freedom: float
+    deviation: float
+
+    @classmethod
+    def through(cls, name: str, series: Series, calibration: LoadCellCalibration) -> Self:
+        """Raises EstimateError: fewer than three points surely touch."""
+        from scipy.special import fdtrc
+
+        loads = np.array([calibration.load(float(reading))[0] for reading in series.displays.mean(axis=1)])
+        least = SURE * calibration.resolution()
+        sure = loads > least
+        if sure.sum() < LEAST_POINTS:
+            raise EstimateError(
+                f"{name}: {sure.sum()} loads are above {least:.3g} N, which surely is contact, and"
+                f" {LEAST_POINTS} are needed; compress further or in more steps"
+            )
+        positions, loads = series.positions[sure], loads[sure]
+        known, freedom = _reading_u(series.displays, calibration)
+        line = interpolate(positions, loads, known)
+        scatter = max(line.residual_sd, known)
+        # F-test: do the loads scatter about the line more than their displays say?
+        if fdtrc(line.degrees_of_freedom, freedom, (line.residual_sd / known) ** 2) > SIGNIFICANCE:
+            scatter = known
+        else:
+            freedom = line.degrees_of_freedom
+        return cls(
+            name,
+            positions,
+            loads,
+            slope=float(line.coefficients[1]),
+            slope_u=scatter / float(np.linalg.norm(positions - positions.mean())),
+            mean=float(loads.mean()),
+            scatter=scatter,
+            degrees_of_freedom=freedom,
+            deviation=float(np.abs(loads - line.reading(positions)).max()),
+        )
+
+    @property
+    def position(self) -> float:
+        return float(self.positions.mean())
+
+    def shares(self, index: int, load: str = "load") -> Correlations:
+        """Correlations of the error of a load, under that name, with those of the line: it is one point of n."""
+        away = self.positions - self.positions.mean()
+        return {
+            (load, f"{self.name} mean"): 1 / math.sqrt(len(away)),
+            (load, f"{self.name} slope"): float(away[index] / np.linalg.norm(away)),
+        }
+
+    def inputs(self) -> tuple[Input, Input]:
+        mean_u = self.scatter / math.sqrt(len(self.loads))
+        return (
+            Input(f"{self.name} slope", self.slope, self.slope_u, self.degrees_of_freedom, "A"),
+            Input(f"{self.name} mean", self.mean, mean_u, self.degrees_of_freedom, "A"),
+        )
+
+
+def _reading_u(displays: Floats, calibration: LoadCellCalibration) -> tuple[float, float]:
+    """Standard uncertainty of a mean of displays [N], and its degrees of freedom.
+
+    Where the displays scatter by a step or so they dither the steps away, all but the first term of the steps' Fourier
+    series, which Gaussian noise of a deviation s leaves exp(-2 (pi s / step)^2) of (Widrow and Kollar 2008); where
+    they stand still, a step hides what lies within it.
+    """
+    points, count = displays.shape
+    step = calibration.resolution_mV
+    shown = float(displays.var(axis=1, ddof=1).mean())
+    noise = shown - step**2 / 12
+    if noise <= 0:
+        return step / math.sqrt(12) / calibration.sensitivity_mV_per_N, BY_RESOLUTION
+    left = step / (math.sqrt(2) * math.pi) * math.exp(-2 * math.pi**2 * noise / step**2)
+    return math.hypot(math.sqrt(shown / count), left) / calibration.sensitivity_mV_per_N, points * (count - 1)

@@ -1,0 +1,1 @@
+"""The finite-element model of the round single sensor."""

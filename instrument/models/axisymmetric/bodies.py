@@ -1,0 +1,83 @@
+"""Element matrices of the round sensor: which material each body has, and which keep their pressure as an unknown."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.models.axisymmetric import elements as el
+from palpate.instrument.models.axisymmetric.mesh import Body
+from palpate.instrument.models.axisymmetric.numbering import Numbering, Part
+from palpate.instrument.models.finite_elements.condensed import Elements
+from palpate.instrument.models.finite_elements.threads import Each
+from palpate.instrument.models.parameters import RoundParameters
+
+Array = NDArray[np.float64]
+
+# From these Poisson ratios on, a body keeps its pressure as an unknown: any, and one that is softer than the films.
+MIXED_POISSON, SOFT_MIXED_POISSON = 0.4, 0.2
+# Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
+BULK_BOUND = 1e5
+
+
+def assemble(
+    numbering: Numbering, r: el.Line, z: el.Line, bodies: list[Part], keeping: list[Part], each: Each
+) -> Elements:
+    """Element matrices of all bodies, per radian.
+
+    Args:
+        keeping: those that keep their pressure.
+        each: works on all subdomains at once.
+    """
+    stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
+    mixed: list[int] = []
+    pairs = r.dilatation.shape[1] ** 2
+    dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
+    compliance: list[float] = []
+    bound: list[float] = []
+
+    kept = [part.body for part in keeping]
+
+    def filled(share: list[Part]) -> None:
+        for part in share:
+            fill(part.columns, part.rows, _constants(part.body, part.body in kept), out=stiffness[part.elements])
+
+    by_size, count = sorted(bodies, key=len, reverse=True), numbering.subdomains
+    each(filled, [by_size[share::count] for share in range(count)])
+    for part in keeping:
+        nu, shear = part.body.poisson, part.body.shear
+        dilatation.append(el.dilatation(r, z, part.columns, part.rows))
+        mixed += range(part.elements.start, part.elements.stop)
+        compliance += [(1 - 2 * nu) / (2 * shear * nu)] * len(part)
+        bound += [1 / (BULK_BOUND * shear)] * len(part)
+    return Elements(
+        stiffness=stiffness,
+        unknowns=numbering.unknowns,
+        inner=numbering.inner,
+        size=numbering.size,
+        shared=numbering.shared,
+        subdomain=numbering.subdomain,
+        subdomains=numbering.subdomains,
+        seam=numbering.seam,
+        mixed=np.array(mixed, dtype=np.intp),
+        dilatation=np.concatenate(dilatation),
+        compliance=np.array(compliance),
+        bound=np.array(bound),
+    )
+
+
+def _constants(body: Body, mixed: bool) -> el.Constants:
+    """Of its material, without the dilatation where the pressure is an unknown."""
+    if body.film is not None:
+        c, _, _ = body.film.stiff()
+        return el.Constants(float(c[0, 0]), float(c[0, 1]), float(c[0, 2]), float(c[2, 2]), body.film.shear[0])
+    nu, shear = body.poisson, body.shear
+    return el.Constants.isotropic(shear, 0.0 if mixed else 2 * shear * nu / (1 - 2 * nu))
+
+
+def keeps_pressure(body: Body, parameters: RoundParameters) -> bool:
+    """Nearly incompressible ones lock without; soft ones, pressed by hard ones, err several times less with it."""
+    if body.film is not None:
+        return False
+    soft = body.modulus < parameters.film.modulus
+    return body.poisson >= (SOFT_MIXED_POISSON if soft else MIXED_POISSON)

@@ -1,0 +1,182 @@
+"""Structured meshes of the round sensor: one grid of rectangles, graded geometrically towards the corners.
+
+A corner where bodies of different stiffness meet, or where one ends, has a singular stress. Elements that
+shrink geometrically towards it, with a degree that rises with their number of layers, converge
+exponentially (hp version, Babuška and Guo 1988); uniform ones at first order, whatever the degree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.models.parameters import CLOSED, RoundParameters
+from palpate.instrument.sensor.film_material import FilmMaterial
+
+Array = NDArray[np.float64]
+
+GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
+SMOOTH = math.inf  # no corner at this end
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A rectangle of one material: radii and heights [m], and the sheet its nodes belong to; `film`: of a film alone.
+
+    Bodies of one sheet share the nodes of their common edges; sheets are joined only where the model
+    says so, so that a closed gap stays a slit.
+    """
+
+    name: str
+    sheet: str
+    radii: tuple[float, float]
+    heights: tuple[float, float]
+    modulus: float
+    poisson: float
+    film: FilmMaterial | None = None
+
+    @property
+    def shear(self) -> float:
+        """Modulus [Pa]."""
+        return self.modulus / (2 * (1 + self.poisson))
+
+    @property
+    def area(self) -> float:
+        """Of its section [m2]."""
+        return math.pi * (self.radii[1] ** 2 - self.radii[0] ** 2)
+
+    @property
+    def volume(self) -> float:
+        """[m3]."""
+        return self.area * (self.heights[1] - self.heights[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Bodies and the grid lines that cut them: radii and heights [m], ascending."""
+
+    bodies: tuple[Body, ...]
+    radii: Array
+    heights: Array
+    face: float
+    base: float
+
+
+def grid(parameters: RoundParameters, layers: int) -> Grid:
+    """The sensor's bodies with `layers` geometric layers at every corner that matters."""
+    p = parameters
+    elastic = p.support == "elastic"
+    levels = np.cumsum([0.0, p.plate_thickness, p.film_thickness, p.plate_thickness])
+    base = float(levels[-1]) if elastic else 0.0
+    seat = base + p.film_thickness
+    face = seat + p.sensor_height
+    top = face + p.sensed_thickness
+    bodies = [
+        Body("object", "object", (0.0, p.sensed_radius), (face, top), p.sensed_modulus, p.sensed_poisson),
+        Body(
+            "ring",
+            "ring",
+            (p.ring_inner_radius, p.ring_outer_radius),
+            (base, face),
+            p.compliant_modulus,
+            p.compliant_poisson,
+        ),
+    ]
+    if elastic:
+        tooth, plate = (0.0, p.tooth_radius), (0.0, p.plate_radius)
+        pvdf = p.film.round()
+        film, plexiglas = (pvdf.modulus, pvdf.poisson, pvdf), (p.plate_modulus, p.plate_poisson)
+        heights = [(float(low), float(high)) for low, high in pairwise(levels)]
+        bodies += [
+            Body("tooth", "tooth", tooth, (seat, face), p.tooth_modulus, p.tooth_poisson),
+            Body("tooth film", "tooth", tooth, (base, seat), *film),
+            Body("upper plate", "base", plate, heights[2], *plexiglas),
+            Body("base film", "base", plate, heights[1], *film),
+            Body("lower plate", "base", plate, heights[0], *plexiglas),
+        ]
+    return Grid(tuple(bodies), _radii(p, layers), _heights(p, layers, levels, base, seat, face), face, base)
+
+
+def _gap(p: RoundParameters) -> float:
+    """The gap [m], or what counts as closed: resolving less changes nothing and costs digits."""
+    return max(p.ring_inner_radius - p.tooth_radius, CLOSED * p.tooth_radius)
+
+
+def _radii(p: RoundParameters, layers: int) -> Array:
+    ring = p.ring_outer_radius - p.ring_inner_radius
+    shrink = GRADING**layers
+    inner = shrink * min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height)
+    outer = shrink * min(ring, p.sensed_thickness, p.sensor_height)
+    corners = {0.0: SMOOTH, p.tooth_radius: inner, p.ring_inner_radius: inner}
+    corners |= dict.fromkeys({p.ring_outer_radius, p.sensed_radius}, outer)
+    if p.support == "elastic":
+        corners.setdefault(p.plate_radius, SMOOTH)
+    return _line(corners, max(p.tooth_radius, p.ring_outer_radius / 2))
+
+
+def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
+    shrink = GRADING**layers
+    corner = shrink * min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height)
+    corners = {face: corner, face + p.sensed_thickness: SMOOTH}
+    foot = shrink * min(p.sensor_height, p.ring_outer_radius - p.ring_inner_radius)
+    if p.support == "elastic":
+        corners |= {float(level): SMOOTH for level in levels[:-1]}
+        corners |= {base: foot, seat: p.film_thickness}
+    else:
+        corners |= {base: foot}
+    return _line(corners, p.ring_outer_radius)
+
+
+def _line(corners: dict[float, float], longest: float) -> Array:
+    """Grid lines through all corners, with elements of the given size at each and none above `longest`."""
+    ends = sorted(corners)
+    pieces = [_interval(low, high, corners[low], corners[high], longest) for low, high in pairwise(ends)]
+    return np.concatenate([[ends[0]], *pieces])
+
+
+def _interval(low: float, high: float, size_low: float, size_high: float, longest: float) -> Array:
+    """Grid lines inside ]low, high], the last exactly `high`."""
+    length = high - low
+    graded_low, graded_high = size_low < length, size_high < length
+    reach = length / 2 if graded_low and graded_high else length
+    parts = np.array([0.0, length])
+    if graded_low:
+        parts = np.append(parts, _distances(size_low, reach))
+    if graded_high:
+        parts = np.append(parts, length - _distances(size_high, reach))
+    # Distances to one corner can meet those to the other up to rounding.
+    parts = np.unique(parts)
+    least = max(1e-9 * min(length, size_low, size_high), 8 * float(np.spacing(high)))
+    parts = parts[np.append(True, np.diff(parts) > least)]
+    parts[-1] = length
+    lines = low + np.concatenate([_cut(a, b, longest) for a, b in pairwise(parts)])
+    lines[-1] = high
+    return lines
+
+
+def _cut(start: float, end: float, longest: float) -> Array:
+    """Grid lines inside ]start, end]: the first step no longer than `longest`, each next at most twice the one before.
+
+    Away from the sensor stresses even out within its radius: a long object takes few elements.
+    """
+    count = max(1, math.ceil(math.log2((end - start) / longest + 1)))
+    shares = 2.0 ** np.arange(1, count + 1) - 1
+    lines: Array = start + (end - start) * shares / shares[-1]
+    return lines
+
+
+def _distances(size: float, reach: float) -> Array:
+    """Distances from a corner: from about `size` to `reach` in equal ratios near GRADING."""
+    count = max(1, math.ceil(math.log(reach / size) / -math.log(GRADING) - 1e-9))
+    return reach * (size / reach) ** (np.arange(count, -1, -1) / count)
+
+
+def inside(lines: Array, extent: Sequence[float]) -> NDArray[np.intp]:
+    """Indices of the intervals between grid lines that lie inside `extent`."""
+    middle = (lines[1:] + lines[:-1]) / 2
+    return np.flatnonzero((middle > extent[0]) & (middle < extent[1]))

@@ -1,0 +1,1 @@
+"""What both finite-element models share: solving, estimating errors, coupling films."""

@@ -1,0 +1,244 @@
+"""Factors of the stiffness of finite elements: the inside of each is eliminated first, then each half by itself.
+
+The first cut of a nested dissection leaves two subdomains that meet along a seam. Each eliminates the inside
+of its elements, in batches, and then all that it does not share with the other, in a thread of its own.
+What is left of it is its stiffness against the seam, small and dense; both add up to one last matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.models.axisymmetric.elements import differences, nodal
+from palpate.instrument.models.finite_elements.linear_solver import ordered_factors
+from palpate.instrument.models.finite_elements.threads import Each
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# glibc gives a freed array back to the system, and has it again page by page, until one as large as this was freed.
+np.empty(4_000_000)
+
+BATCH = 32  # elements that are worked on in one go; more of them leave the cache
+
+
+@dataclass(frozen=True, slots=True)
+class Elements:
+    """Element matrices with their unknowns.
+
+    Attributes:
+        stiffness: (elements, n, n), without the dilatation of the mixed elements, of `elements.differences`.
+        unknowns: (elements, n): global numbers; those fixed to zero have the number `size`.
+        inner: which of the n belong to no other element.
+        size: number of unknowns; those shared between elements come first, in the order of their elimination.
+        shared: how many are shared.
+        mixed: indices of the elements with a pressure.
+        dilatation: (mixed, q, n), projected dilatation, of `elements.differences`.
+        compliance: (mixed,) 1/λ [1/Pa], 0 at Poisson ratio 0.5.
+        bound: (mixed,) the least compliance that is factorised [1/Pa].
+        subdomain: (elements,) 0 or 1; all 0 where there is but one.
+        subdomains: how many there are.
+        seam: how many unknowns lie in one subdomain only: those of the first come first, then the second's.
+    """
+
+    stiffness: Array
+    unknowns: Indices
+    inner: NDArray[np.bool_]
+    size: int
+    shared: int
+    mixed: Indices
+    dilatation: Array
+    compliance: Array
+    bound: Array
+    subdomain: Indices
+    subdomains: int
+    seam: int
+
+    def strained(self, displacement: Array, rest: Array) -> Array:
+        """Unknowns of the element matrices, (elements, n), of a displacement and what it is rounded by."""
+        return differences(displacement[self.unknowns], rest[self.unknowns])
+
+    def internal_forces(self, strained: Array, pressure: Array, each: Each) -> tuple[Array, float]:
+        """Element by element, (elements, n); and the norm of the terms that those without pressure are sums of."""
+        forces = np.empty_like(strained)
+
+        def found(share: list[slice]) -> float:
+            terms = 0.0
+            # What the cache holds is read twice in the time of once.
+            for batch in share:
+                forces[batch] = product(self.stiffness[batch], strained[batch])
+                terms += float(np.square(product(np.abs(self.stiffness[batch]), np.abs(strained[batch]))).sum())
+            return terms
+
+        every = batches(len(strained))
+        terms = sum(each(found, [every[k :: self.subdomains] for k in range(self.subdomains)]))
+        forces[self.mixed] += product(self.dilatation.transpose(0, 2, 1), pressure)
+        return forces, math.sqrt(terms)
+
+    def gather(self, forces: Array) -> Array:
+        """Sum of element forces on nodes, (size + 1,), its last entry zero."""
+        total: Array = np.bincount(
+            self.unknowns.ravel(), weights=nodal(forces.copy()).ravel(), minlength=self.size + 1
+        ).astype(np.float64)
+        total[self.size] = 0.0
+        return total
+
+
+def product(matrices: Array, vectors: Array) -> Array:
+    """Of each matrix (elements, m, n) with its vector (elements, n)."""
+    found: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+    return found
+
+
+def batches(count: int) -> list[slice]:
+    """As many elements at a time as the cache holds."""
+    return [slice(start, start + BATCH) for start in range(0, count, BATCH)]
+
+
+class Factorised:
+    """The factorised stiffness, with bounded bulk moduli.
+
+    Args:
+        each: works on all subdomains at once.
+    """
+
+    def __init__(self, elements: Elements, bounded: Array, each: Each) -> None:
+        from scipy.linalg import lu_factor
+
+        self._seam = slice(elements.seam, elements.shared + 1)
+        members = [np.flatnonzero(elements.subdomain == number) for number in range(elements.subdomains)]
+        self._each = each
+        self._subdomains = each(lambda own: _Subdomain(elements, own, bounded), members)
+        self._scale = 1 / np.sqrt(sum(part.springs for part in self._subdomains))
+        stiffness = sum(part.stiffness for part in self._subdomains) * np.outer(self._scale, self._scale)
+        self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
+
+    def __call__(self, right: Array) -> Array:
+        """Displacements under forces, both (size + 1,), the last entry zero."""
+        from scipy.linalg import lu_solve
+
+        forward = self._each(lambda part: (part, *part.forward(right)), self._subdomains)
+        forces = right[self._seam] + sum(part.held(found) for part, _, found in forward)
+        forces[-1] = 0.0
+        moved = self._scale * lu_solve(self._factors, self._scale * forces, check_finite=False)
+        answer = np.zeros_like(right)
+        answer[self._seam] = moved
+        self._each(lambda done: done[0].back(right, *done[1:], moved, answer), forward)
+        return answer
+
+    def close(self) -> None:
+        """Give the factors' memory back."""
+        self._each(_Subdomain.close, self._subdomains)
+
+
+class _Subdomain:
+    """Elements on one side of the seam, condensed and factorised.
+
+    Without the others nothing need hold it, so springs do, along the seam, as stiff as its elements there are.
+
+    Attributes:
+        stiffness: against displacements of the seam, the last of which stands for all that is fixed.
+        springs: the diagonal of their stiffness.
+    """
+
+    def __init__(self, elements: Elements, members: Indices, bounded: Array) -> None:
+        unknowns, seam = elements.unknowns[members], elements.seam
+        self._inner = unknowns[:, elements.inner]
+        # One more stands for all that is fixed: it has a stiffness of its own and no other.
+        outer = np.minimum(unknowns[:, ~elements.inner], elements.shared)
+        alone = outer < seam
+        self._alone = slice(int(outer.min()), int(outer[alone].max()) + 1)
+        # Numbers in here: first of the unknowns that it has alone, then of the seam's.
+        self._count = self._alone.stop - self._alone.start
+        self._size = self._count + elements.shared + 1 - seam
+        self._outer = np.where(alone, outer - self._alone.start, outer - seam + self._count).astype(np.int32)
+        self._factorise(self._condense(elements, members, bounded))
+
+    def close(self) -> None:
+        del self._factors
+
+    def forward(self, right: Array) -> tuple[Array, Array]:
+        """Forces (size,) that do not act on the seam, those inside elements condensed, and displacements by them."""
+        inside = product(self._eliminated.transpose(0, 2, 1), right[self._inner])
+        load = np.zeros(self._size)
+        load[: self._count] = right[self._alone]
+        load -= np.bincount(self._outer.ravel(), inside.ravel(), self._size)
+        load[-1] = 0.0
+        return load, self._factors.solve(load)
+
+    def held(self, found: Array) -> Array:
+        """Forces that such displacements of the seam take, springs included."""
+        forces: Array = self._held @ found[self._count :]
+        return forces
+
+    def back(self, right: Array, load: Array, found: Array, moved: Array, answer: Array) -> None:
+        """Fill in displacements, from what was found forward and those of the seam."""
+        found[self._count :] -= moved
+        push = self.held(found)
+        if push.any():
+            load[self._count :] -= push
+            found = self._factors.solve(load)
+        found[self._count :] = moved
+        answer[self._alone] = found[: self._count]
+        inside = product(self._inverse, right[self._inner]) - product(self._eliminated, found[self._outer])
+        answer[self._inner] = inside
+
+    def _condense(self, elements: Elements, members: Indices, bounded: Array) -> Array:
+        """Stiffness of each element against its rim."""
+        inner, outer = (np.flatnonzero(which) for which in (elements.inner, ~elements.inner))
+        pairs = ((inner, inner), (inner, outer), (outer, outer))
+        blocks = [rows[:, None] * len(elements.inner) + columns for rows, columns in pairs]
+        self._inverse, self._eliminated, condensed = (np.empty((len(members), *block.shape)) for block in blocks)
+        for batch in batches(len(members)):
+            matrix = elements.stiffness[members[batch]]
+            _, mixed, own = np.intersect1d(elements.mixed, members[batch], assume_unique=True, return_indices=True)
+            for place, number in zip(own, mixed, strict=True):  # one by one they stay in the cache
+                spread = elements.dilatation[number]
+                matrix[place] += spread.T @ (spread / bounded[number])
+            # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
+            flat = nodal(matrix).reshape(len(matrix), -1)
+            inside, coupling, rim = (flat.take(block, axis=1) for block in blocks)
+            self._inverse[batch] = inverse = np.linalg.inv(inside)
+            self._eliminated[batch] = eliminated = inverse @ coupling
+            condensed[batch] = rim - coupling.transpose(0, 2, 1) @ eliminated
+        return condensed
+
+    def _factorise(self, condensed: Array) -> None:
+        fixed, seam = self._outer == self._size - 1, self._outer >= self._count
+        condensed[fixed] = 0.0
+        condensed.transpose(0, 2, 1)[fixed] = 0.0
+        diagonal = np.einsum("eii->ei", condensed)
+        diagonal[fixed] = 1.0
+        self.springs = np.bincount(self._outer[seam] - self._count, diagonal[seam])
+        diagonal[seam] *= 2
+        self._factors = ordered_factors(_assembled(condensed, self._outer, self._size))
+        self._held = np.diag(2 * self.springs)
+        if len(self._held) > 1:
+            # A half of a sensor hangs together without its seam, so that SuperLU leaves the seam last.
+            lower, upper = (part[self._count :, self._count :].toarray() for part in (self._factors.L, self._factors.U))
+            self._held = lower @ upper
+        self.stiffness = self._held - np.diag(self.springs)
+
+
+def _assembled(matrices: Array, unknowns: NDArray[np.int32], size: int) -> csc_array:
+    """Sum of symmetric element matrices (elements, n, n) on unknowns (elements, n) below `size`."""
+    from scipy.sparse import csr_array
+
+    # Rows sorted by hand, columns by transposing: half the time of a matrix of coordinates, which sorts each column.
+    count = unknowns.shape[1]
+    order = np.argsort(unknowns, axis=None, kind="stable")
+    starts = count * np.searchsorted(unknowns.ravel()[order], np.arange(size + 1))
+    columns, values = unknowns[order // count], matrices.reshape(-1, count)[order]
+    rows = csr_array((values.ravel(), columns.ravel(), starts.astype(np.int32)), shape=(size, size))
+    found: csc_array = rows.tocsc()
+    found.has_sorted_indices = True
+    found.sum_duplicates()
+    return found

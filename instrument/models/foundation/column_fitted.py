@@ -1,0 +1,117 @@
+"""The thesis' three-dimensional tables in two numbers: the column model's law with a start and a slope of its own.
+
+Tooth force over ring force, the odds R / (1 - R), is a straight line in the ratio of moduli of object and ring,
+
+    R / (1 - R) = a + b E1/E2.
+
+The column model has this law with a = A_tooth / A_ring and b = a T_ring / T_object (`springs`), and so has any sensor
+on a rigid support whose ring's top stays level (interface "capped"): object and ring are then two springs. All tables
+of the thesis' finite elements keep it to their last digits, so that two springs do what they do.
+
+Fitted on the ring of 24 kPa, Tables A2.1 and A2.3, by least squares over the cells that needed no repair. The tables
+for 33 kPa, A2.2 and A2.4, are predicted by it. Table A2.5 is a copy of A2.3, so that different bases have the numbers
+of the common one. It says what the thesis' finite elements say, and is no nearer to an experiment than they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.sample import SAMPLES, Sample
+
+# Ratios of moduli in the tables: 14.9 kPa on 33 kPa to 140 GPa on 24 kPa.
+LOWEST, HIGHEST = 14.9e3 / 33e3, 140e9 / 24e3
+
+
+@dataclass(frozen=True, slots=True)
+class OddsLine:
+    """Odds of tooth to ring over the ratio of moduli.
+
+    Attributes:
+        start: the odds below an infinitely soft object.
+        slope: by how much they rise for each time that the object is as hard as the ring.
+        residual: greatest difference of the force ratio from a cell of the tables, of both rings.
+    """
+
+    start: float
+    slope: float
+    residual: float
+
+    def force_ratio(self, modulus_ratio: float) -> float:
+        """Tooth force over total force."""
+        odds = self.start + self.slope * modulus_ratio
+        return 1 / (1 + 1 / odds)
+
+    def modulus_ratio(self, force_ratio: float) -> float:
+        """The inverse: modulus of the object over that of the ring.
+
+        Raises:
+            RangeError: no object has that force ratio.
+        """
+        least = self.force_ratio(0.0)
+        if not (least <= force_ratio < 1):
+            raise RangeError(f"force ratio {force_ratio:g} is outside {least:.4g} to 1; no object has it")
+        return (force_ratio / (1 - force_ratio) - self.start) / self.slope
+
+
+_SINGLE = OddsLine(start=0.10778, slope=0.092395, residual=1.0e-4)
+_PAIR = OddsLine(start=0.06315, slope=0.049347, residual=2.1e-4)
+LINES: Mapping[str, OddsLine] = MappingProxyType(
+    {"single": _SINGLE, "common_base": _PAIR, "different_base": _PAIR},
+)
+
+
+def force_ratio(design: Design, sensed: Sample) -> float:
+    """Tooth force over total force.
+
+    Raises:
+        RangeError: the tables have no such design, ratio of moduli, or thickness of the object.
+    """
+    line = line_of(design)
+    thickness = SAMPLES["1"].thickness
+    if not math.isclose(sensed.thickness, thickness, rel_tol=1e-6):
+        raise RangeError(
+            f"thickness {sensed.thickness:g} m of sample {sensed.name!r}: the tables behind model 'column_fitted' have"
+            f" one thickness, which is taken to be the samples' {thickness:g} m; model 'column' knows others"
+        )
+    ratio = sensed.modulus / design.ring.material.modulus
+    if not (LOWEST * (1 - 1e-9) <= ratio <= HIGHEST * (1 + 1e-9)):
+        raise RangeError(
+            f"modulus {sensed.modulus:g} Pa of sample {sensed.name!r} is {ratio:.3g} times the ring's: the tables"
+            f" behind model 'column_fitted' have {LOWEST:.3g} to {HIGHEST:.3g}; model 'column' has no such limit"
+        )
+    return line.force_ratio(ratio)
+
+
+def residual(design: Design) -> float:
+    """Greatest difference of the force ratio from the tables. Raises RangeError."""
+    return line_of(design).residual
+
+
+def line_of(design: Design) -> OddsLine:
+    """The line of a design of the thesis, on a ring of any modulus.
+
+    Raises:
+        RangeError: the tables have no such design.
+    """
+    if design.name not in LINES or not _same_bodies(design, DESIGNS[design.name]):
+        raise RangeError(
+            f"design {design.name!r}, with its dimensions, has no table in the thesis that model 'column_fitted' could"
+            f" have been fitted to; take model 'column', or one of {', '.join(LINES)} as it is"
+        )
+    return LINES[design.name]
+
+
+def _same_bodies(design: Design, known: Design) -> bool:
+    """But for the ring's modulus, which the law has in it, and Poisson ratio and outline, which no spring has."""
+    return (
+        design.teeth == known.teeth
+        and (design.tooth.radius, design.tooth.height) == (known.tooth.radius, known.tooth.height)
+        and replace(design.ring, material=known.ring.material, outline=known.ring.outline) == known.ring
+    )

@@ -1,0 +1,266 @@
+"""What the accuracy of each model costs: measured once and stored, to be asked for the cheapest that will do.
+
+    choose(get_design("single"), [Load(1.0, get_sample("2"))], tolerance=1e-3).model
+
+A price holds for one design, for an object like the one it was measured with, and between the moduli at which it
+was measured. For anything else the list does not vouch, and a model with an error estimate of its own answers.
+"""
+
+from __future__ import annotations
+
+import bisect
+import functools
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from palpate.instrument.config import LARGEST_FILE, Config
+from palpate.instrument.errors import ConfigError, RangeError
+from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.prices.price import Machine, Price, Reference
+from palpate.instrument.models.response import MODELS, Response
+from palpate.instrument.models.stored.surface import CODE_VERSION, fixed
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.load import Load, through
+
+STORED = Path(__file__).with_name("prices.json")
+# Where the caller names none: below the 4 % by which the measured ratio scatters.
+AUTO_TOLERANCE = 1e-2
+MEASURE_ALL = "measure all designs anew: palpate accuracy models --store"
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A model that meets a tolerance.
+
+    Attributes:
+        error: greatest error that its price promises; None: the list does not vouch, its own estimate does.
+        seconds: for each answer; None: not priced.
+        why: it was chosen, in one sentence.
+    """
+
+    model: str
+    error: float | None
+    seconds: float | None
+    why: str
+
+
+class PriceList(Config):
+    """All prices, between Young moduli of the object that rise [Pa].
+
+    Attributes:
+        format: raised with every change of what a field means; a list of another one is refused.
+    """
+
+    format: Literal[2] = 2
+    machine: Machine
+    moduli_Pa: tuple[float, ...] = Field(min_length=2)
+    references: tuple[Reference, ...]
+    prices: tuple[Price, ...]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        """Every price and reference has a number for every interval or modulus, and moduli rise."""
+        count = len(self.moduli_Pa)
+        if not (self.moduli_Pa[0] > 0 and all(low < high for low, high in pairwise(self.moduli_Pa))):
+            raise ValueError("moduli_Pa do not rise from above 0")
+        if any({len(price.errors), len(price.estimates)} != {count - 1} for price in self.prices) or any(
+            {len(reference.force_ratios), len(reference.uncertainties)} != {count} for reference in self.references
+        ):
+            raise ValueError(f"a price or reference does not go with {count} moduli")
+        return self
+
+    def choose(self, design: str, low: float, high: float, tolerance: float) -> Choice:
+        """The cheapest model whose priced error meets the tolerance for objects of moduli `low` to `high` [Pa].
+
+        Raises:
+            RangeError: no price was measured for that design and range, or none meets the tolerance.
+        """
+        intervals = self._around(low, high)
+        offers = [
+            (price.answer_s, promise, price)
+            for price in self.prices
+            if price.design == design
+            and price.answer_s is not None
+            and (promise := price.promise(intervals)) is not None
+        ]
+        moduli = (
+            f"a modulus of {show(low, 'Pa')}" if low == high else f"moduli of {show(low, 'Pa')} to {show(high, 'Pa')}"
+        )
+        where = f"design {design!r} and {moduli}"
+        if not offers:
+            raise RangeError(f"no price was measured for {where}; ask a finite-element model itself")
+        good = [offer for offer in offers if offer[1] <= tolerance]
+        if not good:
+            _, error, best = min(offers, key=lambda offer: offer[1])
+            raise RangeError(
+                f"tolerance {tolerance:g}: no model meets it for {where}; the best is {best.model!r}"
+                f" with {error:.1e}; give a larger tolerance"
+            )
+        seconds, error, cheapest = min(good, key=lambda offer: offer[:2])
+        count = len({price.model for _, _, price in good})
+        rank = "the only model that meets" if count == 1 else f"the cheapest of {count} models that meet"
+        return Choice(
+            cheapest.model,
+            error,
+            seconds,
+            f"{cheapest.model} ({cheapest.refinement}): error at most {error:.1e} in {show(seconds, 's', 3)},"
+            f" {rank} {tolerance:g} for {where}",
+        )
+
+    def model_error(self, design: str, model: str, low: float, high: float) -> float | None:
+        """Greatest error of a model on its finest mesh for objects of moduli `low` to `high` [Pa]; None: not priced."""
+        offers = [
+            price.errors[self._around(low, high)]
+            for price in self.prices
+            if (price.design, price.model) == (design, model) and price.answer_s is not None
+        ]
+        known = [[error for error in errors if error is not None] for errors in offers if None not in errors]
+        return min((max(errors) for errors in known if errors), default=None)
+
+    def of(self, designs: Sequence[str]) -> PriceList:
+        """What the list has of some designs alone.
+
+        Raises:
+            RangeError: it has nothing of one of them.
+        """
+        for design in designs:
+            if design not in {price.design for price in self.prices}:
+                raise RangeError(
+                    f"no price was measured for design {design!r}; measure it: palpate accuracy models"
+                    f" --measure --design {design}"
+                )
+        return self.model_copy(
+            update={
+                "references": tuple(reference for reference in self.references if reference.design in designs),
+                "prices": tuple(price for price in self.prices if price.design in designs),
+            }
+        )
+
+    def require_like(self, machine: Machine, moduli: tuple[float, ...]) -> None:
+        """Raises RangeError: prices of that machine and at those moduli [Pa] do not go with these; dates may."""
+        if machine.model_copy(update={"date": self.machine.date}) != self.machine:
+            raise RangeError(
+                f"the stored prices are of {self.machine.described}, and this is {machine.described}; {MEASURE_ALL}"
+            )
+        if moduli != self.moduli_Pa:
+            raise RangeError(f"the stored prices are at {self.moduli_Pa} Pa, and not at {moduli} Pa; {MEASURE_ALL}")
+
+    def replaced(self, fresh: PriceList) -> PriceList:
+        """This list with what a fresh one has of its designs in the place of the old.
+
+        Raises:
+            RangeError: the fresh one is of another machine or other moduli.
+        """
+        self.require_like(fresh.machine, fresh.moduli_Pa)
+        renewed = {price.design for price in fresh.prices}
+        sources = {p.design: fresh if p.design in renewed else self for p in (*self.prices, *fresh.prices)}
+        return self.model_copy(
+            update={
+                "machine": fresh.machine,
+                "references": tuple(r for name, of in sources.items() for r in of.references if r.design == name),
+                "prices": tuple(p for name, of in sources.items() for p in of.prices if p.design == name),
+            }
+        )
+
+    def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
+        """Whether prices were measured for this very design, such objects and such moduli."""
+        known = {reference.design: reference.fingerprint for reference in self.references}
+        return DESIGNS.get(design.name) == design and all(
+            fingerprint(design, load) == known.get(design.name)
+            and self.moduli_Pa[0] <= load.sensed.modulus <= self.moduli_Pa[-1]
+            for load in loads
+        )
+
+    def _around(self, low: float, high: float) -> slice:
+        """Intervals from the last modulus at or below `low` to the first at or above `high`."""
+        if not (self.moduli_Pa[0] <= low <= high <= self.moduli_Pa[-1]):
+            return slice(0, 0)
+        last = bisect.bisect_left(self.moduli_Pa, high, 1)
+        return slice(min(bisect.bisect_right(self.moduli_Pa, low), last) - 1, last)
+
+
+def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
+    """The cheapest model that meets a tolerance of the force ratio under all of some loads.
+
+    Raises:
+        RangeError: the tolerance is not positive and finite, or no model meets it.
+    """
+    if not (0 < tolerance < math.inf):
+        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
+    prices = stored()
+    if prices.vouches(design, loads):
+        moduli = [load.sensed.modulus for load in loads]
+        return prices.choose(design.name, min(moduli), max(moduli), tolerance)
+    uniform = all(load.at is None for load in loads)
+    model = "axisymmetric" if design.outline == "round" and uniform else "solid"
+    return Choice(
+        model,
+        None,
+        None,
+        f"{model}: no prices were measured for this sensor, object or range, so that the model that knows its own"
+        f" error refines until its estimate meets {tolerance:g}",
+    )
+
+
+def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Response:
+    """The response by the cheapest model that meets the tolerance; without one by 1e-2.
+
+    Its error estimate is never below the priced error.
+
+    Raises:
+        RangeError: the tolerance is not positive and finite, or no model meets it.
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    asked = AUTO_TOLERANCE if tolerance is None else tolerance
+    choice = choose(design, [load], asked)
+    model = MODELS[choice.model]
+    given = model.answer(design, load, None if model.default_tolerance is None else asked)
+    errors = [error for error in (choice.error, given.error_estimate) if error is not None]
+    return replace(given, error_estimate=max(errors), why=choice.why)
+
+
+def model_error(design: Design, load: Load, model: str, low: float, high: float) -> float | None:
+    """What a model leaves out, whatever its mesh: distance of its force ratio from the priced reference.
+
+    Args:
+        load: through any object; its modulus does not count.
+        low, high: moduli of the object between which it is the greatest [Pa].
+
+    Returns:
+        None where the list does not vouch, and for the experiment, which answers to no model.
+    """
+    prices = stored()
+    ends = [through(load, modulus) for modulus in (low, high)]
+    if model == "experiment" or not prices.vouches(design, ends):
+        return None
+    return prices.model_error(design.name, model, low, high)
+
+
+def fingerprint(design: Design, load: Load) -> str:
+    """SHA-256 of all that the finite-element models look at but modulus and force, and of the version of their code."""
+    text = f"code {CODE_VERSION};{fixed(solid_parameters(design, load))}"
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@functools.cache
+def stored() -> PriceList:
+    """The prices that come with palpate.
+
+    Raises:
+        ConfigError: the file is missing or damaged.
+    """
+    try:
+        if STORED.stat().st_size > LARGEST_FILE:
+            raise ValueError
+        return PriceList.model_validate_json(STORED.read_bytes())
+    except (OSError, ValueError):  # ValidationError is one
+        raise ConfigError(f"{STORED}: is missing or no price list; {MEASURE_ALL}") from None

@@ -1,0 +1,251 @@
+"""How far a sensor model lies from the experiments of the thesis: its validation error, which no mesh makes smaller.
+
+    validate("single", "physical", "surface").rms        # 28.0 percent
+
+The sign is one everywhere: model less measured mean, in percent of the measured mean. Models that answer at once are
+asked; what those give that refine takes minutes and is kept in `validation.json`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from palpate.instrument.config import LARGEST_FILE, Config
+from palpate.instrument.errors import ConfigError, RangeError, UnknownName
+from palpate.instrument.findings.evidence import ratio_by
+from palpate.instrument.models.parameter_sets import PARAMETER_SETS, get_parameter_set
+from palpate.instrument.models.prices.price_list import fingerprint
+from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import DESIGNS, get_design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
+
+STORED = Path(__file__).with_name("validation.json")
+SIGN = "model less measured mean, in percent of the measured mean"
+# Of models that refine, as their estimates bound it; the errors are ten times less, and far below these distances.
+TOLERANCE = 5e-2
+RENEW = "solve them anew: palpate accuracy validation --store"
+
+Kind = Literal["compared", "input", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """A model with a parameter set, beside the experiments with a design.
+
+    Attributes:
+        kind: "compared"; "input": the model is the measurement, so that its distance says nothing; "none": there is
+            nothing to compare.
+        why: for "input" and "none"; empty where models are compared.
+        percent: sample name -> SIGN; empty but for "compared".
+    """
+
+    design: str
+    parameters: str
+    model: str
+    kind: Kind
+    why: str = ""
+    percent: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def mean(self) -> float | None:
+        """Signed mean over the samples [percent]."""
+        return math.fsum(self.percent.values()) / len(self.percent) if self.percent else None
+
+    @property
+    def rms(self) -> float | None:
+        """Root of the mean square over the samples [percent]."""
+        squares = [value**2 for value in self.percent.values()]
+        return math.sqrt(math.fsum(squares) / len(squares)) if squares else None
+
+    @property
+    def worst_sample(self) -> str | None:
+        """The sample that the model is farthest from."""
+        return max(self.percent, key=lambda name: abs(self.percent[name])) if self.percent else None
+
+    @property
+    def worst(self) -> float | None:
+        """At that sample, signed [percent]."""
+        return None if self.worst_sample is None else self.percent[self.worst_sample]
+
+    def record(self) -> dict[str, Any]:
+        """Under public names."""
+        return {
+            "design": self.design,
+            "parameters": self.parameters,
+            "model": self.model,
+            "kind": self.kind,
+            "why": self.why,
+            "mean_percent": self.mean,
+            "rms_percent": self.rms,
+            "worst_percent": self.worst,
+            "worst_sample": self.worst_sample,
+            "samples_percent": dict(self.percent),
+        }
+
+
+class Kept(Config):
+    """Force ratios, sample by sample, by a model that refines; or why it gives none."""
+
+    design: str
+    parameters: str
+    model: str
+    fingerprint: str
+    force_ratios: dict[str, float] = Field(default_factory=dict)
+    failure: str = ""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """A ratio for every measured sample, or a failure."""
+        measured = DESIGNS[self.design].thesis_force_ratio if self.design in DESIGNS else {}
+        if not self.failure and self.force_ratios.keys() != measured.keys():
+            raise ValueError(f"{self.design}: ratios are not of the samples {', '.join(measured)}")
+        return self
+
+
+class KeptList(Config):
+    """All that is kept; `format` is raised with every change of what a field means."""
+
+    format: Literal[1] = 1
+    answers: tuple[Kept, ...]
+
+
+def validate(design: str, parameters: str, model: str) -> Validation:
+    """The distance of a model from the thesis' measured means, by names of design, parameter set and model.
+
+    Raises:
+        UnknownName: no such design, set or model.
+        ConfigError: the kept answers are damaged.
+    """
+    if model not in MODELS:
+        raise UnknownName("model", model, MODELS)
+    if parameters not in PARAMETER_SETS:
+        raise UnknownName("parameter set", parameters, PARAMETER_SETS)
+    measured = get_design(design).thesis_force_ratio
+    found = functools.partial(Validation, design, parameters, model)
+    if not measured:
+        return found("none", f"nothing was measured with design {design!r}")
+    try:
+        if ratio_by(model, parameters).fitted_to is None:
+            return found("input", "the model is given the measured means")
+        ask = kept if MODELS[model].default_tolerance else solve
+        ratios = ask(design, parameters, model)
+    except (RangeError, UnknownName) as error:
+        return found("none", str(error))
+    return found("compared", percent={name: 100 * (ratios[name] / ratio - 1) for name, ratio in measured.items()})
+
+
+def validate_all(designs: Sequence[str]) -> list[Validation]:
+    """Every model of the registry with every parameter set that it has, for some designs. Raises as `validate`."""
+    return [
+        validate(design, parameters, model)
+        for design in designs
+        for model in MODELS
+        for parameters in PARAMETER_SETS
+        if has_set(parameters, model)
+    ]
+
+
+def has_set(parameters: str, model: str) -> bool:
+    """Whether the set was made for the model."""
+    try:
+        get_parameter_set(parameters, model)
+    except UnknownName:
+        return False
+    return True
+
+
+def solve(design: str, parameters: str, model: str) -> dict[str, float]:
+    """Force ratio of each measured sample, by the model itself.
+
+    Raises:
+        UnknownName: the model has no such parameter set. RangeError: it does not answer for this sensor.
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    sensor, loads = _asked(design, parameters, model)
+    tolerance = TOLERANCE if MODELS[model].default_tolerance else None
+    return {name: response(sensor, load, model, tolerance).force_ratio for name, load in loads.items()}
+
+
+def kept(design: str, parameters: str, model: str) -> Mapping[str, float]:
+    """What `solve` gave when the list was made.
+
+    Raises:
+        RangeError: the model did not answer for this sensor, or nothing is kept of it as it is now.
+        UnknownName: the model has no such parameter set. ConfigError: the list is missing or damaged.
+    """
+    now = _fingerprint(*_asked(design, parameters, model))
+    for answer in stored().answers:
+        if (answer.design, answer.parameters, answer.model, answer.fingerprint) == (design, parameters, model, now):
+            if answer.failure:
+                raise RangeError(answer.failure)
+            return answer.force_ratios
+    raise RangeError(f"no answers of model {model!r} are kept for these numbers; {RENEW}")
+
+
+def refining() -> Iterator[tuple[str, str, str]]:
+    """Design, parameter set and model of every answer that is kept: measured designs, and models that refine."""
+    for model, of in MODELS.items():
+        for design in measured_designs() if of.default_tolerance else ():
+            for parameters in PARAMETER_SETS:
+                if has_set(parameters, model):
+                    yield design, parameters, model
+
+
+def measured_designs() -> list[str]:
+    """Designs that the thesis has experiments with."""
+    return [name for name, design in DESIGNS.items() if design.thesis_force_ratio]
+
+
+def measure(progress: Callable[[int, int, str], None]) -> KeptList:
+    """Solve all of `refining`: some minutes.
+
+    Raises:
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    wanted, answers = list(refining()), []
+    for done, (design, parameters, model) in enumerate(wanted):
+        progress(done, len(wanted), f"{design} by {model}, {parameters}")
+        now = _fingerprint(*_asked(design, parameters, model))
+        given: dict[str, Any] = {}
+        try:
+            given["force_ratios"] = solve(design, parameters, model)
+        except RangeError as error:
+            given["failure"] = str(error)
+        answers.append(Kept(design=design, parameters=parameters, model=model, fingerprint=now, **given))
+    return KeptList(answers=tuple(answers))
+
+
+def _asked(design: str, parameters: str, model: str) -> tuple[Design, dict[str, Load]]:
+    """The sensor, and a newton through each sample that was measured with it."""
+    chosen = get_parameter_set(parameters, model)
+    plain = get_design(design)
+    loads = {name: chosen.load(SAMPLES[name].modulus) for name in plain.thesis_force_ratio}
+    return chosen.design(plain), loads
+
+
+def _fingerprint(sensor: Design, loads: Mapping[str, Load]) -> str:
+    """SHA-256 of all that finite elements look at, and of the version of their code."""
+    parts = [f"{name} {load.sensed.modulus!r} {fingerprint(sensor, load)}" for name, load in loads.items()]
+    return hashlib.sha256(f"{TOLERANCE};{sensor.disc_radius!r};{';'.join(parts)}".encode()).hexdigest()
+
+
+@functools.cache
+def stored() -> KeptList:
+    """The answers that come with palpate. Raises ConfigError: the file is missing or damaged."""
+    try:
+        if STORED.stat().st_size > LARGEST_FILE:
+            raise ValueError
+        return KeptList.model_validate_json(STORED.read_bytes())
+    except (OSError, ValueError):  # ValidationError is one
+        raise ConfigError(f"{STORED}: is missing or no list of answers; {RENEW}") from None

@@ -1,0 +1,1 @@
+"""The three-dimensional finite-element model: plates, one tooth or many."""

@@ -1,0 +1,264 @@
+"""Element matrices of one part of the solid model: a plan times a range of heights.
+
+Shape functions are products of one in the plan and one along the height, both of degree p, so that every element
+matrix is a sum of products of one in the plan and one along the height. The pressure is a discontinuous
+polynomial of degree p - 1 (Qp/Pp-1): it is condensed element by element, and rubber does not lock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, MeshLine
+
+from palpate.instrument.models.solid.mesh import Plan
+from palpate.instrument.sensor.film_material import FilmMaterial
+
+Vector = NDArray[np.float64]
+Names = NDArray[np.intp]
+Entries = TypeVar("Entries", NDArray[np.float64], NDArray[np.intp])
+
+# 2 G e + λ tr e is assembled with λ / G up to this; what is above it comes by iteration on the pressure.
+LAME_RATIO_LIMIT = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Elastic:
+    """Young modulus [Pa] and Poisson ratio, up to 0.5."""
+
+    modulus: float
+    poisson: float
+
+    @property
+    def shear(self) -> float:
+        """Shear modulus G [Pa]."""
+        return self.modulus / (2 * (1 + self.poisson))
+
+    @property
+    def compliance(self) -> float:
+        """1/λ [1/Pa], 0 for an incompressible body, ∞ at Poisson ratio 0."""
+        if self.poisson == 0:
+            return np.inf
+        return (1 + self.poisson) * (1 - 2 * self.poisson) / (self.modulus * self.poisson)
+
+    @property
+    def lame(self) -> float:
+        """λ [Pa] that the matrix carries."""
+        limit = LAME_RATIO_LIMIT * self.shear
+        if self.poisson <= 0 or self.compliance > 1 / limit:
+            return 1 / self.compliance
+        return limit
+
+    @property
+    def pressure_left(self) -> float:
+        """Share of the pressure that the matrix does not carry: 0 where λ is not limited."""
+        return 1 - self.lame * self.compliance if np.isfinite(self.compliance) else 0.0
+
+
+class PlanElements:
+    """Integrals over each of a selection of the plan's elements.
+
+    Attributes:
+        elements: numbers in the whole plan.
+        nodes: names in the whole plan of the shape functions that do not vanish on the selection.
+        local: places of each element's shape functions in `nodes`, shape (elements, shapes).
+        integrals: of the shape functions over the selection, by node.
+        areas: of the elements [m2].
+        mass, xx, yy, yx, vx, vy: of products of shape functions and their derivatives, (elements, shapes, shapes).
+        pressure: x derivative, y derivative and value of shape functions against orthonormal polynomials, by
+            degree of these, each (elements, polynomials, shapes).
+    """
+
+    def __init__(self, basis: Any, elements: Names, degree: int) -> None:
+        part = basis.with_elements(elements)
+        self.elements = elements
+        names = basis.element_dofs[:, elements].T
+        self.nodes, local = np.unique(names, return_inverse=True)
+        self.local = local.reshape(names.shape)
+        weight = part.dx
+        shapes = [field[0] for field in part.basis]
+        v = np.stack([np.broadcast_to(np.asarray(shape), weight.shape) for shape in shapes], axis=1)
+        x, y = (np.stack([shape.grad[axis] for shape in shapes], axis=1) for axis in (0, 1))
+
+        def product(test: Vector, trial: Vector) -> Vector:
+            result: Vector = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
+            return result
+
+        self.areas = weight.sum(axis=1)
+        self.integrals = np.bincount(self.local.ravel(), weights=(v @ weight[..., None]).ravel())
+        self.mass, self.xx, self.yy, self.yx = product(v, v), product(x, x), product(y, y), product(y, x)
+        self.vx, self.vy = product(v, x), product(v, y)
+        self.pressure = []
+        for count in np.cumsum(np.arange(1, degree + 1)):
+            polynomials = _orthonormal(np.asarray(part.global_coordinates()), weight, degree - 1)[:, :count]
+            self.pressure.append((product(polynomials, x), product(polynomials, y), product(polynomials, v)))
+
+
+def _orthonormal(places: Vector, weight: Vector, degree: int) -> Vector:
+    """Polynomials at the quadrature points, (elements, polynomials, points), orthonormal on each element."""
+    area = weight.sum(axis=-1)[:, None]
+    centre = (places * weight).sum(axis=-1, keepdims=True) / area
+    size = np.sqrt(((places - centre) ** 2 * weight).sum(axis=-1, keepdims=True) / area)
+    a, b = (places - centre) / size
+    # By rising degree, so that the first ones span every lower degree.
+    monomials = np.stack([a ** (k - m) * b**m for k in range(degree + 1) for m in range(k + 1)], axis=-1)
+    root = np.sqrt(weight)[..., None]
+    polynomials: Vector = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 1)
+    return polynomials
+
+
+class HeightElements:
+    """Integrals over each step along the height; its first shape function alone reaches the bottom, the last the top.
+
+    Attributes:
+        breaks: heights between the steps [m].
+        degree: of the shape functions.
+        count: of shape functions.
+        local: names of each step's shape functions, shape (steps, shapes).
+        one: coefficients of the function 1.
+        mass, zz, zv: of products of shape functions and their derivatives, (steps, shapes, shapes).
+        pressure: value and slope of the shape functions against Legendre polynomials, (degree, steps, shapes).
+    """
+
+    def __init__(self, breaks: Vector, degree: int) -> None:
+        basis = height_basis(breaks, degree)
+        steps = len(breaks) - 1
+        order = np.concatenate([np.arange(steps), np.arange(steps + 1, basis.N), [steps]])
+        self.breaks, self.degree = breaks, degree
+        self.count = basis.N
+        self.local = np.argsort(order)[basis.element_dofs].T
+        # Hierarchical shape functions add nothing to those of the ends.
+        self.one = np.where((order <= steps) | (degree == 2), 1.0, 0.0)
+        weight = basis.dx
+        v = np.stack([np.broadcast_to(np.asarray(field[0]), weight.shape) for field in basis.basis], axis=1)
+        z = np.stack([field[0].grad[0] for field in basis.basis], axis=1)
+
+        def product(test: Vector, trial: Vector) -> Vector:
+            result: Vector = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
+            return result
+
+        self.mass, self.zz, self.zv = product(v, v), product(z, z), product(z, v)
+        places = np.asarray(basis.global_coordinates())[0]
+        middle, half = (breaks[1:] + breaks[:-1])[:, None] / 2, np.diff(breaks)[:, None] / 2
+        levels = np.arange(degree)[:, None, None]
+        legendre = np.polynomial.legendre.legvander((places - middle) / half, degree - 1).transpose(2, 0, 1)
+        legendre = legendre * np.sqrt((2 * levels + 1) / (2 * half))
+        pairs = [(product(level[:, None], v), product(level[:, None], z)) for level in legendre]
+        self.pressure = [(value[:, 0], slope[:, 0]) for value, slope in pairs]
+
+
+class Body:
+    """One part: a plan, a range of heights, and a material.
+
+    Element matrices have the unknowns displacement (x, y, z), then height, then node of the plan.
+    """
+
+    def __init__(self, plan: PlanElements, height: HeightElements, material: Elastic | FilmMaterial) -> None:
+        self.plan, self.height, self.material = plan, height, material
+        self.shape = (3, height.count, len(plan.nodes))
+
+    def local(self, names: Entries, steps: slice = slice(None)) -> Entries:
+        """Those of `names`, of the body's shape, that belong to each element: (elements, steps, unknowns)."""
+        heights, nodes = self.height.local[steps], self.plan.local
+        picked = names[:, heights[None, :, :, None], nodes[:, None, None, :]]
+        return np.moveaxis(picked, 0, 2).reshape(len(nodes), len(heights), -1)
+
+    def stiffness(self, steps: slice = slice(None)) -> Vector:
+        """Shape (elements, steps, unknowns, unknowns)."""
+        if isinstance(self.material, FilmMaterial):
+            return self._film_stiffness(self.material, steps)
+        p, h = self.plan, self.height
+        shear = self.material.shear
+        mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
+        xx, yy, flat, yx, vx, vy = (
+            shear * matrix[:, None, None, :, None, :] for matrix in (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy)
+        )
+        upright = flat * zz
+        blocks = {
+            (0, 0): (2 * xx + yy) * mass + upright,
+            (1, 1): (xx + 2 * yy) * mass + upright,
+            (2, 2): (xx + yy) * mass + 2 * upright,
+            (0, 1): yx * mass,
+            (0, 2): vx * zv,
+            (1, 2): vy * zv,
+        }
+        dilatation = self.dilatation(steps)
+        matrix = dilatation.transpose(0, 1, 3, 2) @ (self.material.lame * dilatation)
+        _add_blocks(matrix, blocks)
+        return matrix
+
+    def _film_stiffness(self, film: FilmMaterial, steps: slice) -> Vector:
+        """Of a material with three planes of symmetry, which is thin, and far from incompressible."""
+        p, h = self.plan, self.height
+        (c, _, _), (c44, c55, c66) = film.stiff(), film.shear
+        mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
+        vz = zv.swapaxes(2, 4)
+        plans = (p.xx, p.yy, p.mass, p.yx, p.vx, p.vy)
+        xx, yy, flat, yx, vx, vy = (matrix[:, None, None, :, None, :] for matrix in plans)
+        xy, xv, yv = (matrix.swapaxes(3, 5) for matrix in (yx, vx, vy))
+        blocks = {
+            (0, 0): (c[0, 0] * xx + c66 * yy) * mass + c55 * flat * zz,
+            (1, 1): (c66 * xx + c[1, 1] * yy) * mass + c44 * flat * zz,
+            (2, 2): (c55 * xx + c44 * yy) * mass + c[2, 2] * flat * zz,
+            (0, 1): (c[0, 1] * xy + c66 * yx) * mass,
+            (0, 2): c[0, 2] * xv * vz + c55 * vx * zv,
+            (1, 2): c[1, 2] * yv * vz + c44 * vy * zv,
+        }
+        count = math.prod(self.height.local.shape[1:]) * self.plan.local.shape[1]
+        matrix = np.zeros((*blocks[0, 0].shape[:2], 3 * count, 3 * count))
+        _add_blocks(matrix, blocks)
+        return matrix
+
+    def polarised(self, film: FilmMaterial, one: Vector) -> Vector:
+        """Forces of a film under 1 V, against its voltage: (elements, steps, unknowns) [N/V].
+
+        Args:
+            one: coefficients of the function 1 in the plan, by node of the body.
+        """
+        p, h = self.plan, self.height
+        _, stress, _ = film.stiff()
+        along, across, flat = (np.einsum("eij,ei->ej", of, one[p.local]) for of in (p.vx, p.vy, p.mass))
+        mass, slope = (np.einsum("sij,sj->si", of, h.one[h.local]) for of in (h.mass, h.zv))
+        pairs = ((along, mass), (across, mass), (flat, slope))
+        forces = [e * np.einsum("en,sh->eshn", *pair) for e, pair in zip(stress, pairs, strict=True)]
+        by_axis = np.stack(forces, axis=2) / np.ptp(h.breaks)
+        return by_axis.reshape(*by_axis.shape[:2], -1)
+
+    def dilatation(self, steps: slice = slice(None)) -> Vector:
+        """Operator from unknowns to orthonormal dilatations: (elements, steps, pressures, unknowns)."""
+        rows = []
+        for level, (value, slope) in enumerate(self.height.pressure):
+            triple = self.plan.pressure[-1 - level]
+            value, slope = (matrix[None, steps, None, :, None] for matrix in (value, slope))
+            dx, dy, flat = (matrix[:, None, :, None, :] for matrix in triple)
+            rows.append(np.stack([dx * value, dy * value, flat * slope], axis=3))
+        joined = np.concatenate(rows, axis=2)
+        return joined.reshape(*joined.shape[:3], -1)
+
+
+def _add_blocks(matrix: Vector, blocks: dict[tuple[int, int], Vector]) -> None:
+    """To a matrix (elements, steps, unknowns, unknowns), by axes of its unknowns; those below the diagonal follow."""
+    size = matrix.shape[-1] // 3
+    by_axis = matrix.reshape(*matrix.shape[:2], 3, size, 3, size)
+    for (a, b), block in blocks.items():
+        square = block.reshape(*matrix.shape[:2], size, size)
+        by_axis[:, :, a, :, b] += square
+        if a != b:
+            by_axis[:, :, b, :, a] += square.transpose(0, 1, 3, 2)
+
+
+def plan_basis(plan: Plan, degree: int) -> Any:
+    """Shape functions of a plan."""
+    return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)
+
+
+def height_basis(breaks: Vector, degree: int, points: Vector | None = None) -> Any:
+    """Shape functions along the height, at the points of an exact quadrature or at these of each step (0 to 1)."""
+    element = ElementLineP2() if degree == 2 else ElementLinePp(degree)
+    if points is None:
+        return Basis(MeshLine(breaks), element, intorder=2 * degree)
+    return Basis(MeshLine(breaks), element, quadrature=(points[None], np.full(len(points), 1 / len(points))))

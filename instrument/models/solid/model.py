@@ -1,0 +1,201 @@
+"""Three-dimensional linear elasticity: square plates, one tooth or many, uniform pressure or a point load.
+
+    solve(SolidParameters(sensed_modulus=100e3), refinement=2).force_ratio
+    solve_to(SolidParameters(sensed_modulus=100e3), tolerance=1e-3)    # solution and error estimate
+
+The sensor is a lattice of equal cells, one tooth in its ring in the middle of each; the sensed object covers all
+of them. Contact holds in both directions (no lift-off). Symmetry planes of sensor and load are used.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.errors import RangeError
+from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
+from palpate.instrument.models.parameters import CLOSED, SolidParameters
+from palpate.instrument.models.solid import system as solid_system
+from palpate.instrument.models.solid.forces import energies, evaluate
+from palpate.instrument.models.solid.mesh import Resolution
+from palpate.instrument.models.solid.system import System, symmetry
+
+REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
+# Of the product of energies, what the finer mesh is left with: a refinement divides the error by about four.
+SHARE_LEFT = 0.5
+# Least estimate by number of meshes. Some may agree by chance; the first three have the same sectors.
+LEAST = {2: 1e-3, 3: 3e-4, 4: 5e-5}
+
+
+PlaneStress = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SolidSolution:
+    """What teeth, bases and films take. Forces are compressions [N], stresses tensions [Pa].
+
+    Attributes:
+        tooth_forces: by row, then column.
+        base_forces: of the one common base, or of each tooth's own.
+        tooth_films: mean stresses along x and y of the film below each tooth; none on a rigid support.
+        base_films: of the film of each base; none on a rigid support.
+        voltage_error: bound on that of each voltage [V]; None of one mesh alone.
+        energies: what the mesh is judged by.
+        signals: voltage [V] and short-circuit charge [C] of the films, of the teeth's and then of the bases'.
+        total_force: that reaches the floor [N].
+        force_ratio: sum of the tooth forces over the total force.
+        unknowns: displacements solved for.
+        residual: of the linear system, relative to the size of its terms.
+        seconds: of the processor, to assemble and factorise, and to solve.
+    """
+
+    tooth_forces: tuple[float, ...]
+    base_forces: tuple[float, ...]
+    tooth_films: tuple[PlaneStress, ...]
+    base_films: tuple[PlaneStress, ...]
+    signals: tuple[tuple[float, float], ...]
+    total_force: float
+    force_ratio: float
+    unknowns: int
+    residual: float
+    energies: Energies
+    seconds: tuple[float, float]
+    voltage_error: float | None = None
+
+    @property
+    def judged(self) -> Judged:
+        """What its mesh is judged by."""
+        return Judged(self.force_ratio, tuple(voltage for voltage, _ in self.signals), self.energies)
+
+
+def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> SolidSolution:
+    """Forces on the teeth, on the mesh of one refinement.
+
+    Args:
+        solver: "pardiso", "superlu", or "" for the faster that is installed.
+
+    Raises:
+        RangeError: no such refinement.
+        EstimateError: the linear system cannot be solved accurately.
+        UnknownName: the solver is not installed.
+    """
+    return solve_on(parameters, resolution_of(refinement), solver)
+
+
+def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = "") -> SolidSolution:
+    """Forces on the teeth, on any mesh.
+
+    Raises:
+        EstimateError: the linear system cannot be solved accurately.
+        UnknownName: the solver is not installed.
+    """
+    start = time.process_time()
+    system = System(parameters, resolution, solver)
+    built = time.process_time()
+    solved = system.solve(system.load(parameters.load_at))
+    forces = evaluate(system, solved)
+    total = float(forces.bases.sum())
+    return SolidSolution(
+        tooth_forces=tuple(forces.teeth.tolist()),
+        base_forces=tuple(forces.bases.tolist()),
+        tooth_films=tuple((along, across) for along, across in forces.tooth_films.tolist()),
+        base_films=tuple((along, across) for along, across in forces.base_films.tolist()),
+        signals=tuple((voltage, charge) for voltage, charge in forces.signals.tolist()),
+        total_force=total,
+        force_ratio=float(forces.teeth.sum()) / total,
+        unknowns=system.unknowns,
+        residual=solved.residual,
+        energies=energies(system, solved),
+        seconds=(built - start, time.process_time() - built),
+    )
+
+
+def point_loads(
+    parameters: SolidParameters, places: Sequence[tuple[float, float]], refinement: int, solver: str = ""
+) -> NDArray[np.float64]:
+    """Forces on the teeth under one point load after another, all in one factorisation.
+
+    Args:
+        places: of the load, (x, y) from the corner of the object [m].
+
+    Returns:
+        Shape (places, teeth) [N].
+
+    Raises:
+        RangeError: a place is off the object, or there is no such refinement.
+        EstimateError: the linear system cannot be solved accurately.
+        UnknownName: the solver is not installed.
+    """
+    symmetries = [symmetry(replace(parameters, load_at=place)) for place in places]
+    mirrored = (all(along for along, _ in symmetries), all(across for _, across in symmetries))
+    system = System(replace(parameters, load_at=places[0]), resolution_of(refinement), solver, mirrored)
+    return np.array([evaluate(system, system.solve(system.load(place))).teeth for place in places])
+
+
+# A sample is mounted again and again, and a sweep asks for the same sensor at every load.
+@functools.lru_cache(maxsize=64)
+def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") -> tuple[SolidSolution, float]:
+    """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
+
+    Raises:
+        RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    if not (0 < tolerance < math.inf):
+        raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
+    if tolerance < LEAST[max(LEAST)]:
+        raise RangeError(
+            f"tolerance {tolerance:g}: model 'solid' answers to {LEAST[max(LEAST)]:g} at best, on its finest mesh; give"
+            " a larger one"
+        )
+    meshes = [solve(parameters, REFINEMENTS[0], solver).judged]
+    for refinement in REFINEMENTS[1:]:
+        solution = solve(parameters, refinement, solver)
+        meshes.append(solution.judged)
+        found = error_estimate(meshes, parameters)
+        if found.force_ratio <= tolerance:
+            return replace(solution, voltage_error=found.voltage), found.force_ratio
+    raise RangeError(
+        f"model 'solid' cannot answer to {tolerance:g}: its best here is {found.force_ratio:.1e}; give a larger"
+        " tolerance"
+    )
+
+
+def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
+    """On the errors of the last of two or more refinements from the first on."""
+    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    found = bounds(meshes, closed_gap=gap < CLOSED * parameters.tooth_radius, safety=SHARE_LEFT)
+    return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
+
+
+def _series(ratios: Sequence[float]) -> float:
+    """Bound on the error of the last force ratio by how the ratios go on.
+
+    A refinement divides the error by about four. The bound is the greatest of twice the last change, a share of the
+    one before (one small change can be luck, so that the first counts four times), what is left of a series that
+    falls as slowly as the last two changes, and what meshes so coarse may leave unseen.
+    """
+    change, least = abs(ratios[-1] - ratios[-2]), LEAST[min(len(ratios), len(REFINEMENTS))]
+    if len(ratios) == 2:
+        # A closed gap below a soft bonded object: the error left is twice the change.
+        return max(4 * change, least)
+    before = abs(ratios[-2] - ratios[-3])
+    slowness = min(change / before, 0.9) if before > 0 else 0.5
+    return max(2 * change, 0.4 * before, change * slowness / (1 - slowness), least)
+
+
+def resolution_of(refinement: int) -> Resolution:
+    """How fine the mesh of a refinement is.
+
+    Raises:
+        RangeError: there is no such refinement.
+    """
+    if refinement not in REFINEMENTS:
+        raise RangeError(f"refinement {refinement} is outside {REFINEMENTS[0]} to {REFINEMENTS[-1]}; give one of these")
+    return solid_system.RESOLUTIONS[refinement]

@@ -1,0 +1,1 @@
+"""Curves of force ratio over modulus, computed beforehand and evaluated in microseconds."""

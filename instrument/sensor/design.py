@@ -1,0 +1,223 @@
+"""What a tactile sensor is: rigid teeth, each in a compliant ring, on plates, with films below.
+
+One film lies under each tooth, one under each base; the ratio of the forces on teeth and bases tells how soft
+the touched object is. Lengths in metres; forces and voltages of the thesis are peak to peak.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.limits import require_nested
+from palpate.instrument.sensor.material import Material
+
+# How the names of films begin: under a tooth, under a base.
+FILM_KINDS = ("rigid", "total")
+OUTLINES = ("square", "round")
+SUPPORTS = ("elastic", "rigid")
+
+
+@dataclass(frozen=True, slots=True)
+class Tooth:
+    """The rigid cylinder."""
+
+    radius: float
+    height: float
+    material: Material
+
+    @property
+    def area(self) -> float:
+        """Cross-section [m2]."""
+        return math.pi * self.radius**2
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """The compliant part around the tooth: a hollow cylinder ("round"), or one that fills its cell ("square")."""
+
+    inner_radius: float
+    outer_radius: float
+    height: float
+    material: Material
+    outline: str = "round"
+
+    @property
+    def area(self) -> float:
+        """Cross-section [m2]."""
+        return math.pi * (self.outer_radius**2 - self.inner_radius**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """One of the two base plates."""
+
+    length: float
+    width: float
+    thickness: float
+    material: Material
+
+
+@dataclass(frozen=True, slots=True)
+class FilmSheet:
+    """The films as bodies: a disc under the tooth, a rectangle under the base, of one thickness."""
+
+    disc_radius: float
+    length: float
+    width: float
+    thickness: float
+    material: FilmMaterial
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """One film as a signal.
+
+    Attributes:
+        channel: channel of the sensor node, from 1.
+        sensitivity: voltage per force on the film [V/N].
+        scatter: relative standard deviation of the sensitivity from one load set to the next.
+        teeth: numbers of the teeth, from 0, whose force the film takes, alone ("rigid") or with all that stands
+            beside them ("total").
+    """
+
+    name: str
+    channel: int
+    sensitivity: float
+    scatter: float
+    teeth: tuple[int, ...] = (0,)
+
+    @property
+    def kind(self) -> str:
+        """Of FILM_KINDS."""
+        return next(kind for kind in FILM_KINDS if self.name.startswith(kind))
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """One sensor: dimensions, materials, films, and what the thesis measured with it.
+
+    Attributes:
+        tooth, ring: of every tooth.
+        plate: of every base.
+        plate_count: base plates below a tooth, with the base film between them.
+        teeth: positions (x, y) of the teeth's axes from the corner of the sensor [m]: a lattice, row by row.
+        separate_bases: each tooth has a base of its own.
+        outline: of plates and sensed object: "square", or "round" for one tooth on a disc.
+        disc_radius: of the round object that stands for a square one where a model knows round ones only [m].
+        support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
+        films: by channel.
+        ratio_scatter: relative standard deviation of the force ratio from one load set to the next.
+        thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
+        thesis_softness_order: sample names, hard to soft.
+        source: where dimensions and figures come from.
+        film_covariance: (films, films), relative, of the sensitivities; None: they were not calibrated here, and their
+            scatter is all that is known. `film_freedom`: its degrees of freedom; None: it is known.
+        pickup: what moving cables add to a film's force in step with the drive, at most, as a share of the load on the
+            sensor (bench file); None: none is known.
+
+    Raises:
+        RangeError: a dimension is not positive and finite, or parts overlap.
+        UnknownName: no such outline or support.
+    """
+
+    name: str
+    tooth: Tooth
+    ring: Ring
+    plate: Plate
+    plate_count: int
+    film_sheet: FilmSheet
+    films: tuple[Film, ...]
+    ratio_scatter: float
+    thesis_force_ratio: Mapping[str, float] = field(hash=False)
+    thesis_softness_order: tuple[str, ...]
+    source: str
+    teeth: tuple[tuple[float, float], ...] = ((5e-3, 5e-3),)
+    separate_bases: bool = False
+    outline: str = "square"
+    disc_radius: float = 5e-3
+    support: str = "elastic"
+    film_covariance: tuple[tuple[float, ...], ...] | None = None
+    film_freedom: float | None = None
+    pickup: float | None = None
+
+    def __post_init__(self) -> None:
+        for part in (self.tooth, self.ring, self.plate, self.film_sheet, self):
+            for item in fields(part):
+                value = getattr(part, item.name)
+                if isinstance(value, float) and not (0 < value < math.inf):
+                    raise RangeError(
+                        f"design {self.name!r}: {item.name} {value:g} of its {type(part).__name__.lower()} is not"
+                        " above 0 and finite; give a positive one"
+                    )
+        if self.outline not in OUTLINES:
+            raise UnknownName("outline of a design", self.outline, OUTLINES)
+        if self.ring.outline not in OUTLINES:
+            raise UnknownName("outline of a ring", self.ring.outline, OUTLINES)
+        if self.support not in SUPPORTS:
+            raise UnknownName("support of a design", self.support, SUPPORTS)
+        require_nested(
+            {
+                "radius of the tooth": self.tooth.radius,
+                "inner radius of the ring": self.ring.inner_radius,
+                "outer radius of the ring": self.ring.outer_radius,
+                "half of the cell": min(self.cell) / 2,
+            },
+            f"design {self.name!r}: ",
+        )
+
+    def with_pickup(self, share: float) -> Design:
+        """On a bench that says so of its cables; 0: it says nothing."""
+        return replace(self, pickup=share or None)
+
+    @property
+    def columns(self) -> int:
+        """Teeth along the length."""
+        return len({x for x, _ in self.teeth})
+
+    @property
+    def rows(self) -> int:
+        """Teeth along the width."""
+        return len({y for _, y in self.teeth})
+
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Length and width of the plan for each tooth [m]: each stands in the middle of its own."""
+        x, y = self.teeth[0]
+        return 2 * x, 2 * y
+
+    @property
+    def gap(self) -> float:
+        """Radial clearance between tooth and ring [m]."""
+        return self.ring.inner_radius - self.tooth.radius
+
+    @property
+    def film_correlation(self) -> float:
+        """Correlation of the scatter of a tooth's film and its base's that gives the ratio its own scatter.
+
+        The ratio of two quantities of relative scatter a and b and correlation r scatters by
+        sqrt(a^2 + b^2 - 2 r a b), to first order. Where the printed scatters leave none (common base), 1 comes nearest.
+        """
+        a, b = (next(film for film in self.films if film.kind == kind).scatter for kind in FILM_KINDS)
+        return min(1.0, (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b))
+
+    def film_area(self, film: Film) -> float:
+        """Of its electrodes [m2]."""
+        sheet = self.film_sheet
+        if film.kind == FILM_KINDS[0]:
+            return math.pi * sheet.disc_radius**2
+        return math.pi * self.disc_radius**2 if self.outline == "round" else sheet.length * sheet.width
+
+    def film(self, name: str) -> Film:
+        """The film of that name.
+
+        Raises:
+            UnknownName: the design has no such film.
+        """
+        for film in self.films:
+            if film.name == name:
+                return film
+        raise UnknownName(f"film of design {self.name!r}", name, [film.name for film in self.films])

@@ -1,0 +1,137 @@
+"""How long to measure for a force ratio of the uncertainty asked for.
+
+    floor = (Floor("gain scatter", design.ratio_scatter),)
+    dwell_for(0.05, fit, rigid, total, floor).dwell
+
+What noise makes of the ratio falls with the dwell T, u² = S (1/A₁² + 1/A₂² − 2 r/(A₁A₂))/T, and S is measured at the
+point itself. What does not fall is the floor, and no dwell beats it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.quantity import check_tolerance, show
+from palpate.instrument.signals.estimate import SineFit
+
+STEP = 0.1
+"""s. Over whole steps 50 and 60 Hz are orthogonal to the drive's 10 Hz."""
+LONGEST = 3600.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """A part of the ratio's relative standard uncertainty that no dwell lowers, such as the gains' scatter."""
+
+    name: str
+    u: float
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """What a target asks for.
+
+    Attributes:
+        dwell: s, whole 0.1 s, a cycle or more.
+        asked: s, by the noise alone, before it was rounded up.
+        u: relative standard uncertainty of the ratio that the dwell should give, floor and noise.
+    """
+
+    dwell: float
+    asked: float
+    u: float
+
+
+def ratio_noise(fit: SineFit, numerator: int, denominator: int) -> float:
+    """Relative standard uncertainty of the ratio of two channels' amplitudes after one second, by noise [√s].
+
+    Raises:
+        EstimateError: an amplitude is zero.
+    """
+    if not (fit.amplitude[numerator] > 0 and fit.amplitude[denominator] > 0):
+        raise EstimateError("an amplitude is zero: no dwell makes a ratio of it; raise the drive or check the film")
+    density = fit.noise * math.sqrt(2 / fit.rate) / fit.amplitude
+    one, other = float(density[numerator]), float(density[denominator])
+    in_phase = math.cos(float(fit.phase[numerator] - fit.phase[denominator]))
+    common = float(fit.correlation[numerator, denominator]) * in_phase
+    return math.sqrt(max(one**2 + other**2 - 2 * common * one * other, 0.0))
+
+
+def floor_u(floor: Sequence[Floor]) -> float:
+    """Relative standard uncertainty that no dwell beats."""
+    return math.hypot(*(part.u for part in floor))
+
+
+def dwell_for(
+    target: float,
+    fit: SineFit,
+    numerator: int,
+    denominator: int,
+    floor: Sequence[Floor] = (),
+    longest: float = LONGEST,
+) -> Dwell:
+    """The shortest dwell that gives a ratio of the relative standard uncertainty `target`.
+
+    Args:
+        fit: of a record under the same load. Its noise is known to 1/√(2 degrees of freedom) of itself, the dwell
+            to twice that.
+        numerator, denominator: channel numbers.
+        longest: s, above which a dwell is refused.
+
+    Raises:
+        RangeError: a target that is not positive, is at the floor or below, or takes longer than `longest`.
+        EstimateError: an amplitude is zero.
+    """
+    noise = ratio_noise(fit, numerator, denominator)
+    return dwell_of(target, noise, fit.frequency, floor, longest)
+
+
+def dwell_of(
+    target: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
+) -> Dwell:
+    """As `dwell_for`, of a noise as `ratio_noise` gives it."""
+    check_target(target, floor)
+    lowest = floor_u(floor)
+    asked = noise**2 / ((target - lowest) * (target + lowest))
+    if not asked <= longest:
+        raise RangeError(
+            f"target {target:.3g} takes a dwell of {asked:.3g} s by the noise of this point, limit {longest:g} s; the"
+            f" floor is {lowest:.3g}; ask for {math.hypot(lowest, noise / math.sqrt(longest)):.3g} or more, or raise"
+            " the load"
+        )
+    dwell = whole_steps(max(asked, 1 / frequency))
+    return Dwell(dwell, asked, math.hypot(lowest, noise / math.sqrt(dwell)))
+
+
+def check_target(target: float, floor: Sequence[Floor]) -> None:
+    """Refuse a target that no dwell reaches, before anything is measured. Raises RangeError."""
+    check_tolerance(target, f"target uncertainty {target}")
+    lowest = floor_u(floor)
+    if not target > lowest:
+        parts = ", ".join(f"{part.name} {part.u:.3g}" for part in floor)
+        raise RangeError(
+            f"target uncertainty {target:.3g} is not above the floor of {lowest:.3g} that no dwell beats ({parts});"
+            f" ask for more than {lowest:.3g}, or average several load sets"
+        )
+
+
+def check_dwell(dwell: float, frequency: float, rate: float) -> None:
+    """Refuse a dwell below one cycle and a frequency [Hz] of half the sample rate [Hz] or more. Raises RangeError."""
+    if not 0 < frequency < rate / 2:
+        raise RangeError(
+            f"frequency {show(frequency, 'Hz')} is not above 0 and below half the sample rate, {show(rate / 2, 'Hz')};"
+            " sample faster or drive slower"
+        )
+    if not dwell * frequency >= 1 - 1e-9:
+        raise RangeError(
+            f"dwell {show(dwell, 's')} is below one cycle of {show(frequency, 'Hz')}; dwell {show(1 / frequency, 's')}"
+            " or longer"
+        )
+
+
+def whole_steps(dwell: float) -> float:
+    """Rounded up to whole 0.1 s; what is whole but for round-off stays."""
+    return round(math.ceil(dwell / STEP * (1 - 1e-9)) * STEP, 1)

@@ -1,0 +1,276 @@
+"""Amplitude and phase of a sine of known frequency, in all channels at once, with standard uncertainty.
+
+Least squares with the frequency known (IEEE 1057, three parameters), a linear trend beside the offset, because a PVDF
+film is pyroelectric and drifts with temperature [S], and the mains' hum, because over few cycles the trend takes it up
+and hands it on to the drive. Time and signals are centred and the columns scaled before one QR factorization: normal
+equations of the plain columns square the condition number and lose the amplitude beneath a large offset.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.hum import tuned
+from palpate.instrument.signals.noise import MAINS, noise_at
+from palpate.instrument.signals.noise_parts import short_noise
+from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, sine_columns
+
+Floats = npt.NDArray[np.float64]
+
+SHORTEST_RECORD = 0.25
+"""Cycles. Below it sine and cosine cannot be told from offset and trend: the amplitude scatters by 0.8 of itself.
+
+Measured by trial.
+"""
+FEW_DEGREES = 50.0
+"""Of freedom, below which noise is known to worse than a tenth: a record too short to tell white from 1/f noise.
+
+Where noise prevails its intervals may then be a fifth wider than they need to be.
+"""
+LEAST_SHARE = 1e-3  # of noise in an uncertainty, whose degrees of freedom still count
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SineFit:
+    """`signal = offset + trend·(t − middle of the record) + amplitude·cos(2π·frequency·t + phase)` in each channel.
+
+    Args:
+        frequency: Hz, as given.
+        amplitude: (channels,) V, not negative.
+        phase: (channels,) rad, −π to π, at time zero of the record's own time axis.
+        offset: (channels,) V, at the middle of the record.
+        trend: (channels,) V/s.
+        amplitude_u: (channels,) V, standard uncertainty from `noise` and `hum_u`, with `degrees_of_freedom`.
+            No gain, no coherent pick-up. Linear, so for amplitudes well above it.
+        phase_u: (channels,) rad, standard uncertainty from `noise` and `hum_u`; infinite where the amplitude is zero.
+        amplitude_bias: (channels,) V, what noise adds to an amplitude in the mean: it is a length.
+        hum_u: (channels,) V, what hum may have in an amplitude that shows but wanders unseen in so short a record.
+        residual: (channels,) V, rms with `samples` less columns degrees of freedom; of hum what was not told apart.
+        residual_peak: (channels,) V, the greatest, without its sign.
+        noise: (channels,) V, of one sample, of its density around the drive (`signals/noise.py`).
+        correlation: (channels, channels), of the noise.
+        degrees_of_freedom: of `amplitude_u`.
+        amplitude_correlation: (channels, channels), of the errors of `amplitude`.
+        condition: condition number of the scaled columns; 1 is the best there is.
+        hum: what a volt of mains hum may add to an amplitude, at its worst phase [V]; 0 where it is told apart.
+        most_hum: as `hum`, the wander of hum that has columns but no slopes counted.
+        mains: their frequencies, as they were fitted [Hz].
+        samples: in each channel.
+        rate: samples a second.
+    """
+
+    frequency: float
+    amplitude: Floats
+    phase: Floats
+    offset: Floats
+    trend: Floats
+    amplitude_u: Floats
+    phase_u: Floats
+    amplitude_bias: Floats
+    hum_u: Floats
+    residual: Floats
+    residual_peak: Floats
+    noise: Floats
+    correlation: Floats
+    degrees_of_freedom: float
+    amplitude_correlation: Floats
+    condition: float
+    hum: float
+    most_hum: float
+    mains: tuple[float, ...]
+    samples: int
+    rate: float
+
+    @property
+    def beside_mains(self) -> bool:
+        """Whether the drive is so near to the mains that they turn less than once against it in the record."""
+        beat = min(abs(self.frequency - mains) for mains in (*MAINS, *self.mains))
+        return beat * self.samples < self.rate or any(abs(self.frequency - mains) < WANDER for mains in MAINS)
+
+    @property
+    def unbiased(self) -> Floats:
+        """`amplitude` (channels,) less `amplitude_bias` [V]."""
+        unbiased: Floats = self.amplitude - self.amplitude_bias
+        return unbiased
+
+
+def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> SineFit:
+    """Fit a sine of known frequency, offset, trend and hum to every channel by least squares.
+
+    Args:
+        time: (n,) s, increasing; even spacing is not needed.
+        signals: (channels, n) V.
+        frequency: Hz.
+
+    Raises:
+        EstimateError: the shapes do not match, fewer than 5 samples, a sample or time that is not finite,
+            time that does not increase, a frequency that is not positive or above half the sample rate
+            (of the median step), a record below a quarter cycle, a condition number above 100.
+    """
+    t = np.asarray(time, dtype=np.float64)
+    y = np.asarray(signals, dtype=np.float64)
+    _check_samples(t, y)
+    step = _check_frequency(t, frequency)
+
+    basis = sine_columns(t, frequency)
+    level = y.mean(axis=1, keepdims=True)
+    basis, scaled = tuned(basis, y - level, basis.solve(y - level))
+    residuals = (y - level) - (basis.columns @ scaled).T
+    a, b, offset, trend = scaled[:COEFFICIENTS] * basis.scale[:COEFFICIENTS, np.newaxis]
+    at_middle = np.arctan2(-b, a)
+    spent = basis.columns.shape[1]
+    residual = np.sqrt((residuals**2).sum(axis=1) / (t.size - spent))
+    direction = basis.direction(at_middle)
+    spread = np.linalg.norm(direction, axis=0)
+    across = np.linalg.norm(basis.direction(at_middle + np.pi / 2), axis=0)
+    around = short_noise(basis, residuals, step) or noise_at(frequency, residuals, step, spent)
+    amplitude, noise_u, across_u = np.hypot(a, b), around.sigma * spread, around.sigma * across
+    hum_u = _wandering(basis, scaled)
+    amplitude_u = np.hypot(noise_u, hum_u)
+    of_noise = np.divide(noise_u, amplitude_u, out=np.ones_like(noise_u), where=amplitude_u > 0)
+    amplitude_correlation = around.correlation * ((direction / spread).T @ (direction / spread))
+    amplitude_correlation *= np.outer(of_noise, of_noise)
+    np.fill_diagonal(amplitude_correlation, 1.0)
+    turns = math.remainder(frequency * basis.middle, 1.0)
+    return SineFit(
+        frequency=float(frequency),
+        amplitude=amplitude,
+        phase=np.remainder(at_middle - 2 * np.pi * turns + np.pi, 2 * np.pi) - np.pi,
+        offset=level[:, 0] + offset,
+        trend=trend,
+        amplitude_u=amplitude_u,
+        phase_u=np.divide(
+            np.hypot(across_u, hum_u), amplitude, out=np.full_like(amplitude, np.inf), where=amplitude > 0
+        ),
+        amplitude_bias=amplitude - np.sqrt(np.maximum(amplitude**2 - across_u**2, 0.0)),
+        hum_u=hum_u,
+        residual=residual,
+        residual_peak=np.abs(residuals).max(axis=1),
+        noise=around.sigma,
+        correlation=around.correlation,
+        degrees_of_freedom=float((around.degrees_of_freedom / np.maximum(of_noise, LEAST_SHARE) ** 4).min()),
+        amplitude_correlation=amplitude_correlation,
+        condition=basis.condition,
+        hum=basis.hum,
+        most_hum=max((basis.hum, *basis.strays)),
+        mains=basis.mains,
+        samples=t.size,
+        rate=1 / step,
+    )
+
+
+def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
+    """As `fit_sine`, the amplitudes (channels,) alone, in V: for thousands of records of the same times at once.
+
+    Raises:
+        EstimateError: as `fit_sine`.
+    """
+    _check_samples(time, signals)
+    _check_frequency(time, frequency)
+    basis, centred = sine_columns(time, frequency), signals - signals.mean(axis=1, keepdims=True)
+    basis, scaled = tuned(basis, centred, basis.solve(centred))
+    a, b = scaled[:2] * basis.scale[:2, np.newaxis]
+    return np.asarray(np.hypot(a, b), dtype=np.float64)
+
+
+def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[float, float]:
+    """Ratio of the amplitudes of two channels and its standard uncertainty from noise.
+
+    (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), r the correlation of the two amplitudes: noise common to
+    both channels cancels only as far as they move in phase. In phase over whole cycles this is
+    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The ratio's bias is taken off: that of both
+    amplitudes, which are lengths, and that of the quotient.
+
+    Args:
+        fit: of both channels together.
+        numerator, denominator: channel numbers.
+
+    Raises:
+        EstimateError: the denominator's amplitude is below three of its standard uncertainties.
+    """
+    top, bottom = float(fit.unbiased[numerator]), float(fit.unbiased[denominator])
+    top_u, bottom_u = float(fit.amplitude_u[numerator]), float(fit.amplitude_u[denominator])
+    if not bottom > 3 * bottom_u:
+        raise EstimateError(
+            f"amplitude of channel {denominator} is {bottom:.3g} V with standard uncertainty {bottom_u:.3g} V, "
+            "below the 3 that a denominator needs; raise the drive, lengthen the dwell or check the film's connection"
+        )
+    ratio = top / bottom
+    common = float(fit.amplitude_correlation[numerator, denominator]) * top_u * bottom_u
+    variance = top_u**2 + (ratio * bottom_u) ** 2 - 2 * ratio * common
+    return ratio - quotient_bias(ratio, bottom, bottom_u**2, common), math.sqrt(max(variance, 0.0)) / bottom
+
+
+def quotient_bias(ratio: float, bottom: float, variance: float, covariance: float) -> float:
+    """What noise adds to a quotient in the mean, to second order: a bottom that is too small counts for more.
+
+    Args:
+        ratio: top over bottom.
+        variance: of the bottom.
+        covariance: of top and bottom.
+    """
+    return (ratio * variance - covariance) / bottom**2
+
+
+def _wandering(basis: SineColumns, scaled: Floats) -> Floats:
+    """Standard uncertainty (channels,) of amplitudes by hum that is fitted at the mains' rated frequency alone [V].
+
+    The frequency is as likely anywhere within its wander, and so is the phase: the greatest leak over √3 and √2. Where
+    the mains turn less than once against the drive, the greatest leak is taken for two standard uncertainties.
+    """
+    if not basis.strays:
+        return np.zeros(scaled.shape[1])
+    hum, _ = basis.phasors(scaled)
+    turns = np.abs(np.array(basis.mains) - basis.frequency) * (basis.time[-1] - basis.time[0])
+    typical = np.where(turns < 1, 0.5, 1 / math.sqrt(6)) * basis.strays
+    found: Floats = np.linalg.norm(np.abs(hum).T * typical, axis=1)
+    return found
+
+
+def _check_samples(time: Floats, signals: Floats) -> None:
+    if time.ndim != 1 or signals.ndim != 2 or signals.shape[1] != time.size or signals.shape[0] == 0:
+        raise EstimateError(
+            f"time has shape {time.shape} and signals {signals.shape}; they must be (n,) and (channels, n)"
+        )
+    if time.size <= COEFFICIENTS:
+        raise EstimateError(
+            f"{time.size} samples cannot give {COEFFICIENTS} coefficients and their uncertainty; "
+            f"record at least {COEFFICIENTS + 1}"
+        )
+    bad = np.count_nonzero(~np.isfinite(signals), axis=1)
+    if bad.any():
+        counts = ", ".join(f"{bad[i]} in channel {i}" for i in np.flatnonzero(bad))
+        raise EstimateError(
+            f"of {time.size} samples a channel are not finite: {counts}; leave flagged samples out, with their times"
+        )
+    if not np.isfinite(time).all():
+        raise EstimateError(f"{np.count_nonzero(~np.isfinite(time))} of {time.size} times are not finite")
+    back = np.flatnonzero(~(np.diff(time) > 0))
+    if back.size:
+        i = int(back[0])
+        raise EstimateError(
+            f"time does not increase: sample {i + 1} at {time[i + 1]!s} s follows {time[i]!s} s; sort the record"
+        )
+
+
+def _check_frequency(time: Floats, frequency: float) -> float:
+    """The median step of the times [s]."""
+    if not frequency > 0:
+        raise EstimateError(f"frequency {frequency} Hz must be positive; give that of the drive")
+    step = float(np.median(np.diff(time)))
+    if frequency > 0.5 / step:
+        raise EstimateError(
+            f"frequency {frequency:g} Hz lies above half the sample rate of {1 / step:g} Hz; sample faster"
+        )
+    cycles = frequency * (float(time[-1] - time[0]) + step)
+    if cycles < SHORTEST_RECORD:
+        raise EstimateError(
+            f"record of {cycles:.3g} cycles of {frequency:g} Hz is shorter than {SHORTEST_RECORD:g} cycle; "
+            f"dwell {1 / frequency:g} s or more"
+        )
+    return step

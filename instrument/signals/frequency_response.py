@@ -1,0 +1,124 @@
+"""What a film's gain over frequency tells: the charge amplifier's corner, and a resonance of the drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError
+
+Floats = npt.NDArray[np.float64]
+TACTILE = 20.0
+"""Hz. Touch lives below it (thesis 5.1)."""
+DETERMINED = 3.0
+"""A frequency that is not so many of its standard uncertainties above zero is not determined."""
+
+
+@dataclass(frozen=True, slots=True)
+class Corner:
+    """A first-order high-pass, gain·f/√(f² + corner²): its gain far above the corner, and its corner in Hz."""
+
+    gain: float
+    gain_u: float
+    corner_Hz: float
+    corner_u: float
+
+    @property
+    def time_constant(self) -> float:
+        """[s]."""
+        return 1 / (2 * math.pi * self.corner_Hz)
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """A mass on a spring: its undamped frequency in Hz, and its damping ratio."""
+
+    frequency_Hz: float
+    frequency_u: float
+    damping: float
+    damping_u: float
+
+
+def fit_corner(frequency: npt.ArrayLike, gain: npt.ArrayLike, gain_u: npt.ArrayLike) -> Corner | None:
+    """The high-pass through gains with their standard uncertainties; None where they show no corner.
+
+    Args:
+        frequency: (n,) Hz, three or more.
+
+    Raises:
+        EstimateError: fewer than three frequencies.
+    """
+    f, y, u = _checked(frequency, gain, gain_u)
+    found = _fit(high_pass, f, y, u, (math.log(float(y.max())), 0.5 * float(f.min())))
+    if found is None:
+        return None
+    (level, corner), (level_u, corner_u) = found
+    corner = abs(corner)
+    if not corner > DETERMINED * corner_u:
+        return None
+    return Corner(math.exp(level), math.exp(level) * level_u, corner, corner_u)
+
+
+def fit_resonance(frequency: npt.ArrayLike, response: npt.ArrayLike, response_u: npt.ArrayLike) -> Resonance | None:
+    """The resonance of a response to a force, with standard uncertainties; None where none lies within the sweep.
+
+    Raises:
+        EstimateError: fewer than four frequencies.
+    """
+    f, y, u = _checked(frequency, response, response_u, least=4)
+    start = (math.log(float(y[0])), float(f[int(y.argmax())]), 0.3)
+    found = _fit(mass_on_spring, f, y, u, start)
+    if found is None:
+        return None
+    (_, natural, damping), (_, natural_u, damping_u) = found
+    natural, damping = abs(natural), abs(damping)
+    if not (f.min() < natural < f.max() and natural > DETERMINED * natural_u):
+        return None
+    return Resonance(natural, natural_u, damping, damping_u)
+
+
+def high_pass(frequency: Floats, level: float, corner: float) -> Floats:
+    """Logarithm of a gain of e^level far above the corner."""
+    value: Floats = level - 0.5 * np.log1p((corner / frequency) ** 2)
+    return value
+
+
+def mass_on_spring(frequency: Floats, level: float, natural: float, damping: float) -> Floats:
+    """Logarithm of the response to a force, e^level far below the natural frequency."""
+    r = frequency / natural
+    value: Floats = level - 0.5 * np.log((1 - r**2) ** 2 + (2 * damping * r) ** 2)
+    return value
+
+
+def _checked(
+    frequency: npt.ArrayLike, value: npt.ArrayLike, value_u: npt.ArrayLike, least: int = 3
+) -> tuple[Floats, Floats, Floats]:
+    f, y, u = (np.asarray(each, dtype=np.float64) for each in (frequency, value, value_u))
+    if np.unique(f).size < least:
+        raise EstimateError(f"{np.unique(f).size} frequencies do not determine it; sweep {least} or more")
+    return f, y, u
+
+
+def _fit(
+    model: Callable[..., Floats], f: Floats, y: Floats, u: Floats, start: tuple[float, ...]
+) -> tuple[Floats, Floats] | None:
+    """Parameters and their standard uncertainties by least squares in the logarithm, which weights relative errors."""
+    from scipy.optimize import least_squares
+
+    def residual(parameters: Floats) -> Floats:
+        off: Floats = (model(f, *parameters) - np.log(y)) * y / u
+        return off
+
+    solution = least_squares(residual, start, method="lm", x_scale="jac")
+    if not (solution.success and np.isfinite(solution.x).all()):
+        return None
+    try:
+        upper = np.linalg.qr(np.asarray(solution.jac), mode="r")
+        spread = np.linalg.norm(np.linalg.inv(upper), axis=1)
+    except np.linalg.LinAlgError:
+        return None
+    return solution.x, spread

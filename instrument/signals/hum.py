@@ -1,0 +1,102 @@
+"""The mains' own frequency, found where their hum shows in a record, and the record fitted at it.
+
+The columns' slopes tell how far off the mains are (Gauss and Newton's step). That step finds home from half a turn over
+the record; beyond, the hum is looked for among the frequencies around first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.signals.noise import MAINS
+from palpate.instrument.signals.sine_columns import COEFFICIENTS, SineColumns, columns_at
+
+Floats = npt.NDArray[np.float64]
+
+SEEN = 5.0  # standard deviations of an amplitude, from which hum shows; what is less does no harm where it is off
+SURE = 3.0  # standard uncertainties of a frequency, by which it is off
+CENTRED = 0.05  # rad at the ends of the record: what slopes stand for as they are
+FARTHEST = 0.5  # Hz, EN 50160; what is farther is no mains
+STEPS = 8
+LONG = 2.0  # s, from which on 0.25 Hz are half a turn
+BLOCK = 0.5  # s, averaged in the search
+ROUND_OFF = 1e-12  # of a signal
+PADDED = 4  # times as many frequencies as there are blocks
+
+
+def tuned(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColumns, Floats]:
+    """Columns with the mains where they are, and the coefficients with them; as given where no hum shows.
+
+    Args:
+        signals: (channels, n) V, centred.
+        scaled: their coefficients by `basis`.
+    """
+    if not (basis.mains and basis.slopes):
+        return basis, scaled
+    rated = tuple(min(MAINS, key=lambda each: abs(each - own)) for own in basis.mains)
+    if basis.time[-1] - basis.time[0] > LONG:
+        basis, scaled = _searched(basis, signals, scaled)
+    given = basis, scaled
+    for _ in range(STEPS):
+        off = _off(basis, signals, scaled)
+        if not off.any():
+            break
+        found = [own + float(step) for own, step in zip(basis.mains, off, strict=True)]
+        if any(abs(own - each) > FARTHEST for own, each in zip(found, rated, strict=True)):
+            return given
+        basis = columns_at(basis, found)
+        scaled = basis.solve(signals)
+    return basis, scaled
+
+
+def _off(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
+    """How far each of the mains is from its columns [Hz]; 0: where it should be, as far as can be told."""
+    hum, slope = basis.phasors(scaled)
+    deviation = _deviation(basis, signals, scaled)
+    power = (np.abs(hum / deviation) ** 2).sum(axis=1)
+    shown = power > SEEN**2 * signals.shape[0]
+    half = basis.time[-1]
+    # hum (1 + i δ t) turns with δ; all channels have the mains' one frequency.
+    turned = ((slope / deviation) * (hum / deviation).conj()).imag.sum(axis=1)
+    rate = np.divide(turned, power, out=np.zeros_like(power), where=shown)
+    turned_u = np.sqrt(np.divide(3.0, power, out=np.zeros_like(power), where=shown)) / half
+    needed = shown & (np.abs(rate) * half > CENTRED) & (np.abs(rate) > SURE * turned_u)
+    return np.where(needed, rate / (2 * np.pi), 0.0)
+
+
+def _deviation(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
+    """Standard deviation (channels,) of an amplitude by what is left of the record [V]."""
+    left = signals - (basis.columns @ scaled).T
+    free = max(basis.time.size - basis.columns.shape[1], 1)
+    found = np.sqrt(2 * (left**2).sum(axis=1) / free / basis.time.size)
+    return _above_round_off(found, signals)
+
+
+def _above_round_off(deviation: Floats, signals: Floats) -> Floats:
+    """Without noise what is left is round-off, which is no hum."""
+    largest: Floats = np.abs(signals).max(axis=1, initial=0.0)
+    least = np.where(largest > 0, ROUND_OFF * largest, 1.0)
+    found: Floats = np.maximum(deviation, least)
+    return found
+
+
+def _searched(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColumns, Floats]:
+    """With each of the mains at the frequency around it that has the most power, where that is hum."""
+    drive = (basis.columns[:, :COEFFICIENTS] @ scaled[:COEFFICIENTS]).T
+    left, time = signals - drive, basis.time
+    deviation = _above_round_off(left.std(axis=1) * np.sqrt(2 / time.size), signals)
+    edges = np.searchsorted(time, np.arange(time[0], time[-1], BLOCK))
+    size = PADDED * len(edges)
+    found = []
+    for mains in basis.mains:
+        turned = np.add.reduceat(left * np.exp(-2j * np.pi * mains * time), edges, axis=1) * (2 / time.size)
+        power = ((np.abs(np.fft.fft(turned, size, axis=1)) / deviation[:, np.newaxis]) ** 2).sum(axis=0)
+        off = np.fft.fftfreq(size, BLOCK)
+        power[np.abs(off) > FARTHEST] = 0.0
+        most = int(power.argmax())
+        found.append(mains + (float(off[most]) if power[most] > SEEN**2 * len(left) else 0.0))
+    if tuple(found) == basis.mains:
+        return basis, scaled
+    basis = columns_at(basis, found)
+    return basis, basis.solve(signals)

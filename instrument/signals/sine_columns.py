@@ -1,0 +1,183 @@
+"""What a record is fitted with: the drive's cosine and sine, an offset, a trend, and the mains where they show.
+
+Hum is no stranger to the drive: over one cycle the trend takes it up, and the drive's sine makes good for the trend, so
+that 1 V of 50 Hz adds up to 0.34 V to a drive of 10 Hz (0.04 V over two cycles, 0.001 V over ten). Columns of its own
+cost 9 % of variance over one cycle, 0.2 % over two.
+
+The mains wander by 0.2 Hz, and of 1 V at 49.8 Hz columns at 50 Hz still let 0.009 V through over any dwell up to 2 s.
+So each mains has its slopes beside it, time times cosine and sine: what the first change of a frequency does. They
+leave 0.0002 V, cost nothing from two cycles on, and tell the mains' own frequency, at which a record with hum is fitted
+(`signals/hum.py`). Columns are left out where they could not be told from the drive: slopes over one cycle; both where
+50 Hz stands beside 48 Hz for 0.1 s, and for any time 60 Hz sampled at 62.5 Hz beside 2.5 Hz.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.signals.noise import MAINS
+
+Floats = npt.NDArray[np.float64]
+
+COEFFICIENTS = 4  # cosine, sine, offset, trend
+CONDITION_LIMIT = 100.0
+"""Largest condition number that is accepted; one cycle has 3.1, 0.3 cycle 68, a quarter cycle 113.
+
+At the limit the amplitude can be about 50 times as uncertain as from a whole number of cycles (√(2σ²/n)).
+"""
+HUM_CONDITION = 5.0  # largest with columns of the mains: they cost six times the variance at most
+SAMPLES_PER_COLUMN = 2  # at least, with columns of the mains
+REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records, and samples of one: procedures fit at the same times again
+WANDER = 0.2  # Hz, by which the mains differ from their rated frequency (EN 50160: 0.5 Hz for 99.5 % of a year)
+SHOWN = 1e-12  # V of 1 V of hum; what is smaller is round-off
+
+
+@dataclass(slots=True, eq=False)
+class Kept:
+    """`modes`: directions of the residuals, and 1/f noise in each (`palpate.instrument.signals.noise_parts`)."""
+
+    modes: tuple[Floats, Floats] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SineColumns:
+    """Columns about the middle of a record, scaled, and their QR factors.
+
+    Args:
+        frequency: of the drive [Hz].
+        columns: (n, 4), then two for each of the `mains`, then two slopes for each, where `slopes`.
+        mains: their frequencies, as they were fitted [Hz].
+        hum: what 1 V of mains that have no columns may add to an amplitude, at their worst phase and frequency [V].
+        strays: the same of those that have columns without slopes, in their order, for 1 V that the columns see.
+        kept: what is made of the columns at the mains' rated frequencies, as long as they are remembered.
+    """
+
+    frequency: float
+    time: Floats
+    columns: Floats
+    scale: Floats
+    q: Floats
+    r: Floats
+    middle: float
+    condition: float
+    mains: tuple[float, ...]
+    slopes: bool
+    hum: float = 0.0
+    strays: tuple[float, ...] = ()
+    kept: Kept = field(default_factory=Kept)
+
+    def solve(self, signals: Floats) -> Floats:
+        """Coefficients (columns, channels) of the scaled columns, by least squares."""
+        return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.T), dtype=np.float64)
+
+    def weights(self) -> Floats:
+        """(2, n): from the samples to the drive's cosine and sine."""
+        found: Floats = np.linalg.solve(self.r, self.q.T)[:2] * self.scale[:2, np.newaxis]
+        return found
+
+    def direction(self, phase: Floats) -> Floats:
+        """What white noise does to amplitudes (channels,) of these phases at the middle: (columns, channels).
+
+        A length is the standard deviation over that of a sample; products of two give their covariance.
+        """
+        gradient = np.stack([np.cos(phase), -np.sin(phase)]) * self.scale[:2, np.newaxis]
+        found: Floats = np.linalg.inv(self.r).T[:, :2] @ gradient
+        return found
+
+    def phasors(self, scaled: Floats) -> tuple[Floats, Floats]:
+        """Of what `solve` found: amplitudes (mains, channels) of hum, complex [V], and of its slopes [V/s]."""
+        at, count = COEFFICIENTS, 2 * len(self.mains)
+        own = scaled[at:] * self.scale[at:, np.newaxis]
+        hum = own[0:count:2] - 1j * own[1:count:2]
+        return hum, own[count::2] - 1j * own[count + 1 :: 2]
+
+    def _leak(self, mains: float) -> float:
+        """What 1 V of a frequency may add to an amplitude, at its worst phase [V]."""
+        added = self.solve(_pair(self.time, mains).T)[:2] * self.scale[:2, np.newaxis]
+        most = float(np.linalg.norm(added, 2))
+        return most if most > SHOWN else 0.0
+
+    def _stray(self, number: int, mains: float) -> float:
+        """The same of mains that have columns without slopes, per volt that those columns see of them [V]."""
+        found = self.solve(_pair(self.time, mains).T) * self.scale[:, np.newaxis]
+        at = COEFFICIENTS + 2 * number
+        most = float(np.linalg.norm(found[:2] @ np.linalg.inv(found[at : at + 2]), 2))
+        return most if most > SHOWN else 0.0
+
+    def with_leaks(self) -> SineColumns:
+        """With `hum` and `strays` filled in."""
+        left = [self._leak(mains + off) for mains in MAINS if mains not in self.mains for off in (-WANDER, 0.0, WANDER)]
+        strays = () if self.slopes else self.mains
+        return replace(
+            self,
+            hum=max(left, default=0.0),
+            strays=tuple(max(self._stray(i, each + off) for off in (-WANDER, WANDER)) for i, each in enumerate(strays)),
+        )
+
+
+def sine_columns(time: Floats, frequency: float) -> SineColumns:
+    """The columns of a fit at times (n,) [s] that were checked, with those of the mains that can be told apart.
+
+    Raises:
+        EstimateError: the times do not determine the sine.
+    """
+    if time.size > LONGEST_REMEMBERED:
+        return _columns(time, frequency)
+    return _remembered(time.tobytes(), frequency)
+
+
+def columns_at(basis: SineColumns, mains: Sequence[float]) -> SineColumns:
+    """The same with the mains at other frequencies [Hz]."""
+    found = _factored(basis.time, basis.frequency, mains, basis.slopes, basis.middle)
+    return replace(found, hum=basis.hum, strays=basis.strays, kept=basis.kept)
+
+
+@lru_cache(REMEMBERED)
+def _remembered(time: bytes, frequency: float) -> SineColumns:
+    return _columns(np.frombuffer(time), frequency)
+
+
+def _columns(time: Floats, frequency: float) -> SineColumns:
+    middle = float(0.5 * (time[0] + time[-1]))
+    centred = time - middle
+    each = [(mains,) for mains in MAINS]
+    for mains, slopes in ((MAINS, True), (MAINS, False), *((m, s) for s in (True, False) for m in each)):
+        if time.size >= SAMPLES_PER_COLUMN * (COEFFICIENTS + (4 if slopes else 2) * len(mains)):
+            basis = _factored(centred, frequency, mains, slopes, middle)
+            if basis.condition <= HUM_CONDITION:
+                return basis.with_leaks()
+    basis = _factored(centred, frequency, (), False, middle)
+    if not basis.condition <= CONDITION_LIMIT:
+        raise EstimateError(
+            f"{time.size} samples over {time[-1] - time[0]:.4g} s do not determine a sine of {frequency:g} Hz:"
+            f" condition number {basis.condition:.3g}, limit {CONDITION_LIMIT:g}; record a whole cycle or more, away"
+            " from half the sample rate"
+        )
+    return basis.with_leaks()
+
+
+def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, middle: float) -> SineColumns:
+    # The factors give each column an rms near 1 for many cycles. They are fixed: a column scaled by its
+    # own norm would hide a cosine sampled at its zeros.
+    pairs = [_pair(centred, each) for each in mains]
+    straight = [np.ones_like(centred)[:, np.newaxis], centred[:, np.newaxis]]
+    sloping = [centred[:, np.newaxis] * pair for pair in pairs] if slopes else []
+    scale = [math.sqrt(2)] * 2 + [1.0, math.sqrt(3) / centred[-1]] + [math.sqrt(2)] * 2 * len(pairs)
+    scale += [math.sqrt(6) / centred[-1]] * 2 * len(sloping)
+    columns = np.concatenate([_pair(centred, frequency), *straight, *pairs, *sloping], axis=1) * scale
+    q, r = np.linalg.qr(columns)
+    condition = float(np.linalg.cond(r))
+    return SineColumns(frequency, centred, columns, np.array(scale), q, r, middle, condition, tuple(mains), slopes)
+
+
+def _pair(time: Floats, frequency: float) -> Floats:
+    """Cosine and sine, (n, 2)."""
+    angle = 2 * np.pi * frequency * time
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,0 +1,1 @@
+"""Uncertainty budgets, and where uncertainty comes from that readings do not show."""

@@ -1,0 +1,228 @@
+"""Uncertainty budget of a result, after the GUM (JCGM 100): what each input adds, and what they make together.
+
+    budget = Budget("load", 2.98, "N", (
+        Component("calibration", u=0.004, degrees_of_freedom=5),
+        Component("resolution", u=1e-3 / math.sqrt(12), sensitivity=97.0),
+    ))
+    budget.u, budget.expanded(), budget.rows()
+
+`uncertainty/propagation.py` makes one from a function of its inputs, and looks whether a linear budget is good enough.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError
+
+Floats = npt.NDArray[np.float64]
+Correlations = Mapping[tuple[str, str], float]
+Kind = Literal["A", "B"]
+
+COVERAGE = 0.95
+INDEFINITE = 1e-9
+"""How far below zero an eigenvalue of a correlation matrix may lie: coefficients are given to nine digits at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """One input of a result.
+
+    Args:
+        name: what is uncertain, such as "calibration".
+        u: standard uncertainty of the input, in the input's own unit.
+        sensitivity: change of the result for a change of the input, result's unit over input's.
+        degrees_of_freedom: of `u`, above 0; infinite where it is known.
+        kind: "A" from repeats, "B" from anything else.
+    """
+
+    name: str
+    u: float
+    sensitivity: float = 1.0
+    degrees_of_freedom: float = math.inf
+    kind: Kind = "B"
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.u) and self.u >= 0 and math.isfinite(self.sensitivity)):
+            raise EstimateError(
+                f"{self.name}: standard uncertainty {self.u} with sensitivity {self.sensitivity} makes no budget;"
+                " the first must be zero or more, both finite"
+            )
+        if not self.degrees_of_freedom > 0:
+            raise EstimateError(
+                f"{self.name}: {self.degrees_of_freedom} degrees of freedom; an uncertainty needs more than 0 of them:"
+                " repeat the measurement"
+            )
+
+    @property
+    def contribution(self) -> float:
+        """What it adds to the result, with its sign, in the result's unit."""
+        return self.sensitivity * self.u
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """A result with all that is uncertain in it.
+
+    Args:
+        quantity, unit: what the result is, for people.
+        value: in `unit`.
+        components: each of another name.
+        correlations: coefficients between the inputs of two names, −1 to 1; pairs that are absent are independent.
+
+    Raises:
+        EstimateError: a value that is not finite, two components of one name, a correlation of unknown names, or
+            coefficients that cannot be true together.
+    """
+
+    quantity: str
+    value: float
+    unit: str
+    components: tuple[Component, ...]
+    correlations: Correlations = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise EstimateError(f"{self.quantity} is {self.value}: without a finite value there is no budget")
+        correlation_factor([c.name for c in self.components], self.correlations)
+
+    @property
+    def u(self) -> float:
+        """Combined standard uncertainty."""
+        return _length(self._contributions(), self._factor())
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Effective ones, by Welch and Satterthwaite (JCGM 100, G.4.1).
+
+        Correlated inputs count as one, with the fewest degrees of freedom among them: what was estimated together
+        has them all together.
+        """
+        total = self.u
+        if total == 0:
+            return math.inf
+        contributions, factor = self._contributions(), self._factor()
+        spent = 0.0
+        for group in groups([c.name for c in self.components], self.correlations):
+            fewest = min(self.components[i].degrees_of_freedom for i in group)
+            spent += (_length(contributions[group], factor[group]) / total) ** 4 / fewest
+        return 1 / spent if spent > 0 else math.inf
+
+    def expanded(self, coverage: float = COVERAGE) -> float:
+        """Half the width of the interval that covers the value with this probability."""
+        return coverage_factor(self.degrees_of_freedom, coverage) * self.u
+
+    def interval(self, coverage: float = COVERAGE) -> tuple[float, float]:
+        half = self.expanded(coverage)
+        return self.value - half, self.value + half
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One for each component, for a table or JSON.
+
+        `share` is that of the variance, correlations with the others counted half to each: shares add up to 1, and one
+        may be negative, where a correlation takes more away than its input adds.
+        """
+        contributions, factor = self._contributions(), self._factor()
+        total = self.u
+        together = factor.T @ (contributions / total) if total > 0 else np.zeros(factor.shape[1])
+        shares = contributions / (total or 1.0) * (factor @ together)
+        return [
+            {
+                "name": c.name,
+                "kind": c.kind,
+                "u": c.u,
+                "sensitivity": c.sensitivity,
+                "contribution": c.contribution,
+                "degrees_of_freedom": c.degrees_of_freedom if math.isfinite(c.degrees_of_freedom) else None,
+                "share": float(share),
+            }
+            for c, share in zip(self.components, shares, strict=True)
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """Everything, for JSON; no degrees of freedom stands for infinitely many."""
+        known = self.degrees_of_freedom
+        return {
+            "quantity": self.quantity,
+            "value": self.value,
+            "unit": self.unit,
+            "u": self.u,
+            "degrees_of_freedom": known if math.isfinite(known) else None,
+            "coverage": COVERAGE,
+            "expanded": self.expanded(),
+            "components": self.rows(),
+            "correlations": [{"of": list(pair), "coefficient": r} for pair, r in self.correlations.items()],
+        }
+
+    def _contributions(self) -> Floats:
+        return np.array([c.contribution for c in self.components], dtype=np.float64)
+
+    def _factor(self) -> Floats:
+        return correlation_factor([c.name for c in self.components], self.correlations)
+
+
+def coverage_factor(degrees_of_freedom: float, coverage: float = COVERAGE) -> float:
+    """Student's t for a two-sided interval; degrees of freedom need not be whole.
+
+    Raises:
+        EstimateError: degrees of freedom not above 0, or a coverage not between 0 and 1.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    if not (degrees_of_freedom > 0 and 0 < coverage < 1):
+        raise EstimateError(f"no coverage factor for {degrees_of_freedom} degrees of freedom and coverage {coverage}")
+    upper = (1 + coverage) / 2
+    return float(ndtri(upper) if math.isinf(degrees_of_freedom) else stdtrit(degrees_of_freedom, upper))
+
+
+def correlation_factor(names: Sequence[str], correlations: Correlations) -> Floats:
+    """F, (n, n), with F Fᵀ the matrix of correlations.
+
+    By eigenvalues, of which those that are zero but for round-off are left out: sums of squares and products would
+    leave 1e-8 of inputs that cancel.
+
+    Raises:
+        EstimateError: two equal names, an unknown one, or coefficients that cannot be true together.
+    """
+    place = {name: i for i, name in enumerate(names)}
+    if len(place) < len(names):
+        raise EstimateError(f"two inputs of one name among {', '.join(names)}; give each a name of its own")
+    matrix = np.eye(len(names))
+    if not correlations:
+        return matrix
+    for (one, other), coefficient in correlations.items():
+        if one not in place or other not in place or one == other:
+            raise EstimateError(f"correlation of {one!r} and {other!r}: give two of {', '.join(names)}")
+        if not -1 <= coefficient <= 1:
+            raise EstimateError(f"correlation {coefficient} of {one!r} and {other!r} is outside -1 to 1")
+        matrix[place[one], place[other]] = matrix[place[other], place[one]] = coefficient
+    values, vectors = np.linalg.eigh(matrix)
+    if values[0] < -INDEFINITE * len(names):
+        raise EstimateError(
+            f"correlations {dict(correlations)} cannot be true together: their matrix has the eigenvalue"
+            f" {values[0]:.2g}; all must be zero or more"
+        )
+    factor: Floats = vectors * np.sqrt(np.where(values > INDEFINITE * len(names), values, 0.0))
+    return factor
+
+
+def groups(names: Sequence[str], correlations: Correlations) -> list[list[int]]:
+    """Numbers of the inputs that hang together by correlations; an independent one is a group of its own."""
+    found = [{name} for name in names]
+    for pair, coefficient in correlations.items():
+        if coefficient != 0:
+            joined = set().union(*(group for group in found if group & set(pair)))
+            found = [group for group in found if not group & set(pair)] + [joined]
+    return [[i for i, name in enumerate(names) if name in group] for group in found]
+
+
+def _length(contributions: Floats, factor: Floats) -> float:
+    """√(cᵀ F Fᵀ c), without overflow or underflow."""
+    largest = float(np.abs(contributions).max(initial=0.0))
+    return largest * float(np.linalg.norm(factor.T @ (contributions / largest))) if largest > 0 else 0.0

@@ -1,0 +1,279 @@
+"""Uncertainty of a result that is a function of uncertain inputs: linear where that holds, else by Monte Carlo.
+
+    found = propagate("force", "N", lambda v, s: v / s, (Input("voltage", 0.2, 1e-3), Input("sensitivity", 0.07, 2e-3)),
+                      seed=1)
+    found.u, found.low, found.high, found.method, found.why
+
+Linear is the GUM (JCGM 100). Monte Carlo is JCGM 101, with a fixed number of trials; its clause 8 decides whether the
+linear interval agrees.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.uncertainty.budget import (
+    COVERAGE,
+    Budget,
+    Component,
+    Correlations,
+    Kind,
+    correlation_factor,
+    groups,
+)
+
+Floats = npt.NDArray[np.float64]
+Function = Callable[..., npt.ArrayLike]
+Shape = Literal["normal", "rectangular"]
+
+LINEAR, MONTE_CARLO = "linear", "Monte Carlo"
+TRIALS = 100_000
+AGREEMENT = 0.05
+"""Of a standard uncertainty, by which the ends of two intervals may differ: half a unit of its second digit at 10.
+
+JCGM 101 takes half a unit of the last digit that is stated; this one does not change with the unit of the result.
+"""
+SEEN = 2.0  # standard uncertainties, to which curvature is looked for
+MOSTLY = 0.5  # of the variance: from there on one rectangular input shows in the interval
+MANY = 1e4  # degrees of freedom, from which on a t is as good as normal
+COARSE = 1024  # steps of a float64 that a difference spans at least
+ROUND_OFF = 64.0  # steps of a float64 that a function's result may be off
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """An uncertain input: its best estimate, standard uncertainty, and the distribution that stands for it.
+
+    Finite degrees of freedom make a normal one a scaled Student's t (JCGM 101, 6.4.9).
+    """
+
+    name: str
+    value: float
+    u: float
+    degrees_of_freedom: float = math.inf
+    kind: Kind = "B"
+    shape: Shape = "normal"
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise EstimateError(f"{self.name} is {self.value}: an input must be finite")
+        Component(self.name, self.u, 1.0, self.degrees_of_freedom)  # refuses what makes no budget
+
+
+@dataclass(frozen=True, slots=True)
+class Propagated:
+    """A result with its interval.
+
+    Attributes:
+        value: of the function at the estimates; by Monte Carlo the mean.
+        u: standard uncertainty.
+        low, high: ends of the 95 % interval.
+        method: "linear" or "Monte Carlo".
+        why: that method, in a sentence.
+        budget: the linear one, for its components, whatever the method.
+    """
+
+    value: float
+    u: float
+    low: float
+    high: float
+    method: str
+    why: str
+    budget: Budget
+
+    def summary(self) -> dict[str, Any]:
+        """For JSON."""
+        own = {"value": self.value, "u": self.u, "low": self.low, "high": self.high}
+        return {**own, "method": self.method, "why": self.why, "budget": self.budget.summary()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    function: Function
+    inputs: tuple[Input, ...]
+    correlations: Correlations = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        return [each.name for each in self.inputs]
+
+    @property
+    def values(self) -> Floats:
+        return np.array([each.value for each in self.inputs])[:, np.newaxis]
+
+    @property
+    def u(self) -> Floats:
+        return np.array([each.u for each in self.inputs])[:, np.newaxis]
+
+    def at(self, points: Floats) -> Floats:
+        """The function at points (inputs, n)."""
+        with np.errstate(all="ignore"):
+            found = np.asarray(self.function(*points), dtype=np.float64)
+        found = np.broadcast_to(found, points.shape[1:]) if found.ndim == 0 else found
+        if found.shape != points.shape[1:]:
+            raise EstimateError(f"the function gives shape {found.shape} for {points.shape[1]} values of each input")
+        return found
+
+
+def propagate(
+    quantity: str,
+    unit: str,
+    function: Function,
+    inputs: Sequence[Input],
+    correlations: Correlations | None = None,
+    *,
+    seed: int,
+    sensitivities: Sequence[float] | None = None,
+    method: str | None = None,
+) -> Propagated:
+    """Value, uncertainty and 95 % interval of a function of uncertain inputs.
+
+    Without a method, the function is looked at within two standard uncertainties. Where it departs from a straight
+    line by less than 0.05 of the result's, and no rectangular input holds most of the variance, linear is enough. Else
+    100,000 trials are drawn, and the linear result stands if its interval agrees with theirs.
+
+    Args:
+        function: of arrays (n,), one for each input, to an array (n,).
+        correlations: coefficients between inputs, by names.
+        seed: of the trials.
+        sensitivities: derivatives by each input, if they are known; else by differences over ± u.
+        method: "linear" or "Monte Carlo", to have just that.
+
+    Raises:
+        EstimateError: an input that is not finite, an unknown method, correlated rectangular inputs, or a function
+            that is not finite at the estimates or somewhere in their distributions.
+    """
+    problem = _Problem(function, tuple(inputs), correlations or {})
+    if method not in (None, LINEAR, MONTE_CARLO):
+        raise EstimateError(f"no method {method!r} of propagation; valid: {LINEAR}, {MONTE_CARLO}")
+    budget = _linear(problem, quantity, unit, sensitivities)
+    if method == LINEAR:
+        return _of_budget(budget, "asked for")
+    if method == MONTE_CARLO:
+        return _trials(problem, budget, seed, "asked for")
+    curved = _curvature(problem, budget)
+    blunt = _rectangular(problem, budget)
+    if curved <= AGREEMENT and not blunt:
+        return _of_budget(budget, f"within two standard uncertainties a straight line is off by {curved:.2g} u at most")
+    because = (
+        f"{blunt} is rectangular and holds most of the variance" if blunt else f"curved: a line is {curved:.2g} u off"
+    )
+    return _trials(problem, budget, seed, because)
+
+
+def _of_budget(budget: Budget, why: str) -> Propagated:
+    return Propagated(budget.value, budget.u, *budget.interval(), LINEAR, why, budget)
+
+
+def _linear(problem: _Problem, quantity: str, unit: str, sensitivities: Sequence[float] | None) -> Budget:
+    value = float(problem.at(problem.values)[0])
+    slopes = _slopes(problem) if sensitivities is None else sensitivities
+    components = tuple(
+        Component(each.name, each.u, float(slope), each.degrees_of_freedom, each.kind)
+        for each, slope in zip(problem.inputs, slopes, strict=True)
+    )
+    return Budget(quantity, value, unit, components, problem.correlations)
+
+
+def _slopes(problem: _Problem) -> Floats:
+    """Over ± u and ± u/2, extrapolated; where u is lost in the digits of the estimate, over a thousand of their steps.
+
+    The step is what the rounded points are really apart, not what was added to them. Over ± u alone (JCGM 100, 5.1.3)
+    inputs that cancel would leave the square of their uncertainty behind.
+    """
+    values = problem.values
+    steps = np.where(problem.u > 0, np.maximum(problem.u, COARSE * np.spacing(np.abs(values))), 0.0)[:, 0]
+    slopes = []
+    for step in (steps, steps / 2):
+        points = np.concatenate([values + np.diag(step), values - np.diag(step)], axis=1)
+        up, down = np.split(problem.at(points), 2)
+        spans = points.diagonal() - points[:, len(step) :].diagonal()
+        with np.errstate(invalid="ignore"):
+            slopes.append(np.divide(up - down, spans, out=np.zeros(len(step)), where=spans > 0))
+    found: Floats = (4 * slopes[1] - slopes[0]) / 3
+    if not np.isfinite(found).all():
+        lost = problem.inputs[int(np.flatnonzero(~np.isfinite(found))[0])]
+        raise EstimateError(
+            f"the function is not finite at {lost.name} = {lost.value:g} ± {lost.u:g}: that is too uncertain for an"
+            " interval; measure it better, or give a bound"
+        )
+    return found
+
+
+def _curvature(problem: _Problem, budget: Budget) -> float:
+    """Greatest departure from a straight line within two standard uncertainties along and between the inputs, in u."""
+    factor = problem.u * correlation_factor(problem.names, problem.correlations)
+    axes = np.concatenate([factor, -factor], axis=1)
+    corners = (axes[:, :, np.newaxis] + axes[:, np.newaxis, :]).reshape(len(factor), -1) / math.sqrt(2)
+    away = SEEN * np.concatenate([axes, corners], axis=1)
+    slopes = np.array([c.sensitivity for c in budget.components])
+    found = problem.at(problem.values + away)
+    departure = np.abs(found - budget.value - slopes @ away)
+    if not np.isfinite(departure).all():
+        return math.inf
+    allowance = ROUND_OFF * np.finfo(float).eps * np.abs([*found, *(slopes * problem.values[:, 0])]).max()
+    worst = max(float(departure.max(initial=0.0)) - float(allowance), 0.0)
+    return 0.0 if worst == 0 else worst / budget.u if budget.u > 0 else math.inf
+
+
+def _rectangular(problem: _Problem, budget: Budget) -> str:
+    """Name of a rectangular input that holds most of the variance, or ""."""
+    shares = {row["name"]: row["share"] for row in budget.rows()}
+    return next((i.name for i in problem.inputs if i.shape == "rectangular" and shares[i.name] > MOSTLY), "")
+
+
+def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propagated:
+    found = np.sort(problem.at(_draw(problem, np.random.default_rng(seed))))
+    lost = int(np.count_nonzero(~np.isfinite(found)))
+    if lost:
+        raise EstimateError(
+            f"{budget.quantity} is not finite in {lost} of {TRIALS} trials: its inputs are too uncertain for an"
+            " interval; measure them better, or give a bound"
+        )
+    ends = TRIALS * np.array([(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
+    sure = 3 * math.sqrt(ends[0] * (1 + COVERAGE) / 2)  # how far the number of trials lets an end wander
+    below, above = (found[np.clip(np.rint(ends + side * sure), 0, TRIALS - 1).astype(int)] for side in (-1, 1))
+    linear = np.array(budget.interval())
+    apart = float(np.maximum(np.maximum(below - linear, linear - above), 0.0).max())
+    if because != "asked for" and apart <= AGREEMENT * budget.u:
+        return _of_budget(budget, f"{because}; but {TRIALS} trials give the same interval (JCGM 101, 8)")
+    low, high = found[np.rint(ends).astype(int)]
+    heavy = min((i.degrees_of_freedom for i in problem.inputs if i.u > 0), default=math.inf) <= 2
+    # A t of 2 degrees of freedom or fewer has no standard deviation: the middle 68.27 % stand for it.
+    middle = found[np.rint(TRIALS * np.array([0.158655, 0.5, 0.841345])).astype(int)]
+    return Propagated(
+        value=float(middle[1] if heavy else found.mean()),
+        u=float((middle[2] - middle[0]) / 2 if heavy else found.std(ddof=1)),
+        low=float(low),
+        high=float(high),
+        method=MONTE_CARLO,
+        why=because,
+        budget=budget,
+    )
+
+
+def _draw(problem: _Problem, generator: np.random.Generator) -> Floats:
+    """(inputs, TRIALS) values of the inputs."""
+    drawn = generator.standard_normal((len(problem.inputs), TRIALS))
+    if problem.correlations:
+        drawn = correlation_factor(problem.names, problem.correlations) @ drawn
+    for group in groups(problem.names, problem.correlations):
+        shapes = {problem.inputs[i].shape for i in group}
+        fewest = min(problem.inputs[i].degrees_of_freedom for i in group)
+        if "rectangular" in shapes:
+            if len(group) > 1:
+                names = ", ".join(problem.inputs[i].name for i in group)
+                raise EstimateError(
+                    f"{names} are correlated and rectangular, which no one distribution is; take normal"
+                )
+            drawn[group] = generator.uniform(-math.sqrt(3), math.sqrt(3), (1, TRIALS))
+        elif fewest < MANY:
+            drawn[group] *= np.sqrt(fewest / generator.chisquare(fewest, TRIALS))
+    return problem.values + problem.u * drawn

@@ -1,0 +1,159 @@
+"""palpate accuracy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands.accuracy_dwell import dwell_command
+from palpate.procedures.commands.accuracy_page import page
+from palpate.procedures.commands.integrators import integrators
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, output_options
+from palpate.procedures.commands.validation import validation
+
+
+@click.group(
+    cls=Group,
+    invoke_without_command=True,
+    epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --out prices --json\n\n  palpate accuracy dwell",
+)
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, accuracy.png (default: no plot).")
+@output_options
+@click.pass_context
+def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """What accuracy costs in time. Without a command: all of it on one page, some 20 s."""
+    if context.invoked_subcommand is None:
+        page(out, Output(as_json, quiet))
+    elif out is not None or as_json or quiet:
+        raise click.UsageError(f"options of {context.invoked_subcommand!r} stand behind it, not before it")
+
+
+accuracy.add_command(integrators)
+accuracy.add_command(dwell_command, "dwell")
+accuracy.add_command(validation)
+
+
+@accuracy.command(
+    epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
+    "\n\n  palpate accuracy models --store\n\n  palpate accuracy models --design single --store"
+)
+@click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
+@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: an hour for all designs.")
+@click.option("--store", is_flag=True, help="Measure, and keep it in the list that models are chosen by.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
+@output_options
+def models(design: str | None, anew: bool, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Error and time of every sensor model at every refinement: the list that model "auto" chooses by.
+
+    Shows the stored list, with the machine that it was measured on; times are those of its processor. The error is the
+    greatest distance from a converged reference, whose own uncertainty is counted in, for objects like the thesis'
+    rubber samples. The validation error is the distance from the thesis' experiments, rms over their samples, which no
+    mesh makes smaller: see palpate accuracy validation.
+    """
+    from palpate.instrument.errors import UnknownName
+    from palpate.instrument.models.prices import price_list
+    from palpate.instrument.models.prices.validation import validate
+    from palpate.procedures.accuracy.machine import this_machine
+    from palpate.procedures.accuracy.measure import DESIGNS, measure
+    from palpate.procedures.accuracy.meshes import MODULI
+    from palpate.procedures.accuracy.plot import PLOT, plot_prices
+
+    output = Output(as_json, quiet)
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with prices", design, DESIGNS)
+    asked = list(DESIGNS) if design is None else [design]
+    if store and design is not None:
+        price_list.stored().require_like(this_machine(), MODULI)  # before anything is measured
+    make_folder(out)
+    if anew or store:
+        with output.progress() as progress:
+            prices = measure(asked, progress)
+        if store:
+            kept = prices if design is None else price_list.stored().replaced(prices)
+            keep(kept.model_dump_json(indent=1) + "\n", price_list.STORED)
+    else:
+        prices = price_list.stored() if design is None else price_list.stored().of(asked)
+    designs = list(dict.fromkeys(price.design for price in prices.prices))
+    priced = dict.fromkeys((price.design, price.model) for price in prices.prices)
+    compared = [validate(of, "physical", by) for of, by in priced]
+    plot = None if out is None else out / PLOT
+    # The figures first: a plot that cannot be written loses none of them.
+    if output.as_json:
+        output.json(
+            {
+                **prices.model_dump(mode="json"),
+                "validation": [each.record() for each in compared],
+                "plot": None if plot is None else str(plot),
+            }
+        )
+    elif output.for_people:
+        from palpate.procedures.showing.models import print_prices
+
+        print_prices(prices, designs, compared, plot)
+    if plot is not None:
+        plot_prices(prices, designs, plot)
+
+
+@accuracy.command(
+    epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
+)
+@click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
+@click.option("--store", is_flag=True, help='Build them anew, and keep them as those of model "surface".')
+@output_options
+def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
+    """Response surfaces that model "surface" answers by, with their bounds; building all takes a quarter of an hour."""
+    from palpate.instrument.errors import UnknownName
+    from palpate.instrument.models.parameter_sets import get_parameter_set
+    from palpate.instrument.models.stored import surface
+    from palpate.instrument.sensor.designs import get_design
+    from palpate.procedures.accuracy.measure import DESIGNS, build_surface, sets_of
+    from palpate.procedures.records.run import storing
+
+    output = Output(as_json, quiet)
+    if design is not None and design not in DESIGNS:
+        raise UnknownName("design with a surface", design, DESIGNS)
+    found = {}
+    with output.progress() as progress:
+        asked = [(name, parameters) for name in (design and [design]) or DESIGNS for parameters in sets_of(name)]
+        for name, parameters in asked:
+            if store:
+                path = surface.stored_at(name, parameters)
+                with storing(path):
+                    build_surface(name, progress, parameters).save(path)
+            chosen = get_parameter_set(parameters, "surface")
+            found[name, parameters] = surface.find(chosen.design(get_design(name)), chosen.load(1e5))
+    if output.as_json:
+        rows = [
+            {
+                "design": name,
+                "parameters": parameters,
+                "model": known.model,
+                "nodes": len(known.coefficients),
+                "error_bound": known.error_bound,
+                "discretisation": known.discretisation,
+                "lowest_modulus_ratio": known.lowest,
+                "highest_modulus_ratio": known.highest,
+                "build_s": known.seconds,
+            }
+            for (name, parameters), known in found.items()
+        ]
+        output.json({"surfaces": rows})
+    elif output.for_people:
+        from palpate.procedures.showing.models import print_surfaces
+
+        print_surfaces(found)
+
+
+def keep(text: str, path: Path) -> None:
+    """Replace a file at once: an interruption leaves the old one.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    from palpate.procedures.records.run import storing
+
+    fresh = path.with_suffix(".new")
+    with storing(path):
+        fresh.write_text(text, encoding="utf-8")
+        fresh.replace(path)

@@ -1,0 +1,114 @@
+"""palpate accuracy dwell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from palpate.procedures.commands.explain import asked, question_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, output_options
+
+if TYPE_CHECKING:
+    from palpate.procedures.accuracy.dwell import DwellPrices
+    from palpate.simulators.planning.plan import Question
+
+DEFAULT_SCENE = "thesis_single"
+RECORD, SHORT_RECORD = 400.0, 40.0  # s; the short one where each transition of a scene must be found
+SAMPLES_PER_CYCLE = 25
+MOST_SAMPLES = 10_000_000
+
+
+@click.command(
+    cls=Command,
+    epilog="Examples:\n\n  palpate accuracy dwell\n\n  palpate accuracy dwell --scene noisy_lab --load '1.5 N'"
+    "\n\n  palpate accuracy dwell --estimator 'least squares' --dwell '0.5 s, 5 s' --json",
+)
+@click.option("--scene", metavar="NAME|FILE", default=DEFAULT_SCENE, show_default=True, help="Scene to simulate.")
+@question_options
+@click.option("--dwell", help="Dwells, with commas (default: 0.1 s to 10 s, what is a cycle or more).")
+@click.option("--estimator", multiple=True, help="Such as 'least squares'; again for more (default: all).")
+@click.option("--rate", help="Samples a second, such as '250 Hz' (default: 25 a cycle).")
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, dwell.png (default: no plot).")
+@output_options
+def dwell_command(
+    scene: str,
+    sample: str,
+    load: str,
+    frequency: str,
+    dwell: str | None,
+    estimator: tuple[str, ...],
+    rate: str | None,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Uncertainty and bias of the force ratio against the dwell, by each estimator, beside the Cramér–Rao bound.
+
+    One long record of a settled load is cut into pieces. The floor that no dwell beats is the scatter of the films'
+    gains from one load set to the next, and what moves in step with the drive.
+    """
+    from palpate.instrument.errors import EstimateError
+    from palpate.instrument.quantity import parse
+
+    output = Output(as_json, quiet)
+    question = asked(sample, load, frequency)
+    dwells = None if dwell is None else tuple(parse(part, "s") for part in dwell.split(","))
+    sampled = SAMPLES_PER_CYCLE * question.frequency if rate is None else parse(rate, "Hz")
+    make_folder(out)
+    prices = price(scene, seed, question, sampled, dwells, estimator)
+    title = f"scene {scene}: force ratio of sample {sample} under {load} at {frequency}"
+    plot = None
+    if out is not None:
+        from palpate.procedures.accuracy.dwell_report import plot_dwell
+
+        plot = plot_dwell(prices, title, out)
+    if output.as_json:
+        head = {"simulated": True, "scene": scene, "sample": sample, "load_N": question.load}
+        rates = {"frequency_Hz": question.frequency, "sample_rate_Hz": sampled}
+        output.json({**head, **rates, **prices.summary(), "plot": None if plot is None else str(plot)})
+    elif output.for_people:
+        from palpate.procedures.accuracy.dwell_report import print_dwell
+
+        print_dwell(prices, title, plot)
+    if prices.saturated:
+        raise EstimateError(f"scene {scene}: a film is over-ranged, so no figure is of use; take a smaller --load")
+
+
+def price(
+    scene: str,
+    seed: int | None,
+    question: Question,
+    rate: float,
+    dwells: tuple[float, ...] | None = None,
+    estimators: tuple[str, ...] = (),
+) -> DwellPrices:
+    """Simulate the record and measure it. Raises UsageError before anything is simulated."""
+    from dataclasses import replace
+
+    from palpate.instrument.errors import RangeError
+    from palpate.instrument.signals.estimators import ESTIMATORS
+    from palpate.procedures.accuracy.dwell import DWELLS, FEWEST, check, measure
+    from palpate.simulators.planning.long_record import is_followed, long_record
+    from palpate.simulators.scenes.scene import read_scene
+
+    chosen = read_scene(scene)
+    if seed is not None:
+        chosen = chosen.with_seed(seed)
+    names = estimators or tuple(ESTIMATORS)
+    check(dwells or (1 / question.frequency,), names, question.frequency, rate, float("inf"))
+    duration = SHORT_RECORD if is_followed(chosen, question) else RECORD
+    if dwells is None:
+        cycle = 1 / question.frequency
+        dwells = tuple(d for d in DWELLS if cycle * (1 - 1e-9) <= d <= duration / FEWEST) or (cycle, 10 * cycle)
+    duration = max(duration, FEWEST * max(dwells))
+    if not duration * rate <= MOST_SAMPLES:
+        raise RangeError(
+            f"a record of {duration:g} s at {rate:g} Hz has more than {MOST_SAMPLES:,} samples; take a shorter dwell"
+            " or a lower rate"
+        )
+    record = long_record(chosen, replace(question, dwell=duration), rate)
+    return measure(record, question.frequency, dwells, names)

@@ -1,0 +1,222 @@
+"""palpate calibrate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from palpate.procedures.commands.options import (
+    FILE_NAME,
+    Choice,
+    Group,
+    Output,
+    bench_options,
+    budget_option,
+    dwell_option,
+    extrapolate_option,
+    output_options,
+)
+
+if TYPE_CHECKING:
+    from palpate.procedures.engine.conduct import Procedure
+    from palpate.procedures.lab.open import Session
+
+
+@click.group(cls=Group)
+def calibrate() -> None:
+    """Calibrate a part of the bench."""
+
+
+@calibrate.command(
+    "load-cell",
+    epilog="Examples:\n\n  palpate calibrate load-cell\n\n  palpate calibrate load-cell --bench lab.toml"
+    "\n\n  palpate calibrate load-cell --loads '100 gf:1000 gf:100 gf' --runs 2 --positions 0,120,240 --creep",
+)
+@click.option(
+    "--loads", default="140 gf:740 gf:100 gf", show_default=True, help="Weights: first:last:step or a list, increasing."
+)
+@click.option("--runs", default=1, show_default=True, help="Runs up and down in each position; 2 give repeatability.")
+@click.option(
+    "--positions", default="0", show_default=True, help="Of the cell about its axis, degrees; ISO 376: 0,120,240."
+)
+@click.option(
+    "--degree",
+    type=click.Choice(["auto", "1", "2"]),
+    default="auto",
+    show_default=True,
+    help="Of the curve; auto: 2 where an F-test finds it better.",
+)
+@click.option("--creep", is_flag=True, help="Watch the greatest load for 300 s.")
+@click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
+@bench_options
+@budget_option
+def load_cell(
+    loads: str,
+    runs: int,
+    positions: str,
+    degree: str,
+    creep: bool,
+    valid_days: int,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Calibrate the load cell with dead weights, 140 to 740 gf up and down (thesis Table 5.1).
+
+    Fits a line, or a curve where it is better, with uncertainty; classifies by ISO 376 and ASTM E74; writes a
+    certificate; stores the calibration: later sweeps with the same indicator use and name it, until it expires and
+    within its loads.
+    """
+    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.measurements.load_cell import procedure
+    from palpate.procedures.measurements.loads.plan import parse_loads
+
+    settings = procedure.LoadCellSettings(
+        parse_loads(loads),
+        runs,
+        parse_positions(positions),
+        None if degree == "auto" else int(degree),
+        creep,
+        valid_days,
+    )
+    conduct(of_load_cell(), settings, choice, output)
+
+
+def of_load_cell() -> Procedure[Any, Any]:
+    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.lab.calibrations import keep, load_cell_path
+    from palpate.procedures.measurements.load_cell import procedure
+    from palpate.procedures.measurements.load_cell.certificate import write_certificate
+    from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
+
+    def tell(session: Session, result: procedure.LoadCellResult, outcome: dict[str, Any], output: Output) -> None:
+        folder = session.record.folder
+        path = load_cell_path(session.bench.indicator.serial)
+        keep(result.calibration, session, path)
+        certificate = write_certificate(folder, result.calibration)
+        plot = plot_load_cell(result, session.bench.simulated, folder)
+        outcome = {
+            **outcome,
+            "calibration": result.calibration.source,
+            "calibration_file": str(path),
+            "certificate": str(certificate),
+        }
+        found = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
+        tell_result(output, found, lambda: print_load_cell(result, outcome, plot), result.budgets())
+
+    return Procedure(
+        procedure.PROCEDURE,
+        procedure.LoadCellSettings,
+        lambda settings, target: procedure.check(settings, target.force_limit),
+        lambda session, settings, progress, _: procedure.run(
+            session.bench, settings, session.record, progress, session.started
+        ),
+        tell,
+        calibrating="load cell",
+        constants={"repeats": procedure.REPEATS},
+        by_hand="places the weights",
+    )
+
+
+@calibrate.command(
+    epilog="Examples:\n\n  palpate calibrate films --budget"
+    "\n\n  palpate calibrate films --frequencies '5 Hz, 10 Hz, 20 Hz'"
+    "\n\n  palpate calibrate films --scene array_16 --json\n\n  palpate calibrate films --bench lab.toml"
+)
+@click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
+@click.option("--frequencies", default="10 Hz", show_default=True, help="Of the load, in a list.")
+@dwell_option
+@click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
+@extrapolate_option
+@bench_options
+@budget_option
+def films(
+    loads: str,
+    frequencies: str,
+    dwell: str,
+    valid_days: int,
+    extrapolate: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Calibrate the films against the load cell, each tooth pressed alone (thesis 5.4).
+
+    For each film its sensitivity, linearity and clamping factor (sensitivity over the design's own), for several
+    teeth what each hears of the others. Stores the calibration: later runs with the same sensor on the same node use
+    and name it in place of the design's sensitivities.
+    """
+    from palpate.instrument.quantity import parse
+    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.measurements.films import procedure
+    from palpate.procedures.measurements.loads.plan import parse_loads
+
+    settings = procedure.FilmSettings(
+        parse_loads(loads),
+        tuple(parse(part, "Hz") for part in frequencies.split(",")),
+        parse(dwell, "s"),
+        valid_days,
+        extrapolate,
+    )
+    conduct(of_films(), settings, choice, output)
+
+
+@calibrate.command(epilog="Examples:\n\n  palpate calibrate accept runs/calibrations/load_cell-SI-0042.toml")
+@click.argument("file", type=FILE_NAME)
+@output_options
+def accept(file: Path, as_json: bool, quiet: bool) -> None:
+    """Accept a calibration that was edited by hand, after looking it over.
+
+    FILE holds the hash of what was written into it, and is refused once something else stands there. This gives it a
+    new hash and today's date, which every run that uses it tells. A file from before there were hashes is accepted the
+    same way.
+    """
+    from datetime import UTC, datetime
+
+    from palpate.instrument.calibration.files import accept_calibration
+
+    output = Output(as_json, quiet)
+    found = accept_calibration(file, datetime.now(UTC).date())
+    if output.as_json:
+        output.json({"calibration_file": str(file), "accepted": found.accepted if found else None})
+    output.line(f"{file}: {f'{found.source}{found.marks()}' if found else 'is as it was written, nothing to accept'}")
+
+
+def of_films() -> Procedure[Any, Any]:
+    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.lab.calibrations import films_path, keep
+    from palpate.procedures.measurements.films import procedure
+    from palpate.procedures.measurements.films.report import plot_films, print_films
+
+    def tell(session: Session, result: procedure.FilmResult, outcome: dict[str, Any], output: Output) -> None:
+        folder, found = session.record.folder, result.calibration
+        path = films_path(found.device, found.design)
+        keep(found, session, path)
+        plot = plot_films(result, session.design, folder)
+        outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
+        told = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
+        tell_result(output, told, lambda: print_films(result, session.design, outcome, plot), found.budgets())
+
+    return Procedure(
+        procedure.PROCEDURE,
+        procedure.FilmSettings,
+        lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, settings, progress, _: procedure.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress, session.started
+        ),
+        tell,
+        calibrating="films",
+        by_hand="stands the pin on the teeth",
+        loads=lambda settings: (settings.loads, settings.extrapolate),
+    )
+
+
+def parse_positions(text: str) -> tuple[float, ...]:
+    """Degrees from "0,120,240".
+
+    Raises:
+        QuantityError: not a number.
+    """
+    from palpate.instrument.quantity import parse
+
+    return tuple(parse(part, "") for part in text.split(","))

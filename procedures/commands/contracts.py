@@ -1,0 +1,29 @@
+"""palpate contracts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+
+
+@click.group(cls=Group)
+def contracts() -> None:
+    """The devices' register and object maps."""
+
+
+@contracts.command(epilog="Examples:\n\n  palpate contracts export --to maps")
+@click.option("--to", "folder", required=True, type=FILE_NAME, metavar="DIR", help="Where they go.")
+@output_options
+def export(folder: Path, as_json: bool, quiet: bool) -> None:
+    """Write the register tables (Markdown), the node's EDS and a DBC for logging tools."""
+    from palpate.instrument.contracts.export import export_contracts
+
+    output = Output(as_json, quiet)
+    files = export_contracts(folder)
+    if output.as_json:
+        output.json({"files": [str(file) for file in files]})
+    for file in files:
+        output.line(str(file))

@@ -1,0 +1,56 @@
+"""palpate runs check and palpate runs repair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options, store
+
+
+@click.command(
+    cls=Command, epilog="Examples:\n\n  palpate runs check first-day\n\n  palpate runs check first-day --json"
+)
+@click.argument("run")
+@output_options
+def check(run: str, as_json: bool, quiet: bool) -> int:
+    """Look a run over, without changing it. RUN is a folder or a name in runs/. Exit status 1 when it is damaged.
+
+    Every row carries its own hash and that of the row before, and a file beside it tells how many there were: so each
+    row that is lost or changed is found. A run that has not ended is no damage. One of record format 3 has checksums
+    alone, and is said to be unhashed: that it has lost its last points cannot be noticed.
+    """
+    from palpate.procedures.records.check import check as look_over
+    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.showing.runs import check_object, print_check
+
+    output = Output(as_json, quiet)
+    found = look_over(find_run(run, store()))
+    if output.as_json:
+        output.json(check_object(found))
+    elif output.for_people:
+        print_check(found)
+    return 1 if found.faults else 0
+
+
+@click.command(cls=Command, epilog="Examples:\n\n  palpate runs repair first-day --out mended")
+@click.argument("run")
+@click.option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
+@output_options
+def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
+    """Salvage a damaged run into a new one, and say what is gone. RUN, which is only read, is a folder or a name.
+
+    Every row that is whole is looked for, wherever it lies in the damaged file. Header and last event of the new run
+    say what is gone. A run that lost nothing but its end can be resumed.
+    """
+    from palpate.procedures.records.repair import repair as salvage
+    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.showing.runs import print_repaired, repaired_object
+
+    output = Output(as_json, quiet)
+    done = salvage(find_run(run, store()), out)
+    if output.as_json:
+        output.json(repaired_object(done))
+    elif output.for_people:
+        print_repaired(done)

@@ -1,0 +1,268 @@
+"""palpate model."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
+from palpate.procedures.commands.model_shear import shear
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options, store
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.ratio import Answer, Question
+    from palpate.instrument.sensor.design import Design
+
+# Settings that go over the parameter set's, with their units.
+_SETTINGS = {
+    "sensed_thickness": ("m", "Thickness of the object."),
+    "sensed_poisson": ("", "Poisson ratio of the object."),
+    "compliant_modulus": ("Pa", "Young modulus of the ring."),
+    "compliant_poisson": ("", "Poisson ratio of the ring."),
+    "plate_modulus": (
+        "Pa",
+        f"Young modulus of the plates (default: {show(PLEXIGLAS_THESIS.modulus, 'Pa')}, {PLEXIGLAS_THESIS.name};"
+        f" {PLEXIGLAS_PHYSICAL.name}, has {show(PLEXIGLAS_PHYSICAL.modulus, 'Pa')}).",
+    ),
+}
+
+
+@click.group(cls=Group)
+def model() -> None:
+    """Ask the sensor models, without a bench."""
+
+
+model.add_command(shear)
+
+
+def _changed(question: Question) -> list[str]:
+    """Options that say something else than the parameter set does."""
+    return [f"--{name.replace('_', '-')}" for name in (*question.settings, *(["at"] if question.at else []))]
+
+
+def question_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Which sensor, by which model, from which numbers: the command gets one `question`."""
+
+    @functools.wraps(command)
+    def asked(
+        design: str, name: str, parameters: str, interface: str | None, tolerance: str | None, **given: Any
+    ) -> None:
+        from palpate.instrument.models.ratio import Question
+        from palpate.instrument.quantity import parse, parse_tolerance
+
+        texts = {setting: given.pop(setting) for setting in _SETTINGS}
+        settings: dict[str, float | str] = {
+            setting: parse(text, _SETTINGS[setting][0]) for setting, text in texts.items() if text is not None
+        }
+        if interface is not None:
+            settings["interface"] = interface
+        limit = None if tolerance is None else parse_tolerance(tolerance)
+        command(question=Question(design, name, parameters, settings, limit), **given)
+
+    described = [click.option(f"--{name.replace('_', '-')}", help=text) for name, (_, text) in _SETTINGS.items()]
+    for option in reversed(
+        (
+            click.option(
+                "--design",
+                default="single",
+                show_default=True,
+                help="single, single_round, common_base, different_base or array.",
+            ),
+            click.option(
+                "--model",
+                "name",
+                default="auto",
+                show_default=True,
+                help="column, column_fitted, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid;"
+                " or auto: the cheapest that meets the tolerance.",
+            ),
+            *described,
+            click.option(
+                "--interface", help="bonded, frictionless, or capped: frictionless, the ring's top kept level."
+            ),
+            click.option(
+                "--parameters",
+                default="physical",
+                show_default=True,
+                help="What is not given above: thesis, physical, identified or capped.",
+            ),
+            click.option(
+                "--tolerance", help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid)."
+            ),
+        )
+    ):
+        asked = option(asked)
+    return asked
+
+
+@model.command(
+    epilog="Examples:\n\n  palpate model ratio --sensed-modulus '14.9 kPa, 100 kPa' --compliant-modulus '33 kPa'"
+    "\n\n  palpate model ratio --design single_round --model axisymmetric --sensed-modulus '100 kPa' --tolerance 1e-6"
+    "\n\n  palpate model ratio --design common_base --model solid --parameters identified"
+    " --sensed-modulus '720 kPa' --json"
+    "\n\n  palpate model ratio --design common_base --sensed-modulus '100 kPa' --at '6 mm, 6 mm'"
+)
+@click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@click.option("--at", metavar="X,Y", help="The force acts in one point, from the object's corner (default: all over).")
+@question_options
+@output_options
+def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool, quiet: bool) -> None:
+    """Force ratio, tooth force over total force, for objects of given moduli.
+
+    Model auto takes the cheapest whose error in the price list (palpate accuracy models) meets the tolerance, and says
+    which. The error estimate of a model that you name is that of its discretisation; models in closed form have none.
+    The model error is what it leaves out, by the price list; none for the experiment and for what was not priced.
+    The validation error is how far the model lies from the thesis' experiments, rms over their samples, by the
+    parameter set as it is, without settings of yours: palpate accuracy validation.
+    The solid model takes seconds to a minute a point; the extra "fast" shortens it. It alone knows a force in one
+    point.
+    The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.
+    """
+    from palpate.instrument.models.prices.validation import validate
+    from palpate.instrument.models.ratio import ask
+    from palpate.instrument.quantity import parse
+
+    output = Output(as_json, quiet)
+    moduli = [parse(text, "Pa") for text in sensed_modulus.split(",")]
+    if at is not None:
+        question = replace(question, at=_place(at))
+    answers = []
+    with output.progress("solving") as progress:
+        for answer in ask(question, moduli):
+            answers.append(answer)
+            progress(len(answers), len(moduli), f"{answer.sensed_modulus:g} Pa")
+    models = dict.fromkeys(answer.response.model for answer in answers)
+    compared = [validate(question.design, question.parameters, name) for name in models]
+    if output.as_json:
+        sensor = question.sensor()
+        output.json(
+            {
+                "design": question.design,
+                "parameters": question.parameters,
+                "at_m": question.at,
+                "validation": [found.record() for found in compared],
+                "points": [_point(sensor, a) for a in answers],
+            }
+        )
+    elif output.for_people:
+        from palpate.procedures.showing.models import print_ratios
+
+        print_ratios(question.design, answers, compared, _changed(question))
+
+
+@model.command(
+    epilog="Examples:\n\n  palpate model modulus --force-ratio '0.31, 0.99' --model column"
+    "\n\n  palpate model modulus --force-ratio 0.183 --uncertainty 0.005 --design single --json"
+)
+@click.option("--force-ratio", required=True, help="Force ratio, or a list with commas.")
+@click.option(
+    "--uncertainty", help="Standard uncertainty of the ratios (default: by how much the design's repeat, about 4 %)."
+)
+@question_options
+@output_options
+def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_json: bool, quiet: bool) -> None:
+    """Young modulus of the sensed object from the force ratio, with an interval that covers it by 95 %.
+
+    Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
+    The interval holds the uncertainty of the ratio, the model's error estimate, and, where the price list knows it,
+    what the model leaves out (model error). It does not hold the validation error: how far the model lies from the
+    thesis' experiments is told below it.
+    Models in closed form and surfaces take less than a second, the axisymmetric one some 20 s, the solid one half
+    an hour.
+    """
+    from palpate.instrument.findings import object_modulus as model_modulus
+    from palpate.instrument.models.prices.validation import validate
+    from palpate.instrument.quantity import parse
+
+    output = Output(as_json, quiet)
+    ratios = [parse(text, "") for text in force_ratio.split(",")]
+    points = model_modulus.estimate(question, ratios, None if uncertainty is None else parse(uncertainty, ""))
+    models = dict.fromkeys(point["model"] for point in points)
+    compared = [validate(question.design, question.parameters, name) for name in models]
+    if output.as_json:
+        output.json(
+            {
+                "design": question.design,
+                "parameters": question.parameters,
+                "validation": [found.record() for found in compared],
+                "coverage": model_modulus.COVERAGE,
+                "points": points,
+            }
+        )
+    elif output.for_people:
+        from palpate.procedures.showing.models import print_moduli
+
+        print_moduli(question.design, points, compared, _changed(question))
+
+
+@model.command(
+    epilog="Examples:\n\n  palpate model plot --sensed-modulus '24 kPa, 100 kPa, 1 MPa' --out sensor.png"
+    "\n\n  palpate model plot --design common_base --model solid --sensed-modulus '100 kPa'"
+)
+@click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="Where the picture goes (default: new in runs/plots/).")
+@question_options
+@output_options
+def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
+    """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
+
+    The section is that of the first modulus, for 1 N. The axisymmetric and the solid model know one: for any other
+    the force ratio is drawn alone.
+    """
+    from palpate.instrument.quantity import parse
+    from palpate.procedures.showing import model_picture, model_plot
+
+    output = Output(as_json, quiet)
+    file = model_plot.place(f"{question.design}-{question.model}", out, store())
+    picture = model_picture.solve(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
+    model_plot.draw(picture, file)
+    if output.as_json:
+        output.json({"file": str(file), **picture.data()})
+    output.line(str(file))
+
+
+def _place(text: str) -> tuple[float, float]:
+    """(x, y) [m].
+
+    Raises:
+        UsageError: not two lengths.
+        QuantityError: a length has no unit, or another one's.
+    """
+    from palpate.instrument.errors import UsageError
+    from palpate.instrument.quantity import parse
+
+    lengths = text.split(",")
+    if len(lengths) != 2:
+        raise UsageError(f"--at {text!r} is not two lengths; write for example '6 mm, 6 mm'")
+    return parse(lengths[0], "m"), parse(lengths[1], "m")
+
+
+def _point(design: Design, answer: Answer) -> dict[str, Any]:
+    from palpate.instrument.models.film import signals
+
+    given = answer.response
+    return {
+        "sensed_modulus_Pa": answer.sensed_modulus,
+        "force_ratio": given.force_ratio,
+        "error_estimate": given.error_estimate,
+        "model_error": answer.model_error,
+        "model": given.model,
+        "why": given.why,
+        "seconds": answer.seconds,
+        "films": {
+            name: {
+                "force_N": film.force,
+                "plane_stress_Pa": film.plane_stress,
+                "charge_C": film.charge,
+                "voltage_V": film.voltage,
+                "voltage_error_V": film.voltage_error,
+            }
+            for name, film in signals(design, given).items()
+        },
+    }

@@ -1,0 +1,40 @@
+"""palpate model shear."""
+
+from __future__ import annotations
+
+import click
+
+from palpate.procedures.commands.options import Command, Output, output_options
+
+
+@click.command(
+    cls=Command,
+    epilog="Examples:\n\n  palpate model shear\n\n  palpate model shear --design different_base --sample 2 --json",
+)
+@click.option("--design", default="common_base", show_default=True, help="single, common_base or different_base.")
+@click.option("--sample", default="1", show_default=True, help="Rubber sample on the sensor.")
+@output_options
+def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
+    """What a force along the sensor's face does to each film, and the load off centre that does the same.
+
+    Once on the top of the first tooth, once on the object's upper side, along the line of the teeth; by the solid
+    model, with the object bonded. The change is that from the mesh before.
+    """
+    from palpate.instrument.models import shear as model
+    from palpate.instrument.sensor.designs import get_design
+    from palpate.instrument.sensor.sample import get_sample
+
+    sensor, sensed, output = get_design(design), get_sample(sample), Output(as_json, quiet)
+    meshes = []
+    with output.progress("solving") as progress:
+        for refinement in model.MESHES:
+            meshes.append(model.shear(sensor, sensed, refinement))
+            progress(len(meshes), len(model.MESHES), f"mesh {refinement}")
+    coarse, films = meshes
+    if output.as_json:
+        found = [{"film": name, **film.summary(coarse[name])} for name, film in films.items()]
+        output.json({"design": design, "sample": sample, "films": found, "told": model.told(films)})
+    elif output.for_people:
+        from palpate.procedures.showing.shear import print_shear
+
+        print_shear(f"{design}, sample {sample}", films, coarse)

@@ -1,0 +1,138 @@
+"""palpate reproduce."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from palpate.procedures.commands.options import FILE_NAME, Choice, Group, Output, output_options, result_folder
+
+if TYPE_CHECKING:
+    from palpate.procedures.reproduce.everything import Open
+
+
+@click.group(
+    cls=Group,
+    invoke_without_command=True,
+    epilog="Examples:\n\n  palpate reproduce\n\n  palpate reproduce --out compared --json",
+)
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scenes.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: new in runs/).")
+@output_options
+@click.pass_context
+def reproduce(context: click.Context, seed: int | None, out: Path | None, as_json: bool, quiet: bool) -> int:
+    """Set every table and figure of chapters 4 and 5 beside ours: the models, and simulated experiments.
+
+    Sweeps of the three arrangements, a load-cell calibration and compressions of samples, each recorded; the models'
+    tables from kept finite-element solutions. One HTML page with plots, one CSV a table: thesis' value as printed and
+    repaired, ours, difference, error in percent of theory and of experiment, and what a match is worth.
+
+    Each row is input (the thesis' number itself went in), fitted (parameters were chosen to meet this very table) or
+    predicted (neither), and each class is counted alone. Exit status 1 where one has not what is required of it: of
+    input rows an answer each, 93 % within twice their stated scatter, and no table or arrangement off in the mean by
+    more than chance;
+    of fitted rows all within the goal of the fit; of predicted ones an answer each, however far off it is; and the
+    orders of softness right.
+    """
+    if context.invoked_subcommand is not None:
+        return 0
+    from palpate.procedures.reproduce import everything
+    from palpate.procedures.reproduce.chapter4.models import Reproduction
+    from palpate.procedures.reproduce.files import table_object
+    from palpate.procedures.reproduce.report import print_everything
+
+    output = Output(as_json, quiet)
+    with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
+        done = everything.Everything(Reproduction(folder))
+        with _kept(done.tables, folder), output.progress() as progress:
+            everything.run(_opener(folder, seed), done, progress)
+    if output.as_json:
+        output.json(
+            {
+                "folder": str(folder),
+                "page": str(done.page),
+                **done.summary(),
+                "tables": [table.summary(file) for table, file in done.tables],
+                "models": [table_object(comparison, file) for comparison, file in done.models.tables],
+            }
+        )
+    elif output.for_people:
+        print_everything(done)
+    return 0 if done.met() else 1
+
+
+@contextmanager
+def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
+    """Whatever ends the work says how many tables were done by then."""
+    try:
+        yield
+    except BaseException as error:
+        if tables:
+            error.add_note(f"{len(tables)} tables that were done are kept in {folder}")
+        raise
+
+
+def _opener(folder: Path, seed: int | None) -> Open:
+    """Opens the simulated bench of a scene, its run in a folder of its own."""
+    from palpate.procedures.lab.open import Session, open_session
+
+    @contextmanager
+    def opened(
+        scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+    ) -> Iterator[Session]:
+        taken = sum(1 for path in folder.iterdir() if path.is_dir())
+        name = "-".join(part for part in (f"{taken + 1}-{procedure}-{scene}", parameters) if part)
+        choice = Choice(None, scene, seed, folder / name)
+        with open_session(procedure, choice, {}, lambda _: None, model=model, parameters=parameters) as session:
+            yield session
+            session.record.finish("complete", {})
+
+    return opened
+
+
+@reproduce.command(
+    epilog="Examples:\n\n  palpate reproduce models\n\n  palpate reproduce models --parameters identified"
+    " --out compared\n\n  palpate reproduce models --json"
+)
+@click.option(
+    "--parameters", default="both", show_default=True, help="Of the sensor models: physical, identified or both."
+)
+@click.option("--fresh", is_flag=True, help="Solve everything anew, a minute or two, and write the solutions.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: new in runs/).")
+@output_options
+def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Finite-element tables, theories of Table 5.8 and figures of chapter 4, beside the sensor models.
+
+    Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, repaired cells marked; figures of chapter 4 as PNG,
+    the thesis' values as marks and ours as curves, its schematics from designs and meshes; a summary.
+    """
+    from palpate.procedures.reproduce.chapter4 import models as against
+    from palpate.procedures.reproduce.files import table_object
+    from palpate.procedures.reproduce.show import print_reproduction
+
+    output = Output(as_json, quiet)
+    chosen = against.parameter_sets(parameters)
+    with result_folder(out, against.PROCEDURE, datetime.now(UTC)) as folder:
+        done = against.Reproduction(folder)
+        with _kept(done.tables, folder), output.progress("solving") as progress:
+            against.run(chosen, done, progress, fresh)
+    if output.as_json:
+        output.json(
+            {
+                "parameters": list(chosen),
+                "folder": str(folder),
+                "summary": str(done.summary),
+                "tables": [table_object(comparison, file) for comparison, file in done.tables],
+                "figures": [
+                    {"name": p.number, "content": p.shows, "caption": p.caption, "file": str(p.file)}
+                    for p in done.pictures
+                ],
+            }
+        )
+    elif output.for_people:
+        print_reproduction(done)

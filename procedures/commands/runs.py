@@ -1,0 +1,87 @@
+"""palpate runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands.mend import check, repair
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options, store
+from palpate.procedures.engine.resumption import resume
+
+
+@click.group(cls=Group)
+def runs() -> None:
+    """Look at recorded runs, go on with them, mend them."""
+
+
+for command in (resume, check, repair):
+    runs.add_command(command)
+
+
+@runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
+@output_options
+def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
+    """List the runs in runs/, newest first."""
+    from palpate.instrument.errors import UsageError
+    from palpate.procedures.records.run_list import list_runs
+    from palpate.procedures.showing.runs import print_runs, run_row
+
+    output = Output(as_json, quiet)
+    if out is not None and not out.is_dir():
+        raise UsageError(f"{out} is no folder; name one that holds runs with --out")
+    found = list_runs(out or store())
+    if output.as_json:
+        output.json({"runs": [run_row(run) for run in found]})
+    elif output.for_people:
+        print_runs(found, out or store())
+
+
+@runs.command(
+    epilog="Examples:\n\n  palpate runs show 20260102T030405Z-sweep-loads\n\n  palpate runs show first-day --json"
+)
+@click.argument("run")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
+@output_options
+def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Show a run: what it was, its points, its events. RUN is a folder or a name in runs/.
+
+    Every row is checked against its hash; the digest is equal for runs that measured the same.
+    """
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.showing.runs import print_run, run_object
+
+    output = Output(as_json, quiet)
+    opened = Run.open(find_run(run, out or store()))
+    digest = opened.digest()
+    if output.as_json:
+        output.json(run_object(opened, digest))
+    elif output.for_people:
+        print_run(opened, digest)
+
+
+@runs.command(
+    epilog="Examples:\n\n  palpate runs export first-day\n\n  palpate runs export first-day --to parquet --out tables"
+)
+@click.argument("run")
+@click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: the run).")
+@output_options
+def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
+    """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
+    from palpate.procedures.records.export import export as export_run
+    from palpate.procedures.records.run import Run
+    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.showing.runs import unhashed
+
+    output = Output(as_json, quiet)
+    opened = Run.open(find_run(run, store()))
+    files = export_run(opened, to, out or opened.folder)
+    if output.as_json:
+        about = {"run": str(opened.folder), "simulated": opened.simulated, "hashed": opened.hashed}
+        output.json({**about, "files": [str(file) for file in files]})
+    for line in (*unhashed(opened.hashed), *map(str, files)):
+        output.line(line)

@@ -1,0 +1,88 @@
+"""palpate study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options, store
+
+AHEAD = 4  # cells that each worker is given at a time, so that none waits for the next
+FOLDER = "studies"
+
+
+@click.command(
+    cls=Command,
+    epilog="Examples:\n\n  palpate study study.toml\n\n  palpate study study.toml --workers 8 --to parquet"
+    "\n\n  palpate study study.toml --dask tcp://cluster:8786 --json",
+)
+@click.argument("study", type=FILE_NAME)
+@click.option("--workers", type=click.IntRange(1, 1000), help="Processes (default: one a core).")
+@click.option("--dask", metavar="ADDRESS", help="Compute on this dask scheduler instead.")
+@click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of the study (default: runs/studies/<file's name>).")
+@output_options
+def study(
+    study: Path, workers: int | None, dask: str | None, to: str, out: Path | None, as_json: bool, quiet: bool
+) -> int:
+    """Sweep the loads on many simulated scenes: a grid, or draws, over what STUDY.toml says.
+
+    A cell that is stored is not computed again: after Ctrl-C or a kill, give the command again. A cell that fails says
+    why and the others go on; exit status 1 then. The results are the same whatever computes them.
+    """
+    from dataclasses import asdict
+    from importlib import metadata
+
+    from palpate.instrument.errors import EstimateError, UsageError
+    from palpate.procedures.records.holes import check_holes
+    from palpate.procedures.study.description import read_study
+    from palpate.procedures.study.report import plot_study, print_study
+    from palpate.procedures.study.results import read_results
+    from palpate.procedures.study.run import run
+    from palpate.procedures.study.store import RECORD, Store
+    from palpate.procedures.virtual.executors import executor_of
+    from palpate.procedures.virtual.study_cell import Sweep
+
+    output = Output(as_json, quiet)
+    if workers is not None and dask is not None:
+        raise UsageError("--workers and --dask: the scheduler has workers of its own; leave one option out")
+    asked = read_study(study)
+    sweep = Sweep.of(asked, str(study))
+    folder = store() / FOLDER / study.stem if out is None else out
+    described = {
+        "palpate": metadata.version("palpate"),
+        "study": asked.file.model_dump(mode="json"),
+        "order of axes": list(asked.axes),  # by which cells are numbered
+        "scenes": {name: file.model_dump(mode="json") for name, file in sweep.scenes.items()},
+    }
+    check_holes(folder / RECORD)
+    with Store(folder, described) as opened:
+        if len(opened.done) < len(asked):
+            with output.progress("starting") as progress, executor_of(workers, dask) as (executor, count):
+                run(asked, sweep, executor, opened, progress, AHEAD * count)
+        results = read_results(folder)
+        means = results.means()
+        failed = [{"cell": each.cell, "reason": each.reason} for each in results.outcomes if each.reason]
+        outcome = {
+            "simulated": True,
+            "study": str(folder),
+            "name": asked.file.name,
+            "how": asked.file.how,
+            "cells": len(asked),
+            "done": len(results.outcomes),
+            "failed": failed,
+            "digest": results.digest(),
+            "points": str(results.export(to, folder)),
+            "plot": str(plot_study(results, folder)),
+        }
+    if output.as_json:
+        output.json({**outcome, "results": [asdict(mean) for mean in means]})
+    elif output.for_people:
+        print_study(results, outcome)
+    if not failed and not any(mean.valid_points for mean in means):
+        raise EstimateError(
+            f"none of the points of the {len(means)} cells is valid, so there is no result; their flags are in "
+            f"{outcome['points']}"
+        )
+    return 1 if failed else 0

@@ -1,0 +1,252 @@
+"""palpate sweep."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from palpate.procedures.commands.options import (
+    Choice,
+    Group,
+    Output,
+    bench_options,
+    budget_option,
+    dwell_option,
+    extrapolate_option,
+    frequency_option,
+    load_option,
+    sample_option,
+)
+from palpate.procedures.showing.terminal import say
+
+if TYPE_CHECKING:
+    from palpate.procedures.engine.conduct import Procedure
+
+DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
+MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
+
+
+@click.group(cls=Group)
+def sweep() -> None:
+    """Sweep a quantity and record the sensor's answer. At a terminal `p` pauses between points, Ctrl-C stops."""
+
+
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep loads\n\n  palpate sweep loads --samples 1,3 --loads '2 N, 3 N' --dwell '2 s'"
+    "\n\n  palpate sweep loads --scene thesis_common_base --tolerance '6 %'"
+    "\n\n  palpate sweep loads --model column --seed 7 --json\n\n  palpate sweep loads --bench lab.toml --out first-day"
+)
+@click.option("--samples", default="1-6", show_default=True, help="Rubber samples, in order.")
+@click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
+@click.option("--dwell", help="Time over which each point is averaged (default: 1 s).")
+@click.option("--tolerance", help="Instead: relative standard uncertainty of a point, by which its dwell is chosen.")
+@frequency_option
+@MODEL
+@extrapolate_option
+@DRY_RUN
+@bench_options
+@budget_option
+def loads(
+    samples: str,
+    loads: str,
+    dwell: str | None,
+    tolerance: str | None,
+    frequency: str,
+    model: str | None,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Load each sample with each load set and measure the force ratio.
+
+    For every point: load, indicator reading, film voltages, forces and the force ratio with its standard uncertainty,
+    those of each tooth where there are several; then the mean ratio and the softness order beside the thesis' own.
+    """
+    from palpate.instrument.errors import UsageError
+    from palpate.instrument.quantity import parse, parse_tolerance
+    from palpate.instrument.sensor.sample import parse_samples
+    from palpate.procedures.commands.sweeps import of_loads
+    from palpate.procedures.measurements.loads import plan as load_plan
+
+    if dwell is not None and tolerance is not None:
+        raise UsageError("--dwell and --tolerance: the one is chosen by the other; give one of them")
+    settings = load_plan.SweepSettings(
+        parse_samples(samples),
+        load_plan.parse_loads(loads),
+        parse(dwell or "1 s", "s"),
+        parse(frequency, "Hz"),
+        None if tolerance is None else parse_tolerance(tolerance),
+        extrapolate,
+    )
+    _sweep(of_loads(), load_plan, settings, choice, output, dry_run, model)
+
+
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep frequency\n\n  palpate sweep frequency --frequencies '0.2 Hz, 1 Hz, 10 Hz'"
+    " --sample 6\n\n  palpate sweep frequency --scene everything --dry-run"
+)
+@click.option(
+    "--frequencies", default="0.1 Hz:100 Hz:13", show_default=True, help="first:last:count, logarithmic, or a list."
+)
+@sample_option
+@load_option
+@click.option("--dwell", default="1 s", show_default=True, help="Shortest time at a point; three cycles at least.")
+@MODEL
+@extrapolate_option
+@DRY_RUN
+@bench_options
+def frequency(
+    frequencies: str,
+    sample: str,
+    load: str,
+    dwell: str,
+    model: str | None,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Gain and phase of each film over frequency, the charge amplifiers' corner, and a resonance.
+
+    Gains are film voltage for the load that the cell measures. Generator and sensor nodes share no clock, so phases
+    are those before the first base film. The band of touch, to 20 Hz, is marked.
+    """
+    from palpate.instrument.quantity import parse
+    from palpate.procedures.commands.sweeps import of_frequency
+    from palpate.procedures.measurements.frequency import procedure as frequency_sweep
+
+    settings = frequency_sweep.FrequencySettings(
+        frequency_sweep.parse_frequencies(frequencies), sample, parse(load, "N"), parse(dwell, "s"), extrapolate
+    )
+    _sweep(of_frequency(), frequency_sweep, settings, choice, output, dry_run, model)
+
+
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep temperature\n\n  palpate sweep temperature --scene long_drift"
+    "\n\n  palpate sweep temperature --temperatures '0 K, 5 K, 15 K, 10 K' --soak '10 min' --bench lab.toml"
+)
+@click.option("--temperatures", default="0 K, 5 K, 15 K, 10 K", show_default=True, help="Against the start, in order.")
+@click.option("--soak", default="30 min", show_default=True, help="Time before each change.")
+@sample_option
+@load_option
+@dwell_option
+@frequency_option
+@MODEL
+@extrapolate_option
+@DRY_RUN
+@bench_options
+def temperature(
+    temperatures: str,
+    soak: str,
+    sample: str,
+    load: str,
+    dwell: str,
+    frequency: str,
+    model: str | None,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """What warming films add to their signals, and what the fitted trend takes away of it.
+
+    A point is measured right after each change of the surroundings. Beside the fit with a trend stands what a lock-in
+    amplifier and a voltmeter would have read off the same record. Simulated on
+    the scene humid_body where none is named; only scenes with pyroelectric films have anything to show.
+    """
+    from palpate.instrument.quantity import parse
+    from palpate.procedures.commands.sweeps import of_temperature
+    from palpate.procedures.measurements.temperature import procedure as temperature_sweep
+
+    settings = temperature_sweep.TemperatureSettings(
+        temperature_sweep.parse_temperatures(temperatures),
+        sample,
+        parse(load, "N"),
+        parse(dwell, "s"),
+        parse(frequency, "Hz"),
+        parse(soak, "s"),
+        extrapolate,
+    )
+    choice = choice.simulated_on("humid_body")
+    _sweep(of_temperature(), temperature_sweep, settings, choice, output, dry_run, model)
+
+
+@sweep.command(
+    epilog="Examples:\n\n  palpate sweep position"
+    "\n\n  palpate sweep position --positions '6 mm, 12 mm, 18 mm' --sample 6 --load '3 N'"
+)
+@click.option("--positions", default="0 mm:24 mm:2 mm", show_default=True, help="first:last:step or a list; along x.")
+@sample_option
+@load_option
+@dwell_option
+@frequency_option
+@extrapolate_option
+@DRY_RUN
+@bench_options
+def position(
+    positions: str,
+    sample: str,
+    load: str,
+    dwell: str,
+    frequency: str,
+    extrapolate: bool,
+    dry_run: bool,
+    choice: Choice,
+    output: Output,
+) -> None:
+    """Move a point load along the base of two teeth; find its place and size by the films.
+
+    Simulated on the scene thesis_common_base where none is named. Table A2.7 stands beside, with its doubts.
+    """
+    from palpate.instrument.quantity import parse
+    from palpate.procedures.commands.sweeps import of_position
+    from palpate.procedures.measurements.loads import plan as load_plan
+    from palpate.procedures.measurements.position import procedure as position_sweep
+
+    settings = position_sweep.PositionSettings(
+        load_plan.parse_steps(positions, "m", "positions", "0 mm:24 mm:2 mm"),
+        sample,
+        parse(load, "N"),
+        parse(dwell, "s"),
+        parse(frequency, "Hz"),
+        extrapolate,
+    )
+    choice = choice.simulated_on("thesis_common_base")
+    _sweep(of_position(), position_sweep, settings, choice, output, dry_run, None)
+
+
+def _sweep(
+    conducted: Procedure[Any, Any],
+    planned: ModuleType,
+    settings: Any,
+    choice: Choice,
+    output: Output,
+    dry_run: bool,
+    model: str | None,
+) -> None:
+    """Plan a sweep by `planned`, or conduct it."""
+    from datetime import UTC, datetime
+
+    from palpate.procedures.engine.conduct import conduct, refuse
+    from palpate.procedures.lab.keys import keyboard
+    from palpate.procedures.lab.open import places, target_of
+    from palpate.procedures.showing.plan import print_plan
+
+    if dry_run:
+        target = target_of(choice, model)
+        doubt = refuse(conducted, settings, target)
+        with places(choice, planned.PROCEDURE, datetime.now(UTC)):
+            pass  # nothing is left of them
+        plan = planned.plan(settings, target.design)
+        if output.as_json:
+            output.json(plan.summary())
+        elif output.for_people:
+            print_plan(plan)
+        if doubt and not output.quiet:
+            say(f"palpate: note: {doubt}", err=True)
+        return
+    with keyboard() as pause:
+        conduct(conducted, settings, choice, output, model=model, pause=pause)

@@ -1,0 +1,80 @@
+"""The sweeps, as `palpate.procedures.engine.conduct` conducts them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from types import ModuleType
+from typing import Any
+
+from palpate.procedures.commands.options import Output
+from palpate.procedures.engine.conduct import Procedure, check_some_valid, tell_result
+from palpate.procedures.lab.open import Session
+
+
+def of_loads() -> Procedure[Any, Any]:
+    from palpate.procedures.measurements.loads import plan as load_plan
+    from palpate.procedures.measurements.loads import procedure as load_sweep
+    from palpate.procedures.measurements.loads import report
+
+    return sweep_of(load_plan, load_sweep, report, load_plan.SweepSettings, continues=True)
+
+
+def of_frequency() -> Procedure[Any, Any]:
+    from palpate.procedures.measurements.frequency import procedure as frequency_sweep
+    from palpate.procedures.measurements.frequency import report
+
+    return sweep_of(frequency_sweep, frequency_sweep, report, frequency_sweep.FrequencySettings, continues=True)
+
+
+def of_temperature() -> Procedure[Any, Any]:
+    from palpate.procedures.measurements.temperature import procedure as temperature_sweep
+    from palpate.procedures.measurements.temperature import report
+
+    return sweep_of(
+        temperature_sweep, temperature_sweep, report, temperature_sweep.TemperatureSettings, by_hand="warms the sensor"
+    )
+
+
+def of_position() -> Procedure[Any, Any]:
+    from palpate.procedures.measurements.position import procedure as position_sweep
+    from palpate.procedures.measurements.position import report
+
+    return sweep_of(
+        position_sweep, position_sweep, report, position_sweep.PositionSettings, by_hand="sets the point probe"
+    )
+
+
+def sweep_of(
+    planned: ModuleType,
+    procedure: ModuleType,
+    report: ModuleType,
+    settings: type[Any],
+    *,
+    continues: bool = False,
+    by_hand: str = "",
+) -> Procedure[Any, Any]:
+    """`planned` checks a sweep, `procedure` runs it, `report` shows it."""
+
+    def tell(session: Session, result: Any, outcome: dict[str, Any], output: Output) -> None:
+        plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
+        points = [asdict(p) for p in result.points]
+        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
+        budgets = getattr(result, "budgets", ())
+        tell_result(output, found, lambda: report.print_sweep(result, session.design, outcome, plot), budgets)
+        check_some_valid(result.points)
+
+    return Procedure(
+        planned.PROCEDURE,
+        settings,
+        lambda settings, target: planned.check(settings, target.design, target.force_limit, target.nodes),
+        lambda session, settings, progress, pause: procedure.run(
+            session.bench, session.design, session.calibration, settings, session.record, progress, pause
+        ),
+        tell,
+        loads=lambda settings: (
+            settings.loads if hasattr(settings, "loads") else (settings.load,),
+            settings.extrapolate,
+        ),
+        continues=continues,
+        by_hand=by_hand,
+    )

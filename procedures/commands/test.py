@@ -1,0 +1,67 @@
+"""palpate test."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from palpate.procedures.commands.options import Choice, Group, Output, bench_options, budget_option, extrapolate_option
+
+if TYPE_CHECKING:
+    from palpate.procedures.engine.conduct import Procedure
+    from palpate.procedures.lab.open import Session
+
+
+@click.group(cls=Group)
+def test() -> None:
+    """Test a sample on the bench, without the sensor."""
+
+
+@test.command(
+    epilog="Examples:\n\n  palpate test modulus --sample 1\n\n  palpate test modulus --sample 6 --strain '20 %'"
+    " --steps 20 --budget\n\n  palpate test modulus --sample 2 --bench lab.toml --json"
+)
+@click.option("--sample", required=True, help="Rubber sample, by number.")
+@click.option("--strain", default="30 %", show_default=True, help="Largest strain.")
+@click.option("--steps", default=10, show_default=True, help="Equal steps to it, and back.")
+@extrapolate_option
+@bench_options
+@budget_option
+def modulus(sample: str, strain: str, steps: int, extrapolate: bool, choice: Choice, output: Output) -> None:
+    """Compress a sample with the micro-positioner and find its Young modulus (thesis 5.3, Tables 5.2 and 5.3).
+
+    A rigid support takes the sensor's place. Pressed bare it gives what suspension and load cell yield, which is
+    corrected; with the sample on it stress and strain, tangent and secant modulus, loading and unloading, each with
+    its standard uncertainty. Loads below the calibrated range are marked.
+    """
+    from palpate.instrument.quantity import parse
+    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.measurements.modulus import procedure
+
+    settings = procedure.ModulusSettings(sample, parse(strain, ""), steps, extrapolate)
+    conduct(of_modulus(), settings, choice, output)
+
+
+def of_modulus() -> Procedure[Any, Any]:
+    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.measurements.modulus import procedure
+    from palpate.procedures.measurements.modulus.report import plot_modulus, print_modulus
+
+    def tell(session: Session, result: procedure.ModulusResult, outcome: dict[str, Any], output: Output) -> None:
+        plot = plot_modulus(result, session.bench.simulated, session.record.folder)
+        points = [asdict(p) for p in result.compression.points]
+        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
+        tell_result(output, found, lambda: print_modulus(result, outcome, plot), result.results())
+
+    return Procedure(
+        procedure.PROCEDURE,
+        procedure.ModulusSettings,
+        lambda settings, target: procedure.check(settings, target.force_limit),
+        lambda session, settings, progress, _: procedure.run(
+            session.bench, session.calibration, settings, session.record, progress
+        ),
+        tell,
+        by_hand="lays the sample on the support",
+    )

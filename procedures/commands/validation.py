@@ -1,0 +1,63 @@
+"""palpate accuracy validation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from palpate.procedures.commands.options import Command, Output, output_options
+
+
+@click.command(
+    cls=Command,
+    epilog="Examples:\n\n  palpate accuracy validation\n\n  palpate accuracy validation --design single --json"
+    "\n\n  palpate accuracy validation --what-if",
+)
+@click.option("--design", help="single, common_base or different_base (default: all).")
+@click.option("--what-if", "causes", is_flag=True, help="What could move models and experiments apart, and how far.")
+@click.option("--store", is_flag=True, help="Solve what is kept of finite elements anew, some minutes, and keep it.")
+@output_options
+def validation(design: str | None, causes: bool, store: bool, as_json: bool, quiet: bool) -> None:
+    """How far each sensor model lies from the experiments of the thesis, sample by sample.
+
+    Model less measured mean, in percent of the measured mean: above 0 the model is the higher. No mesh makes it
+    smaller. A model that is given the measured means is "input": they cannot judge it. With --what-if: what friction,
+    load, geometry, rubber and base each change on one sensor and on a pair, and what the readings themselves tell.
+    """
+    from palpate.instrument.errors import UnknownName, UsageError
+    from palpate.instrument.models.prices import validation as kept
+    from palpate.procedures.accuracy import what_if
+    from palpate.procedures.accuracy.causes import Causes
+    from palpate.procedures.accuracy.validation_report import print_causes, print_validation
+    from palpate.procedures.reproduce.chapter4.solutions import Solutions
+
+    output = Output(as_json, quiet)
+    designs = kept.measured_designs()
+    if design is not None and design not in designs:
+        raise UnknownName("design with experiments", design, designs)
+    if design is not None and (causes or store):
+        raise UsageError("--design goes with neither --what-if nor --store: both take one sensor and the pairs")
+    solutions = Solutions() if store else Solutions.shipped(what_if.STORED, kept.RENEW)
+    with output.progress("solving") as progress:
+        if store:
+            _keep(kept.measure(progress).model_dump_json(indent=1) + "\n", kept.STORED)
+            kept.stored.cache_clear()
+        found = Causes.of(solutions, progress) if causes or store else None
+    if store:
+        _keep(solutions.text(), what_if.STORED)
+    compared = kept.validate_all(designs if design is None else [design])
+    if output.as_json:
+        result = {"sign": kept.SIGN, "models": [each.record() for each in compared]}
+        output.json({**result, **(found.record() if found and causes else {})})
+    elif output.for_people:
+        if found and causes:
+            print_causes(found)
+        else:
+            print_validation(compared)
+
+
+def _keep(text: str, path: Path) -> None:
+    from palpate.procedures.commands.accuracy import keep
+
+    keep(text, path)

@@ -1,0 +1,1 @@
+"""What every procedure is given: a plan, a record, resuming and replaying."""

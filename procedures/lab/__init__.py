@@ -1,0 +1,1 @@
+"""An open bench, real or simulated, with its person, calibrations and records."""

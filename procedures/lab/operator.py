@@ -1,0 +1,141 @@
+"""The person at the console of a real bench: told what to do by hand, and asked to confirm it by its name."""
+
+from __future__ import annotations
+
+import sys
+import termios
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Literal, get_args
+
+from palpate.instrument.errors import BenchError, UsageError
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.sample import Sample
+from palpate.procedures.commands.options import without_bar
+from palpate.procedures.showing.terminal import say
+
+Ask = Callable[[str, str], None]
+"""Has something done that is said in a sentence, and confirmed by a word."""
+
+Mounting = Literal["simulated", "sample changer", "confirmed", "assumed"]
+"""How it is known what was mounted or placed, the surest first; the record, the report and JSON say it."""
+
+ASSUME = "--assume-mounted"
+
+
+class ConsoleOperator:
+    """Meets `Operator`. Each work is confirmed by typing what was mounted or placed."""
+
+    def __init__(self, ask: Ask | None = None) -> None:
+        self._ask = ask or confirm
+
+    def mount(self, sample: Sample) -> None:
+        self._ask(f"Mount sample {_described(sample)}", sample.name)
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        laid, word = ("bare", "bare") if sample is None else (f"with sample {_described(sample)} on it", sample.name)
+        self._ask(f"Put the rigid support in the sensor's place, {laid}", word)
+
+    def place_probe(self, x: float, y: float) -> None:
+        place = f"{show(x, 'm')} along and {show(y, 'm')} across from the sensor's corner"
+        self._ask(f"Set the point probe {place}", show(x, "m"))
+
+    def press_tooth(self, tooth: int) -> None:
+        self._ask(f"Stand the pin on tooth {tooth + 1} alone, under the probe", f"{tooth + 1}")
+
+    def place_weight(self, mass: float) -> None:
+        grams = f"{1e3 * mass:.6g}"
+        self._ask(f"Place {grams} gf in all on the load cell" if mass else "Take all weights off", grams)
+
+    def turn_load_cell(self, degrees: float) -> None:
+        self._ask(f"Turn the load cell about its axis to {degrees:g} degrees", f"{degrees:g}")
+
+    def set_temperature(self, kelvin: float) -> None:
+        self._ask(f"Make the surroundings of the sensor {kelvin:g} K warmer than at the start", f"{kelvin:g}")
+
+
+def _described(sample: Sample) -> str:
+    return f"{sample.name} ({sample.material}, {show(sample.thickness, 'm')})"
+
+
+def at_terminal() -> bool:
+    """Whether somebody can answer."""
+    return sys.stdin is not None and sys.stdin.isatty()  # None: a service manager has closed it
+
+
+def check_somebody(by_hand: str, changer: bool, assume: bool) -> Mounting:
+    """Refuse a run in which something would be done by hand and nobody could confirm it.
+
+    Args:
+        by_hand: what a person does beside mounting samples, as "places the weights"; "": nothing.
+        changer: whether the bench has a sample changer.
+        assume: what was asked for with --assume-mounted.
+
+    Raises:
+        UsageError: nobody is there, and that was not asked for.
+    """
+    if changer and not by_hand:
+        return "sample changer"
+    if assume:
+        return "assumed"
+    if not at_terminal():
+        raise UsageError(
+            f"a person {by_hand or 'mounts the samples'} on this bench, and standard input is no terminal, where that "
+            f"could be confirmed; run palpate in one, or give {ASSUME} where something else sees to it: then the "
+            "record says so"
+        )
+    return "confirmed"
+
+
+def weaker(before: object, now: Mounting) -> Mounting:
+    """How it is known in a run that goes on: as in its less certain part; of an old run nothing is known."""
+    if now == "simulated":
+        return now
+    known: tuple[Mounting, ...] = get_args(Mounting)
+    then = next((each for each in known if each == before), "assumed")
+    return known[max(known.index(now), known.index(then))]
+
+
+def confirm(what: str, word: str) -> None:
+    """Ask until `word` is typed. Not click's prompt, to which Ctrl-C and the end of input are the same.
+
+    Raises BenchError: nobody answers.
+    """
+    with without_bar(), _by_lines():
+        say(f"{what}; then type {word} and press Enter", err=True)
+        while (typed := _typed(what)) != _plain(word):
+            say(f"{typed!r} is not {word!r}: look again, then type {word}; Ctrl-C stops", err=True)
+
+
+def assume(what: str, word: str) -> None:
+    """Say what is taken for granted."""
+    say(f"assumed, as {ASSUME} asks: {what}", err=True)
+
+
+def _typed(what: str) -> str:
+    line = sys.stdin.readline() if at_terminal() else ""
+    if not line:
+        raise BenchError(f"nobody answers at the console ({what.lower()}); run palpate in a terminal")
+    return _plain(line)
+
+
+def _plain(text: str) -> str:
+    return "".join(text.split())
+
+
+@contextmanager
+def _by_lines() -> Iterator[None]:
+    """The terminal shows what is typed, which `keys` has switched off; what was typed before the question is gone."""
+    try:
+        terminal = sys.stdin.fileno()
+        before = termios.tcgetattr(terminal)
+    except (AttributeError, OSError, termios.error):  # no terminal
+        yield
+        return
+    lines = [*before[:3], before[3] | termios.ICANON | termios.ECHO, *before[4:]]
+    termios.tcsetattr(terminal, termios.TCSAFLUSH, lines)
+    try:
+        yield
+    finally:
+        with suppress(termios.error):  # it has been closed
+            termios.tcsetattr(terminal, termios.TCSADRAIN, before)

@@ -1,0 +1,1 @@
+"""Bus logs shown to people."""

@@ -1,0 +1,1 @@
+"""The procedures: one folder each, with its report."""

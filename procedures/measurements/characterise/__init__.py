@@ -1,0 +1,1 @@
+"""A sensor's figures of merit from one run."""

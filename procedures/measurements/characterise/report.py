@@ -1,0 +1,87 @@
+"""What a sensor can do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.instrument.quantity import show
+from palpate.procedures.measurements.characterise.characteristics import (
+    HOLDING,
+    LOADING,
+    UNLOADING,
+    CharacteriseResult,
+    Characteristic,
+)
+from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
+from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+MOST_NAMED = 6  # films that a legend has room for
+
+
+def print_characteristics(result: CharacteriseResult, outcome: dict[str, Any], plot: Path) -> None:
+    """A row a figure of merit: value, standard uncertainty, how it was measured; below them what each of them is."""
+    table = new_table(
+        stamped(outcome["simulated"], f"Sensor {outcome['design']}"), "film", "quantity", "value", "u", "thesis", "how"
+    )
+    for column in (0, 1, 4, 5):
+        table.columns[column].justify = "left"
+    table.columns[5].no_wrap = False
+    for row in result.rows:
+        table.add_row(row.film or "sensor", row.quantity, *_shown(row), row.thesis, row.how)
+    print_all(table, _definitions(result), *where(outcome, plot))
+
+
+def _definitions(result: CharacteriseResult) -> Table:
+    """A row a quantity: its equation, or the command that measures it."""
+    table = new_table(None, "quantity", "definition")
+    table.caption = "V, F: voltage and load, peak to peak; a + b F: least-squares line; u(V): standard uncertainty"
+    table.caption_justify = "left"
+    for column in table.columns:
+        column.justify = "left"
+    for quantity, equation in {row.quantity: row.definition for row in result.rows}.items():
+        table.add_row(quantity, equation)
+    for each in ELSEWHERE:
+        table.add_row(each.quantity, f"thesis {each.thesis}: {each.command}")
+    return table
+
+
+def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Path) -> Path:
+    """Voltages over load, both ways, and over time under one load; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}films under load, and while it is held")
+    for number, film in enumerate(result.films):
+        color = f"C{number}"
+        for direction, marker in ((LOADING, "^"), (UNLOADING, "v")):
+            points = [p for p in result.points if p.direction == direction]
+            left.plot(
+                [p.load_measured_N for p in points], [1e3 * p.voltages_V[number] for p in points], marker, color=color,
+                ms=4, label=f"{film}, {direction}",
+            )  # fmt: skip
+        held = [p for p in result.points if p.direction == HOLDING]
+        first = held[0].voltages_V[number]
+        right.plot(
+            [p.time_s for p in held], [100 * (p.voltages_V[number] / first - 1) for p in held],
+            f"{MARKERS[number % len(MARKERS)]}-", color=color, ms=4, label=film,
+        )  # fmt: skip
+    left.set(xlabel="load, peak to peak (N)", ylabel="voltage, peak to peak (mV)", yscale="log")
+    right.set(xlabel="time (s)", ylabel="change of the amplitude (%)")
+    if len(result.films) <= MOST_NAMED:
+        left.legend(fontsize=8)
+        right.legend(fontsize=8)
+    return save(figure, folder)
+
+
+def _shown(row: Characteristic) -> tuple[str, str]:
+    match row.unit:
+        case "":
+            return f"{100 * row.value:.2f} %", f"{100 * row.u:.2f} %"
+        case "1/min":
+            return f"{100 * row.value:+.4f} %/min", f"{100 * row.u:.4f} %/min"
+        case "dB":
+            return f"{row.value:.1f} dB", f"{row.u:.1f} dB"
+    return show(row.value, row.unit), show(row.u, row.unit, 2)

@@ -1,0 +1,1 @@
+"""Film calibration against the load cell."""

@@ -1,0 +1,76 @@
+"""What a calibration of the films found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.procedures.measurements.films.procedure import FilmResult
+from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+
+
+def print_films(result: FilmResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Each film with its figures; crosstalk where there are several teeth; gain where there are several frequencies."""
+    c = result.calibration
+    table = new_table(
+        stamped(c.simulated, f"Film calibration, design {c.design}"),
+        "film", "mV/N", "u mV/N", "design's mV/N", "clamping", "linearity", "degrees of freedom",
+    )  # fmt: skip
+    for film, own in zip(c.films, design.films, strict=True):
+        table.add_row(
+            film.name,
+            f"{film.sensitivity_mV_per_N:.3f}",
+            f"{film.sensitivity_u:.3f}",
+            f"{1e3 * own.sensitivity:.3f}",
+            f"{film.clamping:.3f}",
+            f"{100 * film.linearity:.2f} %",
+            f"{film.degrees_of_freedom}",
+        )
+    tables: list[Any] = [table]
+    if len(design.teeth) > 1:
+        teeth = range(1, len(design.teeth) + 1)
+        crosstalk = new_table(stamped(c.simulated, "Crosstalk"), "film \\ tooth", *map(str, teeth))
+        for name, row in zip(_rigid(design), c.crosstalk, strict=True):
+            crosstalk.add_row(name, *(f"{value:.4f}" for value in row))
+        tables.append(crosstalk)
+    if len(c.frequencies_Hz) > 1:
+        gain = new_table(stamped(c.simulated, "Gain"), "film", *(f"{frequency:g} Hz" for frequency in c.frequencies_Hz))
+        for film, row in zip(c.films, c.gain, strict=True):
+            gain.add_row(film.name, *(f"{value:.4f}" for value in row))
+        tables.append(gain)
+    outside = sum(point["extrapolated"] for point in result.points)
+    print_all(
+        *tables,
+        *([f"extrapolated   {outside} points lie outside the load cell's calibrated range"] if outside else []),
+        f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
+        f"stored in      {outcome['film_calibration_file']}",
+        *where({**outcome, "film_calibration": None}, plot),
+    )
+
+
+def _rigid(design: Design) -> list[str]:
+    return [film.name for film in design.films if film.kind == FILM_KINDS[0]]
+
+
+def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
+    """Each film's voltages over the loads on its teeth with its line, and their deviation from it; returns the PNG."""
+    c = result.calibration
+    figure, (left, right) = new_figure(c.simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if c.simulated else ''}film calibration, design {c.design}")
+    for number, (film, own) in enumerate(zip(c.films, design.films, strict=True)):
+        mine = [p for p in result.points if p["tooth"] - 1 in own.teeth]
+        load = [p["load_measured_N"] for p in mine]
+        volts = [1e3 * p["voltages_V"][number] for p in mine]
+        marker = MARKERS[number % len(MARKERS)]
+        left.plot(load, volts, marker, ms=4, label=f"{film.name}: {film.sensitivity_mV_per_N:.3g} mV/N")
+        expected = [film.sensitivity_mV_per_N * x for x in load]
+        right.plot(load, [100 * (y / e - 1) for y, e in zip(volts, expected, strict=True)], marker, ms=4)
+        ends = [0.0, max(load)]
+        left.plot(ends, [film.sensitivity_mV_per_N * x for x in ends], "k-", lw=0.7)
+    left.set(xlabel="load peak to peak (N)", ylabel="film voltage peak to peak (mV)")
+    right.axhline(0, color="k", lw=1)
+    right.set(xlabel="load peak to peak (N)", ylabel="deviation from the sensitivity (%)")
+    left.legend(fontsize=7)
+    return save(figure, folder)

@@ -1,0 +1,85 @@
+"""What a frequency sweep found."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.signals.frequency_response import TACTILE
+from palpate.procedures.measurements.frequency.procedure import FrequencyResult
+from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.marks import legend, verdict
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+
+
+def print_sweep(result: FrequencyResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Gains and phases, then the corner of each film and the resonance."""
+    names = [film.name for film in design.films]
+    points = new_table(
+        stamped(outcome["simulated"], "Gain (mV/N) and phase (degrees, before the first base film)"),
+        "Hz", "touch", "load\nN", "load/drive\nN/V", *itertools.chain(*((f"{n}\nmV/N", f"{n}\n°") for n in names)),
+        "valid",
+    )  # fmt: skip
+    for p in result.points:
+        cells = ((f"{1e3 * f.gain_V_per_N:.3g}", f"{f.phase_deg:+.2f}") for f in p.films)
+        points.add_row(
+            f"{p.frequency_Hz:g}", "yes" if p.tactile else "", f"{p.load_measured_N:.2f}", f"{p.response_N_per_V:.3f}",
+            *itertools.chain(*cells), verdict(p.valid, p.flags),
+        )  # fmt: skip
+    corners = new_table(
+        stamped(outcome["simulated"], "Charge amplifiers: corner of each film"),
+        "film", "corner\nHz", "u", "time constant\ns", "gain above it\nmV/N", "u",
+    )  # fmt: skip
+    for name, c in result.corners.items():
+        if c is None:
+            corners.add_row(name, "not seen", "-", "-", "-", "-")
+        else:
+            corners.add_row(
+                name, f"{c.corner_Hz:.4f}", f"{c.corner_u:.4f}", f"{c.time_constant:.3f}", f"{1e3 * c.gain:.3f}",
+                f"{1e3 * c.gain_u:.3f}",
+            )  # fmt: skip
+    r = result.resonance
+    said = (
+        "resonance      none within the sweep"
+        if r is None
+        else f"resonance      {r.frequency_Hz:.1f} Hz, u = {r.frequency_u:.1f} Hz, damping ratio {r.damping:.2f}"
+    )
+    touch = f"touch          within the band of touch, to {TACTILE:g} Hz"
+    unseen = {"not seen": "the sweep does not reach low enough, or has too few valid points"}
+    print_all(
+        points, *legend(points), *([touch] if any(p.tactile for p in result.points) else []), corners,
+        *legend(corners, marks=unseen), said, *where(outcome, plot),
+    )  # fmt: skip
+
+
+def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Bode plot with the band of touch, and the drive's response; returns the PNG."""
+    figure, (left, middle, right) = new_figure(simulated, 3)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}frequency response, design {design.name}")
+    frequency = [p.frequency_Hz for p in result.points]
+    for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
+        responses = [p.films[i] for p in result.points]
+        left.errorbar(
+            frequency, [1e3 * r.gain_V_per_N for r in responses], [1e3 * r.gain_u for r in responses], marker=marker,
+            ms=4, lw=1, capsize=2, label=film.name,
+        )  # fmt: skip
+        middle.errorbar(
+            frequency, [r.phase_deg for r in responses], [r.phase_u for r in responses], marker=marker, ms=4, lw=1,
+            capsize=2,
+        )  # fmt: skip
+        corner = result.corners[film.name]
+        if corner is not None:
+            left.axvline(corner.corner_Hz, color=f"C{i % 10}", lw=1, ls=":", label="" if i else "corner")
+    right.plot(frequency, [p.response_N_per_V for p in result.points], "ko-", ms=4, lw=1)
+    for ax in (left, middle, right):
+        ax.set_xscale("log")
+        ax.axvspan(min(*frequency, TACTILE), TACTILE, color="tab:green", alpha=0.08, label=f"touch, to {TACTILE:g} Hz")
+        ax.set_xlabel("frequency (Hz)")
+    left.set_yscale("log")
+    left.set_ylabel("gain (mV/N; bars: standard uncertainty)")
+    middle.set_ylabel("phase before the first base film (degrees)")
+    right.set_ylabel("load for the drive (N/V)")
+    left.legend(fontsize=8)
+    return save(figure, folder)

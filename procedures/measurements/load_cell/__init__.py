@@ -1,0 +1,1 @@
+"""Load-cell calibration with dead weights."""

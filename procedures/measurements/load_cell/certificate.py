@@ -1,0 +1,177 @@
+"""The certificate of a load-cell calibration, as Markdown and as HTML, from the finished run on disk."""
+
+from __future__ import annotations
+
+import html
+import math
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.calibration.classification import Classification, iso_376_class_of
+from palpate.instrument.calibration.load_budget import load_budget
+from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, LoadCellCalibration
+from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
+from palpate.procedures.measurements.load_cell.procedure import CREEP_TIMES, FILTER, SETTLING
+from palpate.procedures.records.run import Run, storing
+from palpate.procedures.showing.text import STAMP
+
+TITLE = "Calibration certificate of a load cell"
+STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}table{border-collapse:collapse}\
+td,th{border:1px solid #bbb;padding:2px 8px;text-align:left}.simulated{color:#c00;font-weight:bold}"
+
+PLACED = {"simulated": "placed by a simulated person", "confirmed": "each confirmed by name"}
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading and a table below it."""
+
+    heading: str
+    columns: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+
+
+def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
+    """Write `certificate.md` and `certificate.html` into the folder of the run; returns the Markdown.
+
+    Raises:
+        RecordError: the run cannot be read, or the files cannot be written.
+    """
+    sections = _sections(Run.open(folder), calibration)
+    simulated = calibration.simulated
+    for name, render in (("certificate.md", _markdown), ("certificate.html", _html)):
+        path = folder / name
+        with storing(path):
+            path.write_text(render(simulated, sections), encoding="utf-8")
+    return folder / "certificate.md"
+
+
+def _sections(run: Run, c: LoadCellCalibration) -> list[Section]:
+    header: dict[str, Any] = dict(run.header)
+    settings, bench = header["settings"], tomllib.loads(header["bench"])
+    points = run.points()
+    pair = ("", "")
+    return [
+        Section("Identities", pair, [
+            ("load cell with indicator", c.device),
+            ("bench", bench["name"]),
+            *((name, serial or "unknown") for name, serial in header["devices"].items()),
+            ("record", run.folder.name),
+            ("software", f"palpate {header['versions']['palpate']}, commit {header['commit'] or 'unknown'}"),
+        ]),
+        Section("Settings", pair, [
+            ("gage factor", f"{c.gage_factor:g}"),
+            ("full scale", str(bench["strain_indicator"]["full_scale"])),
+            ("filter, waiting time before a reading", f"{FILTER:g} s, {SETTLING:g} s"),
+            ("readings averaged for a point", f"{settings['repeats']}"),
+            ("runs up and down in each position", f"{settings['runs']}"),
+            ("positions", ", ".join(f"{p:g}°" for p in settings["positions"])),
+            ("curve", f"degree {2 if c.curvature else 1}, {'asked for' if settings['degree'] else 'by F-test'}"),
+        ]),
+        Section("Conditions", pair, [
+            ("begun", header["started"]),
+            ("time on the bench", f"{points[-1]['bench_ns'] * 1e-9:.0f} s"),
+            ("loads", f"dead weights at {STANDARD_GRAVITY} m/s², {c.least_N:.4g} to {c.greatest_N:.4g} N"),
+            ("weights and positions", PLACED.get(str(header.get("mounting")), "ASSUMED, nobody confirmed them")),
+            ("temperature, humidity", "not recorded"),
+        ]),
+        _results(c),
+        _classes(c),
+        Section("Raw readings", ("position", "run", "what", "load gf", "load N", "mean mV", "readings mV"), [
+            (
+                f"{p['position_deg']:g}°", f"{p['run']}", p["direction"].replace("_", " "), f"{p['load_gf']:g}",
+                f"{p['load_N']:.5f}", f"{p['reading_mV']:.4f}", " ".join(f"{v:g}" for v in p["readings_mV"]),
+            )
+            for p in points
+        ]),
+        Section("Validity", pair, [
+            ("calibrated", c.created),
+            ("expires", c.expires or "no date given"),
+            ("valid for", f"{c.least_N:.4g} to {c.greatest_N:.4g} N with this indicator at this gage factor"),
+        ]),
+    ]  # fmt: skip
+
+
+def _results(c: LoadCellCalibration) -> Section:
+    freedom = math.inf if c.degrees_of_freedom is None else float(c.degrees_of_freedom)
+    curve = [
+        ("sensitivity", c.sensitivity_mV_per_N, c.sensitivity_u, "mV/N"),
+        ("zero", c.zero_mV, c.zero_u, "mV"),
+        *([("curvature", c.curvature.mV_per_N2, c.curvature.u, "mV/N²")] if c.curvature else []),
+    ]
+    rows = [_expanded(name, value, u, coverage_factor(freedom), unit) for name, value, u, unit in curve]
+    for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N):
+        budget = load_budget(c, load)
+        k = coverage_factor(budget.degrees_of_freedom)
+        rows.append(_expanded(f"load at one reading of {c.reading(load):.2f} mV", load, budget.u, k, "N"))
+    columns = ("quantity", "value", "standard uncertainty", "k", f"expanded uncertainty, {COVERAGE:.0%}", "unit")
+    return Section("Results", columns, rows)
+
+
+def _expanded(name: str, value: float, u: float, k: float, unit: str) -> tuple[str, ...]:
+    return name, f"{value:.5g}", f"{u:.2g}", f"{k:.2f}", f"{k * u:.2g}", unit
+
+
+def _classes(c: LoadCellCalibration) -> Section:
+    rows = [
+        (
+            f"{name}",
+            *(("not measured", "-") if value is None else (f"{100 * value:.3g} %", iso_376_class_of(key, value))),
+        )
+        for name, key, value in (
+            ("repeatability b'", "repeatability", c.repeatability),
+            ("reproducibility b", "reproducibility", c.reproducibility),
+            ("interpolation error fc", "interpolation", c.interpolation),
+            ("zero return f0", "zero_return", c.zero_return),
+            (f"creep c, {CREEP_TIMES[0]:g} to {CREEP_TIMES[1]:g} s", "creep", c.creep),
+            ("reversibility v", "reversibility", c.reversibility_of_reading),
+            ("resolution at the least load", "resolution", c.resolution() / c.least_N),
+        )
+    ]
+    return Section("Classification", ("quantity", "value", "class"), [
+        *rows,
+        ("linearity, of the span", f"{100 * c.linearity:.3g} %", "-"),
+        ("ISO 376", _held(c.iso_376), c.iso_376.name),
+        ("lower limit factor of ASTM E74", f"{c.lower_limit_factor_N:.3g} N", "-"),
+        ("ASTM E74", _held(c.astm_e74), c.astm_e74.name),
+    ])  # fmt: skip
+
+
+def _held(found: Classification) -> str:
+    return found.reason or f"{found.least_N:.4g} to {found.greatest_N:.4g} N"
+
+
+def _markdown(simulated: bool, sections: Sequence[Section]) -> str:
+    lines = [f"# {STAMP + ': ' if simulated else ''}{TITLE}", ""]
+    for section in sections:
+        lines += [f"## {section.heading}", "", _row(section.columns), _row(["---"] * len(section.columns))]
+        lines += [*(_row(row) for row in section.rows), ""]
+    return "\n".join(lines)
+
+
+def _row(cells: Sequence[str]) -> str:
+    safe = (" ".join(html.escape(cell, quote=False).split()).replace("|", "&#124;") for cell in cells)
+    return f"| {' | '.join(safe)} |"
+
+
+def _html(simulated: bool, sections: Sequence[Section]) -> str:
+    stamp = f'<p class="simulated">{STAMP}: no real load cell was calibrated</p>' if simulated else ""
+    title = html.escape(f"{STAMP + ': ' if simulated else ''}{TITLE}")
+    tables = "\n".join(
+        f"<h2>{html.escape(section.heading)}</h2>\n<table>\n"
+        + (_cells("th", section.columns) if any(section.columns) else "")
+        + "".join(_cells("td", row) for row in section.rows)
+        + "</table>"
+        for section in sections
+    )
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+        f"</head>\n<body><h1>{title}</h1>{stamp}\n{tables}\n</body></html>\n"
+    )
+
+
+def _cells(tag: str, cells: Sequence[str]) -> str:
+    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>\n"

@@ -1,0 +1,90 @@
+"""What a calibration of the load cell found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.calibration.classification import Classification, iso_376_class_of
+from palpate.instrument.quantity import show
+from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
+from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+
+
+def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path) -> None:
+    """Readings, the curve, its figures of merit and its classes."""
+    readings = new_table(
+        stamped(outcome["simulated"], "Load-cell calibration"),
+        "position", "run", "load gf", "load N", "loading mV", "unloading mV",
+    )  # fmt: skip
+    down = {_place(p): p["reading_mV"] for p in result.points if p["direction"] == "unloading"}
+    for p in result.points:
+        if p["direction"] == "loading":
+            readings.add_row(
+                f"{p['position_deg']:g}°",
+                f"{p['run']}",
+                f"{p['load_gf']:g}",
+                f"{p['load_N']:.4f}",
+                f"{p['reading_mV']:.2f}",
+                f"{down[_place(p)]:.2f}",
+            )
+    c = result.calibration
+    quantities = new_table(None, "", "greatest", "ISO 376 class")
+    for name, value in (
+        ("repeatability", c.repeatability),
+        ("reproducibility", c.reproducibility),
+        ("interpolation", c.interpolation),
+        ("reversibility", c.reversibility_of_reading),
+        ("zero_return", c.zero_return),
+        ("creep", c.creep),
+        ("resolution", c.resolution() / c.least_N),
+    ):
+        known = ("not measured", "-") if value is None else (f"{100 * value:.3f} %", iso_376_class_of(name, value))
+        quantities.add_row(name.replace("_", " "), *known)
+    bent = c.curvature
+    print_all(
+        readings,
+        quantities,
+        f"sensitivity    {c.sensitivity_mV_per_N:.3f} mV/N, u = {c.sensitivity_u:.3f} mV/N   (thesis: 10.3 mV/N)",
+        f"zero           {c.zero_mV:.2f} mV, u = {c.zero_u:.2f} mV",
+        *([f"curvature      {bent.mV_per_N2:.3g} mV/N², u = {bent.u:.2g} mV/N²"] if bent else []),
+        f"linearity      {100 * c.linearity:.2f} % of the span",
+        f"reversibility  {100 * c.reversibility:.2f} % of the span",
+        f"resolution     {c.resolution_mV:g} mV = {show(c.resolution(), 'N')}",
+        f"range          {c.least_N:.4g} to {c.greatest_N:.4g} N, until {c.expires}",
+        f"ISO 376        {_held(c.iso_376)}",
+        f"ASTM E74       {_held(c.astm_e74)}; LLF {c.lower_limit_factor_N:.3g} N",
+        f"calibration    {outcome['calibration_file']}",
+        f"certificate    {outcome['certificate']}",
+        *where({**outcome, "calibration": None}, plot),
+    )
+
+
+def _place(point: dict[str, Any]) -> tuple[float, int, float]:
+    return point["position_deg"], point["run"], point["load_gf"]
+
+
+def _held(found: Classification) -> str:
+    over = "" if found.least_N is None else f" from {found.least_N:.4g} to {found.greatest_N:.4g} N"
+    return f"{found.name}{over}{f': {found.reason}' if found.reason else ''}"
+
+
+def plot_load_cell(result: LoadCellResult, simulated: bool, folder: Path) -> Path:
+    """Readings with the line, and their deviation from it; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}load-cell calibration")
+    c = result.calibration
+    for direction, marker in (("loading", "^"), ("unloading", "v")):
+        load = [p["load_N"] for p in result.points if p["direction"] == direction]
+        reading = [p["reading_mV"] for p in result.points if p["direction"] == direction]
+        left.plot(load, reading, marker, label=direction)
+        right.plot(load, [y - c.reading(x) for x, y in zip(load, reading, strict=True)], marker, label=direction)
+    grid = [c.greatest_N * i / 50 for i in range(51)]
+    left.plot(grid, [c.reading(x) for x in grid], "k-", lw=1, label=f"{c.sensitivity_mV_per_N:.3f} mV/N")
+    left.set(xlabel="load (N)", ylabel="reading (mV)")
+    right.axhline(0, color="k", lw=1)
+    right.set(xlabel="load (N)", ylabel="deviation from the curve (mV)")
+    left.legend(fontsize=8)
+    right.legend(fontsize=8)
+    return save(figure, folder)

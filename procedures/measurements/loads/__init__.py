@@ -1,0 +1,1 @@
+"""Load sweep: the main job."""

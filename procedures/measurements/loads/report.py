@@ -1,0 +1,138 @@
+"""What a load sweep found."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
+from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.marks import legend, verdict
+from palpate.procedures.showing.text import STAMP, new_table, number, percent, print_all, stamped, where
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Points, means beside the thesis' own, softness order, and where everything lies."""
+    chosen = any(p.relative_u_predicted is not None for p in result.points)
+    points = new_table(
+        stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
+        "sample", "load\nN", "meter\nmV", "rigid\nmV", "total\nmV", "rigid\nN", "total\nN", "force\nratio", "u",
+        *(("dwell\ns", "u to be\n%", "u\n%") if chosen else ()), "valid",
+    )  # fmt: skip
+    for p in result.points:
+        points.add_row(
+            p.sample, f"{p.load_N:g}{'*' * p.extrapolated}", f"{p.indicator_mV:.1f}", f"{1e3 * p.voltage_rigid_V:.3f}",
+            f"{1e3 * p.voltage_total_V:.2f}", f"{p.force_rigid_N:.3f}", f"{p.force_total_N:.3f}",
+            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}",
+            *((number(p.dwell_s), percent(p.relative_u_predicted), percent(p.relative_u)) if chosen else ()),
+            verdict(p.valid, p.flags),
+        )  # fmt: skip
+    worth = outcome["evidence"] if design.thesis_force_ratio else None
+    means = new_table(
+        stamped(outcome["simulated"], "Mean force ratio"),
+        "sample", "ours", "u", "thesis", "difference", *(["evidence"] if worth else []), "valid points",
+    )  # fmt: skip
+    for s in result.samples:
+        if s.force_ratio is None or s.force_ratio_u is None:
+            means.add_row(s.sample, "-", "-", number(s.thesis_force_ratio), "-", *(["-"] if worth else []), "0")
+            continue
+        difference = (
+            "-" if s.thesis_force_ratio is None else f"{100 * (s.force_ratio / s.thesis_force_ratio - 1):+.1f} %"
+        )
+        means.add_row(
+            s.sample, f"{s.force_ratio:.4f}", f"{s.force_ratio_u:.4f}", number(s.thesis_force_ratio), difference,
+            *([worth] if worth else []), str(s.valid_points),
+        )  # fmt: skip
+    compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
+    repeated = sum(p.attempts - 1 for p in result.points)
+    print_all(
+        points,
+        *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
+        means,
+        *([_worth(worth, outcome["model"])] if worth else []),
+        f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
+        *legend(points, means),
+        _forces(result.points),
+        *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
+        *where(outcome, plot),
+    )
+
+
+def _worth(evidence: str, model: str) -> str:
+    """What it is worth that the means agree with the thesis', by what the scene's model knows of them."""
+    if evidence == Evidence.INPUT.value:
+        return f"{evidence}: model {model} is the thesis' own means; agreement shows that the bench measures right"
+    return f"{evidence}: model {model} knows nothing of the thesis' means"
+
+
+def _forces(points: Sequence[LoadPoint]) -> str:
+    """Their relative uncertainties hardly differ: the scatter of the gains is most of them."""
+    rigid, total = (
+        max((u / abs(force) for force, u in pairs if u is not None and force), default=None)
+        for pairs in (
+            [(p.force_rigid_N, p.force_rigid_u) for p in points if p.valid],
+            [(p.force_total_N, p.force_total_u) for p in points if p.valid],
+        )
+    )
+    return f"forces         standard uncertainty, % at most: rigid {percent(rigid)}, total {percent(total)}"
+
+
+def _thesis_order(design: Design, swept: set[str]) -> str:
+    """By the thesis' means, as ours is by ours; where its figure at one load says otherwise, that too."""
+    means = sorted(design.thesis_force_ratio, key=lambda name: design.thesis_force_ratio[name], reverse=True)
+    by_mean, figure = (
+        " > ".join(name for name in order if name in swept) for order in (means, design.thesis_softness_order)
+    )
+    return by_mean if by_mean == figure else f"{by_mean}; its figure at 3 N: {figure}"
+
+
+def _teeth(result: SweepResult, simulated: bool) -> Table:
+    """Mean ratio of each tooth, a row a sample."""
+    count = max(len(s.teeth) for s in result.samples)
+    teeth = new_table(
+        stamped(simulated, "Mean force ratio of each tooth to its base"), "sample", *(str(i + 1) for i in range(count))
+    )
+    for s in result.samples:
+        teeth.add_row(s.sample, *(f"{tooth:.4f}" for tooth in s.teeth))
+    return teeth
+
+
+def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Force ratio against load for each sample, and the means beside the thesis' own; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}force ratio, design {design.name}")
+    for marker, mean in zip(itertools.cycle(MARKERS), result.samples):
+        points = [p for p in result.points if p.sample == mean.sample]
+        left.errorbar(
+            [p.load_N for p in points], [p.force_ratio for p in points], [p.force_ratio_u for p in points],
+            marker=marker, ms=4, lw=1, capsize=2, label=f"sample {mean.sample}",
+        )  # fmt: skip
+    if invalid := [p for p in result.points if not p.valid]:
+        left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
+    left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))
+    left.legend(fontsize=8, ncols=2)
+    shown = [s for s in result.samples if s.valid_points]
+    place = range(len(shown))
+    ratio, ratio_u, thesis = (
+        [math.nan if value is None else value for value in values]
+        for values in (
+            [s.force_ratio for s in shown],
+            [s.force_ratio_u for s in shown],
+            [s.thesis_force_ratio for s in shown],
+        )
+    )
+    right.errorbar(place, ratio, ratio_u, fmt="o", capsize=3, label="this run")
+    if design.thesis_force_ratio:
+        right.plot(place, thesis, "k_", ms=16, label="thesis, mean of its tables")
+    right.set(xlabel="sample", ylabel="mean force ratio", ylim=(0, None))
+    right.set_xticks(list(place), [s.sample for s in shown])
+    right.legend(fontsize=8)
+    return save(figure, folder)

@@ -1,0 +1,1 @@
+"""Young modulus of a sample by compression."""

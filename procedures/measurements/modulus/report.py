@@ -1,0 +1,98 @@
+"""What the compression of a sample found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.instrument.quantity import show
+from palpate.instrument.thesis import COMPRESSION_TABLES, Table, read_table
+from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.procedures.measurements.modulus.procedure import ModulusResult
+from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.marks import MARKS, OUTSIDE, legend
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+
+def print_modulus(result: ModulusResult, outcome: dict[str, Any], plot: Path) -> None:
+    """Steps, moduli beside the thesis' own, and what the bench yields."""
+    sample, c = result.sample, result.compression
+    steps = new_table(
+        stamped(outcome["simulated"], f"Compression of sample {sample.name} ({sample.material})"),
+        "direction", "position\nmm", "meter\nmV", "load\nN", "calibrated", "strain", "u", "stress\nkPa", "u",
+        "secant modulus\nkPa", "u",
+    )  # fmt: skip
+    for p in c.points:
+        steps.add_row(
+            p.direction, f"{1e3 * p.position_m:.3f}", f"{p.reading_mV:.1f}", f"{p.load_N:.3f}",
+            "no" if p.extrapolated else "yes", f"{p.strain:.4f}", f"{p.strain_u:.4f}", f"{1e-3 * p.stress_Pa:.2f}",
+            f"{1e-3 * p.stress_u:.2f}", f"{1e-3 * p.secant_modulus_Pa:.1f}", f"{1e-3 * p.secant_modulus_u:.1f}",
+        )  # fmt: skip
+    thesis, loss = _thesis(sample.name), c.energy_loss
+    print_all(
+        steps,
+        *legend(steps, marks={"no": MARKS[OUTSIDE]}),
+        *(() if thesis is None else (_printed(thesis),)),
+        f"tangent modulus    {_value(c.tangent)}   (thesis: {show(sample.modulus, 'Pa')}, {sample.source})",
+        f"secant modulus     {_value(c.secant)}, at the largest strain",
+        f"unloading modulus  {_value(c.unloading)}",
+        f"thickness          {_value(c.thickness)}, by the contacts on pad and bare support",
+        f"bench              yields {1e3 * c.compliance.value:.4f} mm/N, u = {1e3 * c.compliance.u:.4f}, corrected",
+        f"linearity          {100 * c.linearity:.2f} % of the span",
+        f"energy loss        {100 * loss.value:.1f} % of the work of loading, u = {100 * loss.u:.2g} %",
+        *(() if thesis is None else (f"Table {thesis.number}: {thesis.doubt}",)),
+        *where(outcome, plot),
+    )
+
+
+def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
+    """Stress and secant modulus against strain, the thesis' rows beside them; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}compression of sample {result.sample.name}")
+    for direction, marker in (("loading", "^"), ("unloading", "v")):
+        points = [p for p in result.compression.points if p.direction == direction]
+        strain, strain_u = [p.strain for p in points], [p.strain_u for p in points]
+        for axes, values, u in (
+            (left, [p.stress_Pa for p in points], [p.stress_u for p in points]),
+            (right, [p.secant_modulus_Pa for p in points], [p.secant_modulus_u for p in points]),
+        ):
+            axes.errorbar(
+                strain, [1e-3 * v for v in values], [1e-3 * v for v in u], strain_u, fmt=marker, capsize=2,
+                label=direction,
+            )  # fmt: skip
+    thesis = _thesis(result.sample.name)
+    if thesis is not None:
+        strain = list(thesis.values("strain"))
+        label = f"thesis Table {thesis.number}"
+        left.plot(strain, 1e-3 * thesis.values("stress_Pa"), "k_", ms=10, label=label)
+        right.plot(strain, 1e-3 * thesis.values("modulus_Pa"), "k_", ms=10, label=label)
+    tangent = result.compression.tangent
+    right.axhline(1e-3 * tangent.value, color="k", lw=1, label="tangent modulus")
+    left.set(xlabel="strain", ylabel="stress (kPa)")
+    right.set(xlabel="strain", ylabel="secant modulus (kPa)", ylim=(0, None))
+    left.legend(fontsize=8)
+    right.legend(fontsize=8)
+    return save(figure, folder)
+
+
+def _thesis(sample: str) -> Table | None:
+    """The thesis' own compression of the sample; it has those of two."""
+    return read_table(COMPRESSION_TABLES[sample]) if sample in COMPRESSION_TABLES else None
+
+
+def _printed(table: Table) -> RichTable:
+    rows = new_table(
+        stamped(False, f"Thesis, Table {table.number}"), "position\nmm", "strain", "stress\nkPa", "modulus\nkPa"
+    )
+    cells = (table.values(name) for name in ("strain", "stress_Pa", "modulus_Pa"))
+    for position, strain, stress, modulus in zip(table.rows, *cells, strict=True):
+        rows.add_row(position, f"{strain:.4f}", f"{1e-3 * stress:.2f}", f"{1e-3 * modulus:.1f}")
+    return rows
+
+
+def _value(found: Propagated) -> str:
+    unit = found.budget.unit
+    return f"{show(found.value, unit)}, u = {show(found.u, unit, 2)}"

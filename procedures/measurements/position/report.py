@@ -1,0 +1,66 @@
+"""What a position sweep found."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.models.influence import ERROR
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.position.procedure import DOUBT, PositionResult
+from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.marks import legend, verdict
+from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where
+
+
+def print_sweep(result: PositionResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Shares beside model and thesis, then what the films alone say of place and size."""
+    points = new_table(
+        stamped(outcome["simulated"], "A point load along the base (shares of the whole force)"),
+        "x\nmm", "load\nN", "left", "u", "model", "thesis", "right", "u", "model", "thesis", "found\nmm", "u",
+        "95 %\nmm", "found\nN", "u", "valid",
+    )  # fmt: skip
+    for p in result.points:
+        points.add_row(
+            f"{p.position_mm:g}", f"{p.load_measured_N:.2f}", f"{p.share_left:.3f}", f"{p.share_left_u:.3f}",
+            f"{p.model_share_left:.3f}", number(p.thesis_share_left), f"{p.share_right:.3f}", f"{p.share_right_u:.3f}",
+            f"{p.model_share_right:.3f}", number(p.thesis_share_right), f"{p.found_mm:.2f}", f"{p.found_u:.2f}",
+            f"{p.found_low_mm:.1f} to {p.found_high_mm:.1f}", f"{p.found_force_N:.2f}", f"{p.found_force_u:.2f}",
+            verdict(p.valid, p.flags),
+        )  # fmt: skip
+    said = [
+        f"model          solid, stored; error of a share {ERROR:g} at most, of its mesh alone",
+        f"thesis         {DOUBT}",
+    ]
+    if result.rms_mm is not None and result.inside is not None:
+        said.append(
+            f"position       {result.rms_mm:.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
+        )
+    print_all(points, *legend(points), *said, *where(outcome, plot))
+
+
+def plot_sweep(result: PositionResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Shares along the base beside model and thesis, and the found place against the set one; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}a point load along the base, design {design.name}")
+    x = [p.position_mm for p in result.points]
+    for side, color in (("left", "tab:blue"), ("right", "tab:orange")):
+        share, share_u, model, thesis = (
+            [math.nan if (value := getattr(p, name)) is None else value for p in result.points]
+            for name in (f"share_{side}", f"share_{side}_u", f"model_share_{side}", f"thesis_share_{side}")
+        )
+        left.errorbar(x, share, share_u, fmt="o", ms=4, capsize=2, color=color, label=f"{side} tooth")
+        left.plot(x, model, "-", lw=1, color=color, label=f"{side}, model")
+        left.plot(x, thesis, "x", ms=5, color=color, label=f"{side}, thesis A2.7")
+    left.set(xlabel="place of the load (mm)", ylabel="share of the force (bars: standard uncertainty)")
+    left.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    found = [p.found_mm for p in result.points]
+    spread = [
+        [p.found_mm - p.found_low_mm for p in result.points], [p.found_high_mm - p.found_mm for p in result.points],
+    ]  # fmt: skip
+    right.errorbar(x, found, spread, fmt="o", ms=4, capsize=2, label="found (bars: 95 %)")
+    right.plot(x, x, "k-", lw=1, label="set")
+    right.set(xlabel="place of the load (mm)", ylabel="found by the films (mm)")
+    right.legend(fontsize=8)
+    return save(figure, folder)

@@ -1,0 +1,1 @@
+"""How hard unknown objects are."""

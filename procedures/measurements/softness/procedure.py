@@ -1,0 +1,233 @@
+"""How hard unknown objects are: Young modulus from the measured force ratio, and their order (thesis 4.1, 5.4)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.findings.mean_ratio import apart, mean_ratio
+from palpate.instrument.findings.object_modulus import COVERAGE, estimate
+from palpate.instrument.models.prices.price_list import stored
+from palpate.instrument.models.ratio import Question
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, preload_for
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.begin import Points, Progress, begin
+from palpate.procedures.steps.film_point import CLIPPED, measure
+from palpate.procedures.steps.policy import carry_out
+from palpate.procedures.steps.servo import LoadServo, finish, press
+
+PROCEDURE = "softness"
+SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
+
+
+@dataclass(frozen=True, slots=True)
+class SoftnessSettings:
+    """What to measure: objects, loads in N peak to peak, dwell in s, frequency in Hz; and the model that answers."""
+
+    objects: tuple[Sample, ...]
+    loads: tuple[float, ...]
+    dwell: float
+    frequency: float
+    model: str
+
+
+@dataclass(frozen=True, slots=True)
+class SoftnessPoint:
+    """One object under one load, peak to peak. Not `valid`: `flags` say why. Uncertainties as of `LoadPoint`."""
+
+    object: str
+    load_N: float
+    load_measured_N: float
+    load_measured_u: float
+    force_ratio: float
+    force_ratio_u: float
+    noise_u: float
+    valid: bool
+    flags: tuple[str, ...]
+    calibration_u: float = 0.0
+    pickup_u: float = 0.0
+    degrees_of_freedom: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Softness:
+    """An object: mean force ratio over its valid loads, and the modulus by the model [Pa].
+
+    `modulus_Pa` is None where only a bound is known, `low_Pa` and `high_Pa` where there is none; `kind` is "interval",
+    "at least", "at most" or "any". `model_error`: what the interval allows for the model, as a ratio; None: not priced.
+    `saturated`: of a film in some load. Without a valid load all but the name is None.
+    """
+
+    object: str
+    valid_points: int
+    saturated: bool
+    force_ratio: float | None = None
+    force_ratio_u: float | None = None
+    modulus_Pa: float | None = None
+    low_Pa: float | None = None
+    high_Pa: float | None = None
+    sensitivity: float | None = None
+    kind: str | None = None
+    note: str = ""
+    model_error: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SoftnessResult:
+    """`alike`: neighbours in the order, hard to soft, that the ratios do not tell apart by 95 %.
+
+    `budgets`: of each mean ratio, and, linear, of each modulus that is known; its interval is not linear.
+    """
+
+    points: list[SoftnessPoint]
+    objects: list[Softness]
+    softness_order: list[str]
+    alike: list[tuple[str, str]]
+    model: str
+    price: str
+    budgets: list[Budget]
+
+    def summary(self) -> dict[str, Any]:
+        """Results under their public names."""
+        return {
+            "objects": [asdict(each) for each in self.objects],
+            "softness_order": self.softness_order,
+            "alike": [list(pair) for pair in self.alike],
+            "coverage": COVERAGE,
+            "answered_by": self.model,
+            "price": self.price,
+            "budgets": [budget.summary() for budget in self.budgets],
+        }
+
+
+def default_model(design: Design) -> str:
+    """The curve that was measured with this design, where there is one: it holds what no model knows."""
+    return "experiment" if design.thesis_force_ratio else "auto"
+
+
+def check(settings: SoftnessSettings, design: Design, force_limit: float) -> None:
+    """Refuse what cannot be done, before any device is spoken to.
+
+    Raises:
+        RangeError: no object or one named twice, objects of several thicknesses, a load beyond the force limit in N, a
+            frequency or dwell that gives no estimate, or a model that does not answer for this sensor.
+        UnknownName: an unknown model.
+    """
+    names = [each.name for each in settings.objects]
+    if not names or len(set(names)) < len(names):
+        raise RangeError(f"objects {names}: name one at least, each once")
+    if len({each.thickness for each in settings.objects}) > 1:
+        raise RangeError("objects of several thicknesses need a ratio curve each; measure them apart")
+    check_force(settings.loads, force_limit)
+    check_frequency(settings.frequency)
+    check_time(settings.dwell, settings.frequency)
+    question = _question(settings, design)
+    if settings.model not in SLOW:
+        estimate(question, [0.5], None)
+
+
+def run(
+    bench: Bench,
+    design: Design,
+    calibration: LoadCellCalibration,
+    settings: SoftnessSettings,
+    record: Recorder,
+    progress: Progress,
+) -> SoftnessResult:
+    """Measure each object under each load. Each point is durable before `progress` hears of it.
+
+    Raises:
+        RangeError, UnknownName: as `check`, or a load outside the calibrated range; the outputs have stayed off.
+        UnreachableError: a load too small for the indicator, or one that the bench cannot reach.
+        SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
+    """
+    check(settings, design, bench.force_limit)
+    films = begin(
+        bench, design, calibration, settings.loads, settings.frequency, [each.name for each in settings.objects]
+    )
+    points = Points[SoftnessPoint](films, record, progress, len(settings.objects) * len(settings.loads))
+    for sample in settings.objects:
+        points.tell(f"mount {sample.name}")
+        preloaded = press(bench, calibration, sample, preload_for(settings.loads))
+        servo = LoadServo(bench, calibration, settings.frequency, preloaded)
+        for load in settings.loads:
+            what = f"{sample.name}, {show(load, 'N')}"
+            points.tell(what)
+            carry_out(bench, what, partial(servo.set, load))
+            measured = measure(films, servo, load, settings.dwell, record, what)
+            forces = film_forces(design, measured.fit)
+            point = SoftnessPoint(
+                sample.name, load, measured.load_N, measured.load_u, forces.force_ratio, forces.force_ratio_u,
+                forces.noise_u, measured.valid, measured.flags, forces.calibration_u, forces.pickup_u,
+                forces.degrees_of_freedom,
+            )  # fmt: skip
+            points.keep(point, measured, what)
+    finish(bench, calibration)
+    return evaluate(points.taken, settings, design)
+
+
+def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design: Design) -> SoftnessResult:
+    """Moduli by the mean ratio over the valid loads, and the objects from hard to soft."""
+    means: dict[str, Budget] = {}
+    found: dict[str, Softness] = {}
+    for name in dict.fromkeys(point.object for point in points):
+        own = [point for point in points if point.object == name]
+        valid = [point for point in own if point.valid]
+        found[name] = Softness(name, len(valid), any(CLIPPED in point.flags for point in own))
+        if valid:
+            means[name] = mean_ratio(f"force ratio of {name}", valid, design.film_freedom)
+    model = settings.model
+    if means:
+        ratios, uncertainties, freedom = zip(
+            *((mean.value, mean.u, mean.degrees_of_freedom) for mean in means.values()), strict=True
+        )
+        rows = estimate(_question(settings, design), ratios, uncertainties, freedom)
+        for name, row in zip(means, rows, strict=True):
+            model = row.pop("model")
+            found[name] = Softness(name, found[name].valid_points, found[name].saturated, **row)
+    order = sorted(means, key=lambda name: means[name].value, reverse=True)
+    alike = [pair for pair in itertools.pairwise(order) if not apart(means[pair[0]], means[pair[1]])]
+    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean)]
+    return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model), budgets)
+
+
+def _budgets(each: Softness, mean: Budget) -> Iterator[Budget]:
+    """Of the mean ratio; and of the modulus where it is known, with what the model may be wrong by."""
+    yield mean
+    if each.modulus_Pa is None or each.sensitivity is None:
+        return
+    slope = each.sensitivity * each.modulus_Pa / mean.value
+    # The model's error is a bound: a rectangle of that half width.
+    model = Component("model", (each.model_error or 0.0) / math.sqrt(3), slope)
+    parts = tuple(replace(part, sensitivity=slope) for part in mean.components)
+    yield Budget(f"modulus of {each.object}", each.modulus_Pa, "Pa", (*parts, model))
+
+
+def price_of(design: Design, model: str) -> str:
+    """What the price list says of the model's error for this design, in a sentence."""
+    known = [
+        (promise, price)
+        for price in stored().prices
+        if price.design == design.name and price.model == model and (promise := price.promise(slice(None))) is not None
+    ]
+    if not known:
+        return f"model {model!r} has no price for design {design.name!r}: its own error is not known"
+    error, price = min(known, key=lambda each: each[0])
+    return f"model {model!r} ({price.refinement}): error of the ratio at most {error:.1e} by the price list"
+
+
+def _question(settings: SoftnessSettings, design: Design) -> Question:
+    thickness = settings.objects[0].thickness
+    return Question(design.name, settings.model, settings={"sensed_thickness": thickness})

@@ -1,0 +1,55 @@
+"""What a temperature sweep found."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.measurements.temperature.procedure import TemperatureResult
+from palpate.procedures.showing.figure import MARKERS, new_figure, save
+from palpate.procedures.showing.marks import legend, verdict
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
+
+
+def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+    """Each change with the ratio and the errors, then the slopes."""
+    names = [film.name for film in design.films]
+    points = new_table(
+        stamped(outcome["simulated"], "What a change of temperature adds (errors against the fit with a trend)"),
+        "K", "change\nK", *(f"{name}\n{what} N" for name in names for what in ("offset", "u")), "force\nratio", "u",
+        "lock-in\nerror %", "voltmeter\nerror %", "valid",
+    )  # fmt: skip
+    for p in result.points:
+        offsets = (text for film in p.films for text in (f"{film.offset_N:+.3f}", f"{film.offset_u:.3f}"))
+        points.add_row(
+            f"{p.temperature_K:g}", f"{p.step_K:+g}", *offsets,
+            f"{p.force_ratio:.4f}", f"{p.force_ratio_u:.4f}", f"{100 * p.error_lock_in:+.3f}",
+            f"{100 * p.error_rms:+.2f}", verdict(p.valid, p.flags),
+        )  # fmt: skip
+    said = [
+        f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+.4f} N/K, u = {found[1]:.4f} N/K")
+        for name, found in result.offsets.items()
+    ]
+    if result.ratio_per_K is not None:
+        slope, u = (100 * value for value in result.ratio_per_K)
+        said.append(f"force ratio, with trend  {slope:+.3f} %/K, u = {u:.3f} %/K")
+    print_all(points, *legend(points), *said, *where(outcome, plot))
+
+
+def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Apparent force of each film, and errors of the ratio, against the change; returns the PNG."""
+    figure, (left, right) = new_figure(simulated, 2)
+    figure.suptitle(f"{STAMP + ': ' if simulated else ''}warming films, design {design.name}")
+    change = [p.step_K for p in result.points]
+    for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
+        left.plot(change, [p.films[i].offset_N for p in result.points], marker, ms=5, label=film.name)
+    left.set(xlabel="change of temperature (K)", ylabel="apparent force (N)")
+    left.legend(fontsize=8)
+    right.plot(change, [100 * p.error_lock_in for p in result.points], "o", ms=5, label="lock-in amplifier")
+    right.plot(change, [100 * p.error_rms for p in result.points], "s", ms=5, label="voltmeter (RMS)")
+    right.axhline(0, color="k", lw=1, label="fit with trend")
+    right.set(xlabel="change of temperature (K)", ylabel="error of the force ratio (%)")
+    right.legend(fontsize=8)
+    return save(figure, folder)

@@ -1,0 +1,1 @@
+"""Runs on disk: written durably, read, checked, repaired, continued and exported."""

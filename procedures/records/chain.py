@@ -1,0 +1,250 @@
+"""An append-only file of frames, each with the hash of the one before it, and a head of fixed size beside it.
+
+A frame says by itself what it is: magic bytes, the chain it belongs to, its number, kind and id, its length, the hash
+of the frame before, then its content and the SHA-256 over all of that. So whatever is whole can be found by looking for
+magic bytes, and whatever is changed, left out or moved breaks the chain. A chain that has lost its end would still be a
+chain: therefore the head, a file of its own, tells how far the chain had come. It is synced after the frames, so that
+it never tells of what is not on disk. Each of its two entries fills a sector; they are written in turn, so that one is
+whole whenever the power fails, and counted, so that one that is overwritten by the other or by an older one is noticed.
+
+Behind the frames the file holds zeros until it is closed: to write over them costs a sync less than to grow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import stat
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from palpate.procedures.records.encoding import LARGEST_ROW
+
+MAGIC = b"\x89PALPATE"
+FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flags, length of the content, hash before
+_HEAD = struct.Struct("<8s16sQQQQQ32s")  # magic, chain, turn, frames, length, points, events, hash of the last frame
+HASH = 32  # bytes
+AROUND = FRAME.size + HASH  # bytes of a frame beside its content
+MOST_IN_VAIN = 4_000_000_000  # bytes that are hashed for frames that are none: a forged file could ask for any number
+SECTOR = 512  # bytes; a disk writes one whole or not at all
+AT_A_TIME = 1_000_000  # bytes that are looked through
+READINGS = 3  # of a head that is not whole: it may have been under the writer's pen
+NOTHING = bytes(HASH)  # stands for the hash before the first frame
+
+LAST = 1 << 31  # flag of the last frame that was added at a time
+
+Bytes = bytes | memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A frame in a file: `at` is where it begins, `hash` what it says its own is."""
+
+    chain: bytes
+    number: int
+    kind: bytes
+    id: int
+    flags: int
+    length: int
+    before: bytes
+    hash: bytes
+    at: int
+
+    @property
+    def end(self) -> int:
+        return self.at + AROUND + self.length
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """How far a chain had come: its frames, their bytes, how many points and events they hold, and the last hash.
+
+    `turn` counts the entries of the head's file from 0; the even ones are written to its first sector.
+    """
+
+    chain: bytes
+    turn: int
+    frames: int
+    length: int
+    points: int
+    events: int
+    hash: bytes
+
+    def packed(self) -> bytes:
+        """An entry of the head's file."""
+        told = (self.turn, self.frames, self.length, self.points, self.events, self.hash)
+        content = _HEAD.pack(MAGIC, self.chain, *told)
+        return (content + hashlib.sha256(content).digest()).ljust(SECTOR, b"\0")
+
+    def again(self) -> Head:
+        """The same, as the next entry."""
+        return replace(self, turn=self.turn + 1)
+
+
+def head_of(entry: bytes) -> Head | None:
+    """What an entry says; None: it is not as it was written."""
+    content, check = entry[: _HEAD.size], entry[_HEAD.size : _HEAD.size + HASH]
+    if hashlib.sha256(content).digest() != check or any(entry[_HEAD.size + HASH :]):
+        return None
+    magic, *fields = _HEAD.unpack(content)
+    return Head(*fields) if magic == MAGIC and len(entry) == SECTOR else None
+
+
+def read_head(path: Path) -> tuple[Head | None, str]:
+    """The newer whole entry of a head's file, and what is wrong with the file ("": nothing)."""
+    for _ in range(READINGS):
+        try:
+            with ChainFile(path) as file:
+                content = file.read(0, 2 * SECTOR + 1)
+        except OSError as error:
+            return None, f"{path.name}: {error.strerror}; whether the last points are there cannot be told"
+        head, fault = _newer(content, path.name)
+        if not fault:
+            break
+    return head, fault
+
+
+def _newer(content: bytes, name: str) -> tuple[Head | None, str]:
+    entries = [head_of(content[:SECTOR]), head_of(content[SECTOR : 2 * SECTOR])]
+    whole = sorted((head for head in entries if head is not None), key=lambda head: head.turn)
+    newer = whole[-1] if whole else None
+    match whole:
+        case [one, two] if len(content) == 2 * SECTOR and one.chain == two.chain and one.turn + 1 == two.turn:
+            if entries[two.turn % 2] == two:
+                return newer, ""
+    return newer, f"{name} is not as it was written; whether the last points are there cannot be told"
+
+
+class ChainFile:
+    """The file of a chain, for reading: frames where they lie, each at a time. Everything raises OSError."""
+
+    def __init__(self, path: Path) -> None:
+        self._handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would be waited for
+        if not stat.S_ISREG(os.fstat(self._handle).st_mode):
+            os.close(self._handle)
+            raise OSError(errno.EINVAL, "It is no file")
+
+    @property
+    def size(self) -> int:
+        """Of a file that may be growing."""
+        return os.fstat(self._handle).st_size
+
+    def __enter__(self) -> ChainFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._handle)
+
+    def read(self, at: int, length: int) -> bytes:
+        """So many bytes, fewer where the file ends."""
+        parts = []
+        while length > 0 and (part := os.pread(self._handle, length, at)):
+            parts.append(part)
+            at, length = at + len(part), length - len(part)
+        return b"".join(parts)
+
+    def frame(self, at: int) -> Frame | None:
+        """What says of itself to be a frame and ends within the file; its content is not looked at."""
+        start = self.read(at, FRAME.size)
+        if len(start) < FRAME.size or not start.startswith(MAGIC):
+            return None
+        _, chain, number, kind, own, flags, length, before = FRAME.unpack(start)
+        if length > LARGEST_ROW or at + AROUND + length > self.size:
+            return None
+        check = self.read(at + FRAME.size + length, HASH)
+        return Frame(chain, number, kind, own, flags, length, before, check, at) if len(check) == HASH else None
+
+    def content(self, frame: Frame) -> bytes | None:
+        """The content of a frame; None: the frame is not as it was written."""
+        whole = self.read(frame.at, AROUND + frame.length)
+        body = memoryview(whole)[:-HASH]
+        if hashlib.sha256(body).digest() != frame.hash or whole[-HASH:] != frame.hash:
+            return None
+        return bytes(body[FRAME.size :])
+
+    def walk(self, head: Head | None) -> Iterator[Frame]:
+        """The chain from its first frame to where it breaks or ends.
+
+        Up to what the head tells of, the links are followed, which its hash vouches for; behind that each frame must be
+        whole, since what was not yet acknowledged may be torn.
+        """
+        at, number, before, chain = 0, 0, NOTHING, None
+        while (frame := self.frame(at)) is not None:
+            if (frame.number, frame.before) != (number, before) or chain not in (None, frame.chain):
+                return
+            if (head is None or number >= head.frames) and self.content(frame) is None:
+                return
+            yield frame
+            at, number, before, chain = frame.end, number + 1, frame.hash, frame.chain
+
+    def scan(self) -> Iterator[Frame]:
+        """Every whole frame, wherever it lies; up to a limit on what only says of itself to be one."""
+        at, in_vain = 0, 0
+        while (at := self._find(MAGIC, at)) >= 0 and in_vain < MOST_IN_VAIN:
+            frame = self.frame(at)
+            if frame is not None and self.content(frame) is not None:
+                yield frame
+                at = frame.end
+            else:
+                in_vain += 0 if frame is None else frame.length
+                at += 1
+
+    def only_zeros(self, at: int) -> bool:
+        """Whether nothing but zeros follows."""
+        while part := self.read(at, AT_A_TIME):
+            if part.strip(b"\0"):
+                return False
+            at += len(part)
+        return True
+
+    def _find(self, what: bytes, at: int) -> int:
+        while len(part := self.read(at, AT_A_TIME)) >= len(what):
+            if (found := part.find(what)) >= 0:
+                return at + found
+            at += len(part) - len(what) + 1
+        return -1
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A file of frames that are linked as far as its head tells; contents are verified when they are read."""
+
+    file: ChainFile
+    head: Head
+    frames: list[Frame]
+
+
+@contextlib.contextmanager
+def opened(path: Path, head_path: Path) -> Iterator[Chain]:
+    """The chain in a file, also while it is written. Raises OSError: it is not there. ValueError: it is damaged."""
+    with ChainFile(path) as file:
+        told = read_head(head_path)
+        while True:
+            try:
+                chain = _linked(file, *told, head_path.name)
+                break
+            except ValueError:
+                before, told = told, read_head(head_path)
+                if told == before:  # else it is being written, and has gone on meanwhile
+                    raise
+        yield chain
+
+
+def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> Chain:
+    frames = list(file.walk(head))
+    if head is None or fault:
+        raise ValueError(fault)
+    if not frames:
+        raise ValueError("its first row is not as it was written")
+    if frames[0].chain != head.chain:
+        raise ValueError(f"{name} is that of another run")
+    if len(frames) < head.frames or (head.frames and frames[head.frames - 1].hash != head.hash):
+        raise ValueError(f"of {head.frames} rows not all are as they were written, in their place")
+    ends = [frame.end for frame in frames[head.frames :] if frame.flags & LAST]
+    if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
+        raise ValueError(f"{name} is older than what it tells of")
+    return Chain(file, head, frames)

@@ -1,0 +1,142 @@
+"""A run for other programs: CSV or Parquet, or an xarray Dataset."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from palpate.instrument.errors import UnknownName, UsageError
+from palpate.procedures.records.extras import library
+from palpate.procedures.records.run import Run, storing
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+FORMATS = ("csv", "parquet")
+COORDINATES = ("sample", "load_N")  # of points that have them
+
+
+def export(run: Run, to: str, folder: Path) -> list[Path]:
+    """Writes the points, and the waveforms if the run has any, and returns the files.
+
+    `points.<to>` has the columns of `Run.table`. `waveforms.<to>` has a row for each sample: `point`,
+    `name`, `time_s` (from the waveform's first sample), `value_V` and `simulated`.
+
+    Args:
+        to: "csv" or "parquet".
+        folder: made with its parents where it does not exist.
+
+    Raises:
+        UnknownName: another format.
+        UsageError: one of the files exists.
+        RecordError: the run is damaged or the files cannot be written. None is left then.
+    """
+    if to not in FORMATS:
+        raise UnknownName("export format", to, FORMATS)
+    points, waveforms = folder / f"points.{to}", folder / f"waveforms.{to}"
+    for path in (points, waveforms):
+        if path.exists():
+            raise UsageError(f"{path} exists and is not overwritten; choose another --out")
+    table = run.table()
+    frames = _waveform_frames(run)
+    first = next(frames, None)
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.ExitStack() as undo:
+            _write(points, iter([table]), to, undo)
+            if first is not None:
+                _write(waveforms, itertools.chain([first], frames), to, undo)
+            undo.pop_all()
+    return [points] if first is None else [points, waveforms]
+
+
+def as_dataset(run: Run) -> xr.Dataset:
+    """The points over `point`, by their ids, and their waveforms [V] over `index`, all in memory.
+
+    Numbers and texts of the points are variables, sample and load coordinates. `time_s` is that of a sample since the
+    waveform's first, over `index` alone where all have one rate. Shorter waveforms end in NaN.
+
+    Raises:
+        UsageError: xarray is not installed.
+        RecordError: the run is damaged.
+    """
+    xarray = library("xarray", "xarray")
+    table = run.table()
+    table = table.set_index("id") if len(table) else table
+    plain = [name for name in table if not table[name].map(lambda value: isinstance(value, (list, dict))).any()]
+    columns: dict[str, tuple[object, ...]] = {
+        str(name): ("point", table[name].to_numpy()) for name in plain if name != "simulated"
+    }
+    waveforms = list(run.waveforms())
+    shape = (len(table), max((waveform.samples.size for waveform in waveforms), default=0))
+    volts: dict[str, np.ndarray] = {}
+    rates = np.full(shape[0], np.nan)
+    for waveform in waveforms:
+        row = table.index.get_loc(waveform.point_id)
+        of_film = volts.setdefault(waveform.name, np.full(shape, np.nan, np.float32))
+        of_film[row, : waveform.samples.size] = waveform.samples
+        rates[row] = waveform.rate
+    time = np.arange(shape[1]) / rates[:, np.newaxis]
+    coordinates: dict[str, object] = {"point": table.index.to_numpy()}
+    coordinates |= {name: columns[name] for name in COORDINATES if name in columns}
+    if volts:
+        coordinates["time_s"] = ("index", time[0]) if len(np.unique(rates)) == 1 else (("point", "index"), time)
+    variables = {name: column for name, column in columns.items() if name not in COORDINATES}
+    variables |= {name: (("point", "index"), samples, {"units": "V"}) for name, samples in volts.items()}
+    stamps = {
+        "procedure": run.procedure,
+        "simulated": str(run.simulated).lower(),
+        "hashed": str(run.hashed).lower(),
+        "started": run.started.isoformat(),
+    }
+    found: xr.Dataset = xarray.Dataset(variables, coordinates, stamps)
+    return found
+
+
+def _waveform_frames(run: Run) -> Iterator[pd.DataFrame]:
+    """A long table a point: a long run does not fit in memory at once."""
+    import pandas as pd
+
+    for point_id, waveforms in itertools.groupby(run.waveforms(), key=lambda waveform: waveform.point_id):
+        yield pd.concat(
+            pd.DataFrame(
+                {
+                    "point": point_id,
+                    "name": waveform.name,
+                    "time_s": np.arange(waveform.samples.size) / waveform.rate,
+                    "value_V": waveform.samples,
+                    "simulated": run.simulated,
+                }
+            )
+            for waveform in waveforms
+        )
+
+
+def _write(path: Path, frames: Iterator[pd.DataFrame], to: str, undo: contextlib.ExitStack) -> None:
+    with path.open("xb") as file:
+        undo.callback(path.unlink)
+        {"csv": _write_csv, "parquet": _write_parquet}[to](file, frames)
+
+
+def _write_csv(file: BinaryIO, frames: Iterator[pd.DataFrame]) -> None:
+    for index, frame in enumerate(frames):
+        frame.to_csv(file, index=False, header=index == 0)
+
+
+def _write_parquet(file: BinaryIO, frames: Iterator[pd.DataFrame]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with contextlib.ExitStack() as stack:
+        writer = None
+        for frame in frames:
+            table = pa.Table.from_pandas(frame, preserve_index=False)
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(file, table.schema))
+            writer.write_table(table)

@@ -1,0 +1,270 @@
+"""Writing a run to disk: a point is durable before it is reported.
+
+A run has two files. A point or event is appended to `run.record` and synced to disk; then `run.head`, a small file that
+says how many points and events the record holds, is rewritten and synced. Only then does the caller hear of the point.
+`procedures/records/chain_writer.py` writes both files, `procedures/records/record_file.py` describes their format, and
+`procedures/records/run.py` reads them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import itertools
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self, TypeVar
+
+from palpate.instrument.errors import RecordError, UsageError
+from palpate.procedures.records.chain_writer import ChainWriter, Content, create, sync
+from palpate.procedures.records.encoding import Waveforms
+from palpate.procedures.records.record_file import (
+    HEAD_FILE,
+    RECORD,
+    SIMULATED,
+    chain_of,
+    event_frame,
+    header_frame,
+    point_frames,
+    status_frame,
+)
+from palpate.procedures.records.run import is_run, reading_record, storing
+
+REQUIRED = frozenset({"procedure", "simulated", "started"})
+
+T = TypeVar("T")
+
+
+class Recorder:
+    """The one writer of a run.
+
+    Use it as a context manager. If the block raises, the run gets the status "failed" ("stopped" for Ctrl-C and
+    SystemExit), the error's message becomes an event, and the error goes on to the caller. If the block ends without
+    `finish`, the run is "stopped".
+
+    If something cannot be stored, RecordError names the file and says what to do. Earlier points stay readable.
+    """
+
+    def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
+        """Lock the folder against other writers. With a `header` begin a run in it; without, a run is there already.
+
+        Raises:
+            UsageError: another process is writing this run, or a run is to begin where there is one already.
+        """
+        self.folder = folder
+        self._points = 0
+        self._bench_ns = 0
+        self._files = (folder / RECORD, folder / HEAD_FILE)
+        self._inodes: dict[Path, int] = {}
+        self._writer: ChainWriter | None = None
+        self._closed = False
+        with contextlib.ExitStack() as undo:
+            with storing(folder):
+                undo.enter_context(_locked(folder))
+                if header is not None:
+                    if is_run(folder):
+                        raise UsageError(f"{folder} already holds a run; choose another --out")
+                    begin(folder, header, [header_frame(header)])
+            self._open = undo.pop_all()
+        if header is not None:
+            with contextlib.ExitStack() as undo:
+                undo.callback(self.close)
+                self._write_on()
+                undo.pop_all()
+
+    def _write_on(self) -> None:
+        """Open the files and go on behind the last whole frame.
+
+        A writer that was killed may have left frames that the head does not count yet. They may be in the memory of the
+        operating system and not on disk, so they are written and synced again before the head counts them.
+        """
+        with reading_record(self.folder) as record, storing(self.folder / RECORD):
+            flags = SIMULATED if record.header["simulated"] else 0
+            self._writer = ChainWriter(*self._files, record.head, flags)
+            self._open.callback(self._writer.close)
+            self._writer.confirm(record.tail(), record.head_at_end())
+
+    @classmethod
+    def create(cls, folder: Path, header: Mapping[str, object]) -> Self:
+        """A new run in `folder`, which is made with its parents where it does not exist.
+
+        Args:
+            folder: where the run goes; other files in it are left alone.
+            header: what the run is, stored as JSON: at least `procedure` (text), `simulated` (bool) and
+                `started` (UTC, ISO 8601); then scene, seed, bench, contracts, calibration, versions, commit.
+
+        Raises:
+            UsageError: the folder holds a run already, also one that another process is just starting.
+            RecordError: the folder cannot be made or written to, or the header is no header.
+            ValueError: `started` is no ISO 8601 time.
+        """
+        if lacking := REQUIRED - header.keys():
+            raise RecordError(f"the header of a run lacks {', '.join(sorted(lacking))}")
+        if not isinstance(header["simulated"], bool):
+            raise RecordError(f"the header of a run says simulated = {header['simulated']!r}; write true or false")
+        datetime.fromisoformat(str(header["started"]))
+        folder = folder.absolute()
+        with storing(folder):
+            made = [path for path in (folder, *folder.parents) if not path.exists()]
+            folder.mkdir(parents=True, exist_ok=True)
+            for path in made:
+                sync(path.parent)
+        return cls(folder, header)
+
+    def point(
+        self,
+        data: Mapping[str, object],
+        waveforms: Waveforms,
+        bench_ns: int,
+    ) -> int:
+        """Stores a point and returns its id (1, 2, 3, …) once it is durable.
+
+        Args:
+            data: what was measured, SI values under names that carry a unit (`load_N`). Numpy scalars
+                are taken as numbers; NaN and infinities are stored as null.
+            waveforms: for each name the sample rate, Hz, and the samples, shape (n,), stored as float32;
+                NaN and infinities are kept.
+            bench_ns: bench time, ns.
+
+        Raises:
+            RangeError: a rate that is not positive, samples of another shape or beyond float32, or a name
+                of the record's own columns (`id`, `bench_ns`, `simulated`) in `data`.
+        """
+        point_id = self._points + 1
+        self._append(point_frames(point_id, data, waveforms, bench_ns), points=1)
+        self._points = point_id
+        self._bench_ns = bench_ns
+        return point_id
+
+    @property
+    def points(self) -> int:
+        """How many points are stored."""
+        return self._points
+
+    def finished(self, _kind: type[T]) -> list[T]:
+        """The points that a procedure need not measure again, as objects of the class they were stored from.
+
+        A new run has none; a resumed one has those of before.
+        """
+        return []
+
+    def event(self, kind: str, message: str, bench_ns: int) -> None:
+        """Stores that something happened at the bench time `bench_ns`, ns; durable on return."""
+        self._append([self._event(kind, message, bench_ns)], events=1)
+        self._bench_ns = bench_ns
+
+    def finish(
+        self,
+        status: Literal["complete", "stopped", "failed"],
+        summary: Mapping[str, object],
+        message: str = "",
+    ) -> None:
+        """Ends the run with its result (`summary`, stored as JSON) and closes the files.
+
+        A `message` says why it ended so; it is stored as an event whose kind is the status.
+        """
+        try:
+            events = [self._event(status, message, self._bench_ns)] if message else []
+            self._append([*events, status_frame(status, summary)], events=len(events))
+            with storing(self.folder / RECORD):
+                self._open_writer().end()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Close the files and leave the run as it is. After `finish` there is nothing left to close."""
+        self._closed = True
+        self._open.close()
+
+    def _open_writer(self) -> ChainWriter:
+        assert self._writer is not None
+        return self._writer
+
+    def _event(self, kind: str, message: str, bench_ns: int, behind: int = 0) -> Content:
+        return event_frame(self._open_writer().head.events + 1 + behind, kind, message, bench_ns)
+
+    def _append(self, frames: Sequence[Content], points: int = 0, events: int = 0) -> None:
+        """Append frames. On return all of them are on disk; if this raises, none of them counts."""
+        with storing(self.folder / RECORD):
+            self._open_writer().append(frames, points=points, events=events)
+        self._check_files()
+
+    def _check_files(self) -> None:
+        """See that the files still have their names: Linux lets a program write to a file that is removed."""
+        for path in self._files:
+            with storing(path):
+                inode = path.stat().st_ino
+                if inode != self._inodes.setdefault(path, inode):
+                    raise FileNotFoundError(errno.ENOENT, "it was replaced while the run was being written")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is None:  # it was not begun to go on
+            self.close()
+        if self._closed:
+            return
+        if error is None:
+            self.finish("stopped", {}, "the procedure ended without a result")
+            return
+        wanted = isinstance(error, (KeyboardInterrupt, SystemExit))
+        with contextlib.suppress(RecordError):  # the exception under way says more
+            self.finish("stopped" if wanted else "failed", {}, f"{type(error).__name__}: {error}")
+
+
+def new_run_folder(store: Path, procedure: str, started: datetime) -> Path:
+    """Makes an empty folder for a run in `store`, such as `20250314T150926Z-sweep-loads`, and returns it.
+
+    A name that is taken gets -2, -3, … appended. `started` needs a time zone.
+
+    Raises:
+        RecordError: the store cannot be written to.
+    """
+    stem = f"{started.astimezone(UTC):%Y%m%dT%H%M%SZ}-{re.sub(r'[^A-Za-z0-9]+', '-', procedure)}"
+    with storing(store):
+        store.mkdir(parents=True, exist_ok=True)
+        for suffix in itertools.chain([""], (f"-{count}" for count in itertools.count(2))):
+            with contextlib.suppress(FileExistsError):
+                (store / (stem + suffix)).mkdir()
+                break
+    return store / (stem + suffix)
+
+
+def put_file(path: Path, text: str) -> None:
+    """Write a text file beside a record, and replace what is there under that name.
+
+    What is there is removed first, so that a link is not followed to another file, and a pipe is not waited for.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    with storing(path):
+        path.unlink(missing_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other writers. The system releases the lock when the process ends, even if it is killed."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f"{folder} is being written by another process; let that end first") from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def begin(folder: Path, header: Mapping[str, object], frames: Sequence[Content]) -> None:
+    """Create the two files of a new run."""
+    create(folder / RECORD, folder / HEAD_FILE, chain_of(header), frames, SIMULATED if header["simulated"] else 0)

@@ -1,0 +1,210 @@
+"""Record format 4: `run.record`, a chain of frames (`procedures/records/chain.py`), with its head `run.head`.
+
+    kind  id     content, canonical JSON
+    HEAD  0      {"format": 4, "header": {…}}; the first frame
+    WAVE  point  {"first": number of its first sample, "name": …, "rate": Hz}, line feed, little-endian float32
+    POIN  point  {"bench_ns": …, "data": {…}, "waveforms": [[name, rate, samples], …]}; completes the WAVE frames before
+    EVNT  event  {"bench_ns": …, "kind": …, "message": …}
+    STAT  0      {"header": {…}, "status": …, "summary": {…}}; the last one counts, without one the run is "running"
+
+Points and events are numbered from 1. The header in a STAT frame has entries that hold from there on. Frames of other
+kinds are passed over. A waveform may lie in several frames, and they may be written long before their point. Flag 1
+says in every frame that the run is simulated. Behind what the head tells of lies at most what was added last.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.instrument.errors import RangeError
+from palpate.procedures.records import chain
+from palpate.procedures.records.chain import Chain, ChainFile, Frame, Head
+from palpate.procedures.records.chain_writer import Content
+from palpate.procedures.records.encoding import LARGEST_ROW, SAMPLE, Waveforms, as_json, encoded
+from palpate.procedures.records.stored import Point, Waveform
+
+RECORD, HEAD_FILE = "run.record", "run.head"
+FORMAT = 4
+HEADER, WAVE, POINT, EVENT, STATUS = b"HEAD", b"WAVE", b"POIN", b"EVNT", b"STAT"
+SIMULATED = 1
+IN_A_FRAME = 1 << 18  # samples
+
+
+def chain_of(header: Mapping[str, object]) -> bytes:
+    """The name of a run's chain: equal runs have equal bytes, so it comes of the header."""
+    return hashlib.sha256(as_json(header).encode()).digest()[:16]
+
+
+def header_frame(header: Mapping[str, object]) -> Content:
+    return HEADER, 0, [as_json({"format": FORMAT, "header": header}).encode()]
+
+
+def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> list[Content]:
+    """Raises RangeError: they cannot be stored."""
+    text, stored = encoded(data, waveforms)
+    frames: list[Content] = []
+    for name, rate, samples in stored:
+        for first in range(0, samples.size, IN_A_FRAME):
+            about = as_json({"first": first, "name": name, "rate": rate}).encode() + b"\n"
+            frames.append((WAVE, point_id, [about, samples[first : first + IN_A_FRAME].view(np.uint8).data]))
+    listed = as_json([[name, rate, samples.size] for name, rate, samples in stored])
+    content = f'{{"bench_ns":{bench_ns},"data":{text},"waveforms":{listed}}}'
+    if len(content) > LARGEST_ROW:
+        raise RangeError(f"point {point_id} has {len(content)} bytes, {LARGEST_ROW} are the most")
+    frames.append((POINT, point_id, [content.encode()]))
+    return frames
+
+
+def event_frame(event_id: int, kind: str, message: str, bench_ns: int) -> Content:
+    # File names in a message can hold bytes that are no UTF-8.
+    text = message.encode(errors="backslashreplace").decode()
+    return EVENT, event_id, [as_json({"bench_ns": bench_ns, "kind": kind, "message": text}).encode()]
+
+
+def status_frame(status: str, summary: Mapping[str, object], header: Mapping[str, object] | None = None) -> Content:
+    """`header`: entries of it that hold from now on."""
+    return STATUS, 0, [as_json({"header": header or {}, "status": status, "summary": summary}).encode()]
+
+
+class Record:
+    """A record that is whole as far as its links tell; contents are verified when they are read. Meets `Stored`."""
+
+    hashed = True
+
+    def __init__(self, linked: Chain) -> None:
+        """Raises ValueError: it is no run, or damaged."""
+        self._file, self.head, self.frames = linked.file, linked.head, linked.frames
+        head = self.head
+        self.status = "running"
+        self.summary: Mapping[str, Any] = {}
+        self._points: dict[int, Frame] = {}
+        self._waves: dict[int, list[Frame]] = {}
+        self._events: list[Frame] = []
+        header = self.json(self.frames[0])
+        if self.frames[0].kind != HEADER or header["format"] != FORMAT:
+            raise ValueError(f"its record format is not {FORMAT}")
+        self.header: Mapping[str, Any] = header["header"]
+        if chain_of(self.header) != head.chain:
+            raise ValueError("its header is not that of its rows")
+        for frame in self.frames:
+            match frame.kind:
+                case b"WAVE":
+                    self._waves.setdefault(frame.id, []).append(frame)
+                case b"POIN":
+                    self._points[frame.id] = frame
+                case b"EVNT":
+                    self._events.append(frame)
+                case b"STAT":
+                    found = self.json(frame)
+                    self.status, self.summary = found["status"], found["summary"]
+                    self.header = {**self.header, **found["header"]}
+                case _:
+                    self.json(frame)  # what it says of its kind may be damaged
+        if len(self._points) < head.points or len(self._events) < head.events:
+            raise ValueError(f"of {head.points} points and {head.events} events not all are there")
+
+    def count(self) -> int:
+        return len(self._points)
+
+    def points(self) -> Iterator[Point]:
+        for point_id, frame in self._points.items():
+            found = self.json(frame)
+            yield Point(point_id, found["bench_ns"], as_json(found["data"]), tuple(w[0] for w in found["waveforms"]))
+
+    def events(self) -> list[dict[str, Any]]:
+        return [self.json(frame) for frame in self._events]
+
+    def waveforms(self, point_id: int | None = None, name: str | None = None) -> Iterator[Waveform]:
+        for frame in self._points.values():
+            if point_id in (None, frame.id):
+                listed = self.json(frame)["waveforms"]
+                whole = whole_waveforms(self._file, self._waves.get(frame.id, []), listed)
+                for its_name, rate, _ in listed:
+                    if its_name not in whole:
+                        raise ValueError(f"waveform {its_name!r} of point {frame.id} is not as it was written")
+                    if name in (None, its_name):
+                        yield Waveform(frame.id, its_name, rate, whole[its_name])
+
+    def faults(self) -> Iterator[str]:
+        for point_id in self._waves.keys() - self._points.keys():
+            for frame in self._waves[point_id]:
+                if self._file.content(frame) is None:
+                    yield f"{named(frame)} is not as it was written"
+        end = self.frames[-1].end
+        if self.status == "complete" and not self._file.only_zeros(end):
+            yield f"{RECORD} goes on behind its end, from byte {end} on"
+
+    def head_at_end(self) -> Head:
+        """The head with all that is whole, its last complete point, event or status included."""
+        # Waveforms at the end have no point: the writer was killed between them.
+        last = max(n for n, frame in enumerate(self.frames) if frame.kind != WAVE or n < self.head.frames)
+        end = self.frames[last]
+        points, events = len(self._points), len(self._events)
+        return replace(self.head, frames=last + 1, length=end.end, points=points, events=events, hash=end.hash)
+
+    def tail(self) -> bytes:
+        """What is whole behind that of which the head tells, as it lies in the file."""
+        return self._file.read(self.head.length, self.head_at_end().length - self.head.length)
+
+    def json(self, frame: Frame) -> Any:
+        """The content of a frame. Raises ValueError: it is damaged."""
+        content = self._file.content(frame)
+        if content is None:
+            raise ValueError(f"{named(frame)} is not as it was written")
+        return json.loads(content)
+
+
+def whole_waveforms(file: ChainFile, frames: Iterable[Frame], listed: list[Any]) -> dict[str, np.ndarray]:
+    """By name the samples, (n,) float32, of each waveform of a point that its WAVE frames hold whole.
+
+    Args:
+        listed: name, rate and number of samples of each, as the point says.
+    """
+    parts: dict[tuple[str, float], list[tuple[int, np.ndarray]]] = {}
+    for frame in frames:
+        if content := file.content(frame):
+            about, _, samples = content.partition(b"\n")
+            told = json.loads(about)
+            part = (told["first"], np.frombuffer(samples, SAMPLE))
+            parts.setdefault((told["name"], told["rate"]), []).append(part)
+    found = {}
+    for name, rate, size in listed:
+        end, pieces = 0, [np.empty(0, SAMPLE)]
+        for first, piece in sorted(parts.get((name, rate), []), key=lambda part: part[0]):
+            if first == end:
+                end += piece.size
+                pieces.append(piece)
+        if end == size:
+            found[name] = np.concatenate(pieces)
+    return found
+
+
+def named(frame: Frame) -> str:
+    """What a frame is, in a message."""
+    match frame.kind:
+        case b"HEAD":
+            return "the header"
+        case b"WAVE":
+            return f"a waveform of point {frame.id}"
+        case b"POIN":
+            return f"point {frame.id}"
+        case b"EVNT":
+            return f"event {frame.id}"
+        case b"STAT":
+            return "the status"
+    return f"row {frame.number}"
+
+
+@contextlib.contextmanager
+def opened(folder: Path) -> Iterator[Record]:
+    """The record in a folder. Raises OSError: it is not there. ValueError: it is damaged."""
+    with chain.opened(folder / RECORD, folder / HEAD_FILE) as found:
+        yield Record(found)

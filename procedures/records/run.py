@@ -1,0 +1,223 @@
+"""A run on disk, for reading.
+
+A run is a folder. In record format 4 it holds `run.record` and `run.head` (`record_file.py`); copy both. In
+format 3 it holds `run.sqlite` (`format3.py`). Reading never changes a run; it works while the run is being
+written, and in a folder that is read-only. `record.py` writes runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, get_args
+
+import numpy as np
+
+from palpate.instrument.errors import RecordError, UnknownName
+from palpate.procedures.records import format3, record_file
+from palpate.procedures.records.chain import read_head
+from palpate.procedures.records.holes import check_holes
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.stored import Status, Stored, Waveform
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_ELSEWHERE = "choose a writable folder with --out or $PALPATE_STORE"
+_REMEDY = {
+    **dict.fromkeys(("ENOSPC", "EDQUOT", "SQLITE_FULL"), "free space on the disk, or choose another with --out"),
+    "ENOENT": f"do not move or remove a run while it is being written, or {_ELSEWHERE}",
+    "EFBIG": "raise the limit on file sizes (ulimit -f)",
+    "EIO": "check the disk",
+    "SQLITE_IOERR": "check the disk, its free space and the limit on file sizes (ulimit -f)",
+}
+_DAMAGES = (sqlite3.Error, KeyError, ValueError, TypeError, OverflowError, RecursionError, IndexError)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A stored run.
+
+    Attributes:
+        started: UTC.
+        status: as it is stored; the run of a program that was killed stays "running".
+        hashed: whether a lost row would be noticed; in record format 3 it would not.
+
+    All methods raise RecordError, which names what is damaged.
+    """
+
+    folder: Path
+    procedure: str
+    simulated: bool
+    started: datetime
+    status: Status
+    header: Mapping[str, object]
+    summary: Mapping[str, object]
+    hashed: bool
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Raises RecordError: no run there, a damaged one, or one of another record format."""
+        folder = folder.absolute()
+        with reading(folder) as stored:
+            header, summary = stored.header, stored.summary
+            status: Any = stored.status
+            started = datetime.fromisoformat(header["started"]).astimezone(UTC)
+            if not (isinstance(header["procedure"], str) and isinstance(summary, dict) and status in get_args(Status)):
+                raise TypeError("its header is none of a run")
+            if not isinstance(header["simulated"], bool):
+                raise TypeError("its header does not say whether it is simulated")
+            return cls(
+                folder, header["procedure"], header["simulated"], started, status, header, summary, stored.hashed
+            )
+
+    def points(self) -> list[dict[str, Any]]:
+        """All points in order: what was stored, with `id` and `bench_ns`; null is None."""
+        with reading(self.folder) as stored:
+            return [{"id": point.id, "bench_ns": point.bench_ns, **json.loads(point.text)} for point in stored.points()]
+
+    def events(self) -> list[dict[str, Any]]:
+        """All events in order: `bench_ns`, `kind`, `message`."""
+        with reading(self.folder) as stored:
+            return stored.events()
+
+    def waveform_names(self, point_id: int) -> list[str]:
+        """The names of a point's waveforms, in the order they were given."""
+        with reading(self.folder) as stored:
+            return [name for point in stored.points() if point.id == point_id for name in point.waveforms]
+
+    def waveform(self, point_id: int, name: str) -> np.ndarray:
+        """The samples, shape (n,), float32, verified.
+
+        Raises:
+            UnknownName: the point has no such waveform.
+        """
+        for waveform in self._waveforms(point_id, name):
+            return waveform.samples
+        raise UnknownName(f"waveform of point {point_id}", name, self.waveform_names(point_id))
+
+    def waveforms(self) -> Iterator[Waveform]:
+        """All waveforms in order, verified, those of one point in memory at a time."""
+        return self._waveforms(None, None)
+
+    def _waveforms(self, point_id: int | None, name: str | None) -> Iterator[Waveform]:
+        with reading(self.folder) as stored:
+            yield from stored.waveforms(point_id, name)
+
+    def digest(self) -> str:
+        """SHA-256 over all points and waveforms, hex: the same for runs that measured the same."""
+        total = hashlib.sha256()
+        with reading(self.folder) as stored:
+            for point in stored.points():
+                total.update(json.dumps((point.id, point.bench_ns, point.text)).encode() + b"\n")
+            for waveform in stored.waveforms():
+                row = (waveform.point_id, waveform.name, waveform.rate, waveform.samples.size)
+                total.update(json.dumps(row).encode() + b"\n" + waveform.samples.tobytes())
+        return total.hexdigest()
+
+    def table(self) -> pd.DataFrame:
+        """The points, one a row: `id`, `bench_ns`, `simulated` (the same in each row), then their values."""
+        import pandas as pd
+
+        frame = pd.DataFrame(self.points())
+        frame.insert(min(2, len(frame.columns)), "simulated", self.simulated)
+        return frame
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds a run or what is left of one; not if its writer was killed before the run had begun."""
+    return _is_there(folder / format3.DATABASE) or _has_record(folder)
+
+
+def is_format4(folder: Path) -> bool:
+    """Whether a run has a record, or a head that tells of one; a database beside it is what it has gone on from.
+
+    Raises RecordError: one of its files has holes that nobody would read to the end.
+    """
+    for name in (RECORD, format3.DATABASE, format3.LOG):
+        check_holes(folder / name)
+    return _has_record(folder)
+
+
+def _has_record(folder: Path) -> bool:
+    if _is_there(folder / RECORD):
+        return True
+    head = read_head(folder / HEAD_FILE)[0]
+    return head is not None and head.frames > 0
+
+
+def _is_there(path: Path) -> bool:
+    """Whether there is anything of that name: also a broken link, or what may not be read, which its reader reports."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def last_modified(folder: Path) -> datetime:
+    """When the newest file in a folder was last written; where its files may not be listed, when the folder was."""
+    times = [0.0]
+    with contextlib.suppress(OSError):
+        times = [folder.lstat().st_mtime]
+        times = [path.lstat().st_mtime for path in folder.iterdir()] or times
+    return datetime.fromtimestamp(max(times), UTC)
+
+
+@contextlib.contextmanager
+def reading(folder: Path) -> Iterator[Stored]:
+    """A run as it is now, open for reading. Raises RecordError, also for damage that is found inside the block."""
+    if _is_there(folder / format3.DATABASE) and not is_format4(folder):
+        with _reading(folder / format3.DATABASE), format3.opened(folder) as database:
+            yield database
+    else:
+        with reading_record(folder) as record:
+            yield record
+
+
+@contextlib.contextmanager
+def reading_record(folder: Path) -> Iterator[record_file.Record]:
+    """As `reading`, of a run of record format 4."""
+    check_holes(folder / RECORD)
+    with _reading(folder / RECORD), record_file.opened(folder) as record:
+        yield record
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except RecordError:
+        raise
+    except _DAMAGES as error:
+        reason = f"no {error}" if isinstance(error, KeyError) else error
+        raise RecordError(
+            f"{path} is damaged ({reason}); restore it from a copy, or salvage it with palpate runs repair"
+        ) from error
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}; make it readable or restore it") from error
+
+
+@contextlib.contextmanager
+def storing(path: Path) -> Iterator[None]:
+    """Turn an error of the disk in the block into a RecordError that names `path` and says what to do."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        code = "_".join(getattr(error, "sqlite_errorname", "").split("_")[:2])
+        raise RecordError(f"cannot write {path}: {error}; {_REMEDY.get(code, _ELSEWHERE)}") from error
+    except RecordError:
+        raise
+    except OSError as error:
+        code = errno.errorcode.get(error.errno or 0, "")
+        reason = error.strerror or str(error)
+        raise RecordError(f"cannot write {path}: {reason}; {_REMEDY.get(code, _ELSEWHERE)}") from error

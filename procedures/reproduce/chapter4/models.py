@@ -1,0 +1,97 @@
+"""Chapter 4 of the thesis, its tables in Appendix II and the theories of Table 5.8, beside the models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+from palpate.instrument.errors import UnknownName
+from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
+from palpate.procedures.reproduce.chapter4.curves import RINGS, Case, Curves, Progress
+from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.figures import experiments, ratios
+from palpate.procedures.reproduce.figures.chapter4 import FIGURES
+from palpate.procedures.reproduce.figures.picture import Picture
+from palpate.procedures.reproduce.figures.position import draw as draw_position
+from palpate.procedures.reproduce.files import write_summary, write_table
+from palpate.procedures.reproduce.judging.comparison import Comparison
+
+PROCEDURE = "reproduce-models"
+SETS = ("physical", "identified")
+BOTH = "both"
+
+Compare = Callable[[Sequence[str], Curves], Comparison]
+# In the order in which they are made.
+TABLES: Mapping[str, Compare] = MappingProxyType(
+    {
+        **{number: partial(single.compare, number) for number in ("A2.1", "4.1", "A2.2", "4.2")},
+        **{
+            number: partial(pair.compare, number)
+            for number in ("A2.3", "4.5", "A2.5", "4.3", "A2.4", "4.6", "A2.6", "4.4")
+        },
+        "A2.7": position.compare,
+        "5.8": theory.compare,
+    }
+)
+
+
+@dataclass(slots=True)
+class Reproduction:
+    """What is done so far, each with its file in `folder`; `summary` is the one of all."""
+
+    folder: Path
+    tables: list[tuple[Comparison, Path]] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
+    summary: Path | None = None
+
+
+def parameter_sets(name: str) -> tuple[str, ...]:
+    """The sets that "physical", "identified" or "both" stands for.
+
+    Raises:
+        UnknownName: none of these.
+    """
+    if name not in (*SETS, BOTH):
+        raise UnknownName("parameter set", name, (*SETS, BOTH))
+    return SETS if name == BOTH else (name,)
+
+
+def cases(parameters: Sequence[str]) -> list[Case]:
+    """Every curve that tables and figures need."""
+    pairs = [pair.cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS]
+    singles = [single.cases(parameters, ring) for ring in RINGS]
+    wanted = [case for cases in (*singles, *pairs) for case in cases.values()]
+    return [*wanted, *ratios.cases(parameters), *experiments.cases(parameters)]
+
+
+def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
+    """Make table after table, then the figures; each is on disk and in `done` before the next begins, the summary last.
+
+    Returns what the figures of chapter 5 need as well.
+
+    Args:
+        fresh: solve everything anew, and write the solutions, instead of taking those that are known.
+
+    Raises:
+        EstimateError: a linear system cannot be solved accurately.
+        RecordError: a file cannot be written.
+    """
+    solutions = Solutions() if fresh else Solutions.shipped()
+    curves = Curves(cases(parameters), extra=len(position.sets(parameters)), progress=progress, solutions=solutions)
+    try:
+        for compare in TABLES.values():
+            comparison = compare(parameters, curves)
+            done.tables.append((comparison, write_table(comparison, done.folder)))
+            if comparison.table.number == "A2.7":
+                done.pictures.append(draw_position(comparison, done.folder))
+        for draw in FIGURES.values():
+            done.pictures.append(draw(parameters, curves, done.folder))
+    finally:
+        if done.tables:  # also of what was interrupted
+            done.summary = write_summary(done.tables, done.pictures, done.folder)
+    if fresh:
+        solutions.write(done.folder)
+    return curves

@@ -1,0 +1,1 @@
+"""The thesis' experiments beside experiments on the simulated bench."""

@@ -1,0 +1,83 @@
+"""The whole bench without a number of the thesis' experiments in its force ratios: what the models predict of them.
+
+The scenes of the thesis' own means answer with what was measured. Here the same scenes answer by finite elements, with
+the materials as they are told ("physical") and with the set that was fitted to the thesis' finite elements
+("identified"), and what the sweeps measure stands beside the measured means. One sign throughout: model less measured
+mean, in percent of the measured mean.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.instrument.findings.evidence import of_experiment, ratio_by
+from palpate.instrument.models.prices.validation import SIGN, Validation
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import Cell, read_table
+from palpate.procedures.measurements.loads.procedure import SweepResult
+from palpate.procedures.reproduce.chapter4 import theory
+from palpate.procedures.reproduce.chapter5.columns import RATIO
+from palpate.procedures.reproduce.chapter5.experiments import AT_3_N, Arrangement
+from palpate.procedures.reproduce.judging.rows import Row, RowTable
+
+MODEL = "surface"  # of the solid model: it answers at once
+SETS = ("physical", "identified")
+OTHER_SIGN = "the columns of percent below keep the sign of Table 5.8, which is the other one: experiment less theory"
+# Columns of Table 5.8, by design: the thesis' own finite elements.
+OWN_THEORY = {
+    design: name for name, (design, _, source, _) in theory.COLUMNS.items() if source is not None
+}  # fmt: skip
+
+
+def loads_of(arrangement: Arrangement) -> tuple[float, ...]:
+    """Three of its loads [N]: models are linear in the load, and each load costs a second."""
+    return arrangement.loads[0], AT_3_N, arrangement.loads[-1]
+
+
+def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tuple[RowTable, Validation]:
+    """The means of a sweep by a parameter set beside the measured ones, sample by sample."""
+    design = get_design(arrangement.design)
+    ratio = ratio_by(MODEL, parameters)
+    tables = tuple(arrangement.tables.values()) or (arrangement.summary,)  # in which the means are printed
+    means = {mean.sample: mean for mean in swept.samples}
+    rows, percent = [], {}
+    for sample in SAMPLES:
+        measured, mean = design.thesis_force_ratio[sample], means[sample]
+        ours, ours_u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
+        u = math.hypot(design.ratio_scatter * measured / math.sqrt(arrangement.averaged), ours_u)
+        evidence = of_experiment(RATIO, ratio, *tables)
+        rows.append(Row(sample, RATIO, Cell(f"{measured:g}", measured), ours, u, evidence, by=f"{MODEL}, {parameters}"))
+        percent[sample] = 100 * (ours / measured - 1)
+    found = Validation(design.name, parameters, MODEL, "compared", percent=percent)
+    title = f"blind run of {design.name}, which knows nothing of the means beside it"
+    said = (told(found), _own_theory(design.name), OTHER_SIGN)
+    number = f"{' to '.join(dict.fromkeys((tables[0], tables[-1])))}, {parameters} set"
+    name = f"blind_{design.name}_{parameters}"
+    return RowTable(number, title, "", tuple(rows), said, name=name), found
+
+
+def told(found: Validation) -> str:
+    """The distance in one sentence."""
+    by_sample = ", ".join(f"{sample} {value:+.0f} %" for sample, value in found.percent.items())
+    return (
+        f"{found.design}, {found.parameters} set by model {found.model!r}: mean {found.mean:+.1f} %,"
+        f" rms {found.rms:.1f} %, worst {found.worst:+.1f} % ({SIGN}); by sample: {by_sample}"
+    )
+
+
+def _own_theory(design: str) -> str:
+    """The finite elements of the thesis by the same sign, rebuilt from the errors of Table 5.8."""
+    column = OWN_THEORY[design]
+    *_, of_experiment_ = theory.COLUMNS[column]
+    rebuilt = theory.implied(column)[theory.OF_EXPERIMENT if of_experiment_ else theory.OF_THEORY]
+    samples = [sample for sample in read_table("5.8").rows if sample != "average"]
+    measured = np.array([get_design(design).thesis_force_ratio[sample] for sample in samples])
+    percent = 100 * (rebuilt / measured - 1)
+    by_sample = ", ".join(f"{sample} {value:+.0f} %" for sample, value in zip(samples, percent, strict=True))
+    return (
+        f"{design}, the thesis' own three-dimensional finite elements, rebuilt from Table 5.8: mean"
+        f" {percent.mean():+.1f} % by the same sign; by sample: {by_sample}"
+    )

@@ -1,0 +1,110 @@
+"""Columns of the thesis' tables of experiments: what a point of ours has of each, and how both scatter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.instrument.thesis import Table, read_table
+from palpate.procedures.measurements.loads.procedure import LoadPoint
+
+# True over set force is 1.029 in the thesis, 2.0 % between samples and 2.4 % within: nobody set it so.
+LOAD_OFFSET, LOAD_BETWEEN, LOAD_WITHIN = 0.029, 0.020, 0.024
+METER_U = 1.0  # mV: the lower limit factor of ASTM E74 of Table 5.1, 0.096 N
+FORCES, RATIO, METER = "forces and voltages", "force_ratio", "meter_reading_mV"
+
+Value = Callable[[LoadPoint], float]
+Expected = Callable[[float, float], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A column.
+
+    Attributes:
+        value: how ours is read from a point.
+        expected: without any scatter, of a load [N] and the thesis' mean ratio of the sample.
+        scatter: relative, of a cell of the thesis and of one of ours without what its load adds; 0: of the meter, whose
+            own is not relative.
+        film: names of the columns of voltage and force of the film that it is read off; None: of none alone.
+    """
+
+    column: str
+    value: Value
+    expected: Expected
+    scatter: float
+    film: tuple[str, str] | None = None
+
+    def own(self, point: LoadPoint) -> float:
+        """Relative scatter of ours: a load is set as well as the load cell tells it."""
+        return math.hypot(self.scatter, point.load_measured_u / point.load_N) if self.film else self.scatter
+
+    def theirs(self, *load: float) -> float:
+        """Relative scatter of a cell of the thesis, whose load scatters by these."""
+        return math.hypot(self.scatter, *load) if self.film else self.scatter
+
+
+def quantities(design: Design) -> list[Quantity]:
+    """What a point has of the columns of the design's tables."""
+    teeth = [film for film in design.films if film.kind == FILM_KINDS[0]]
+    bases = [film for film in design.films if film.kind == FILM_KINDS[1]]
+
+    def on_teeth(load: float, ratio: float) -> float:
+        return ratio * load / len(teeth)
+
+    def on_bases(load: float, _ratio: float) -> float:
+        return load / len(bases)
+
+    found = [
+        Quantity(RATIO, lambda p: p.force_ratio, lambda _, ratio: ratio, design.ratio_scatter),
+        Quantity(METER, lambda p: p.indicator_mV, lambda *_: math.nan, 0.0),
+    ]
+    if len(teeth) == 1:
+        names = ("pvdf2_rigid_mV", "force_rigid_N")
+        found += _read(teeth[0], names, lambda p: p.voltage_rigid_V, lambda p: p.force_rigid_N, on_teeth)
+    else:
+        for n, film in enumerate(teeth):
+            number = (1 + n) if len(bases) == 1 else (1 + 2 * n)
+            names = (f"pvdf{number}_mV", f"force{number}_N")
+            found += _read(film, names, _tooth(n, "voltage_V"), _tooth(n, "force_N"), on_teeth)
+    if len(bases) == 1:
+        names = ("pvdf1_total_mV" if len(teeth) == 1 else "pvdf3_total_mV", "force_total_N")
+        found += _read(bases[0], names, lambda p: p.voltage_total_V, lambda p: p.force_total_N, on_bases)
+    else:
+        for n, (film, base) in enumerate(zip(bases, ("2_total_left", "4_total_right"), strict=True)):
+            names = (f"pvdf{base}_mV", f"force{base}_N")
+            found += _read(film, names, _tooth(n, "base_voltage_V"), _tooth(n, "base_force_N"), on_bases)
+    return found
+
+
+def between_samples(numbers: Iterable[str], film: tuple[str, str]) -> float:
+    """Relative standard deviation of a film's gain from one sample's table to the next; 0: there is one table."""
+    gains = [float(np.mean(table.values(film[0]) / table.values(film[1]))) for table in map(read_table, numbers)]
+    return float(np.std(gains, ddof=1) / np.mean(gains)) if len(gains) > 1 else 0.0
+
+
+def load_told(table: Table, set_loads: Iterable[float]) -> float:
+    """The load by the thesis' own films on the base, over the one that was set, in the mean over a table."""
+    bases = [column for column in table.columns if "total" in column and column.endswith("_N")]
+    told = sum(table.values(column) for column in bases)
+    return float(np.mean(told / np.array(list(set_loads))))
+
+
+def _read(film: Film, names: tuple[str, str], voltage: Value, force: Value, expected: Expected) -> list[Quantity]:
+    """Voltage and force of a film."""
+    mV_per_N = 1e3 * film.sensitivity
+    return [
+        Quantity(
+            names[0], lambda p: 1e3 * voltage(p), lambda load, ratio: mV_per_N * expected(load, ratio), film.scatter,
+            names,
+        ),
+        Quantity(names[1], force, expected, film.scatter, names),
+    ]  # fmt: skip
+
+
+def _tooth(number: int, name: str) -> Value:
+    return lambda point: float(getattr(point.teeth[number], name))

@@ -1,0 +1,195 @@
+"""Tables A2.9 to A2.20 and 5.5 to 5.7: the thesis' sweeps beside sweeps of the simulated bench."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from palpate.instrument.findings.evidence import Evidence, Part, of_experiment
+from palpate.instrument.findings.mean_ratio import apart
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, Table, read_table
+from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
+from palpate.procedures.reproduce.chapter5.columns import (
+    FORCES,
+    LOAD_BETWEEN,
+    LOAD_OFFSET,
+    LOAD_WITHIN,
+    METER,
+    METER_U,
+    RATIO,
+    Quantity,
+    between_samples,
+    load_told,
+    quantities,
+)
+from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTable
+
+AT_3_N = 3.0
+THESIS, OURS = "the thesis' cell", "our cell"
+
+
+@dataclass(frozen=True, slots=True)
+class Arrangement:
+    """One sensor of chapter 5.
+
+    Attributes:
+        scene: that simulates it, of the design's name.
+        loads: peak to peak [N].
+        tables: sample -> table of all loads; the different bases have none.
+        summary: table of the rows at 3 N, a row a sample.
+    """
+
+    scene: str
+    design: str
+    loads: tuple[float, ...]
+    tables: Mapping[str, str]
+    summary: str
+
+    @property
+    def averaged(self) -> int:
+        """Load sets that a printed mean is of: that of the different bases is of one."""
+        return len(self.loads) if self.tables else 1
+
+
+SIX_LOADS = tuple(0.5 * n for n in range(3, 9))
+SEVEN_LOADS = (*SIX_LOADS, 4.5)
+ARRANGEMENTS = (
+    Arrangement("thesis_single", "single", SIX_LOADS, SINGLE_TABLES, "5.5"),
+    Arrangement("thesis_common_base", "common_base", SEVEN_LOADS, COMMON_BASE_TABLES, "5.6"),
+    Arrangement("thesis_different_base", "different_base", SEVEN_LOADS, {}, "5.7"),
+)
+
+
+def order_by_modulus() -> list[str]:
+    """Samples from hard to soft, as Figure 5.2 has them."""
+    return sorted(SAMPLES, key=lambda name: SAMPLES[name].modulus, reverse=True)
+
+
+def reversed_pairs(swept: SweepResult, design: Design) -> dict[tuple[str, str], str]:
+    """Samples that ours has the other way round than the thesis' figure of this sensor, at 3 N: why they may be, or "".
+
+    In Figure 5.4 sample 5 stands above 3, whose mean over all loads is greater.
+    """
+    means = dict(zip([s.sample for s in swept.samples if s.force_ratio is not None], swept.budgets, strict=True))
+    place = {name: number for number, name in enumerate(swept.softness_order)}
+    pairs = {}
+    for harder, softer in itertools.combinations(design.thesis_softness_order, 2):
+        if place[harder] > place[softer]:
+            by_mean = design.thesis_force_ratio[softer] > design.thesis_force_ratio[harder]
+            alike = "" if apart(means[harder], means[softer]) else "ours does not tell them apart"
+            pairs[harder, softer] = "the thesis' means have it so" if by_mean else alike
+    return pairs
+
+
+def order_is_right(swept: SweepResult, design: Design) -> bool:
+    """Whether no two samples stand the other way round without a reason than in the thesis' figure."""
+    return all(reversed_pairs(swept, design).values())
+
+
+def _order(swept: SweepResult, design: Design) -> str:
+    pairs = reversed_pairs(swept, design)
+    figure = f"the thesis' figure has {' > '.join(design.thesis_softness_order)}"
+    if not all(pairs.values()):
+        return f"WRONG: {figure}"
+    reasons = [f"{harder} and {softer}: {why}" for (harder, softer), why in pairs.items()]
+    return f"right; {figure} ({'; '.join(reasons)})" if reasons else "right"
+
+
+def compare(arrangement: Arrangement, swept: SweepResult, ratio: Part) -> Iterator[RowTable]:
+    """Every table of an arrangement, whose force ratios came from `ratio`."""
+    design = get_design(arrangement.design)
+    for sample, number in arrangement.tables.items():
+        points = {key: _at(swept, sample, float(key)) for key in read_table(number).rows}
+        found = _table(arrangement, number, points, ratio)
+        yield replace(found, rows=(*found.rows, _average(design, swept, sample, ratio, number)))
+    number = arrangement.summary
+    found = _table(arrangement, number, {key: _at(swept, key, AT_3_N) for key in read_table(number).rows}, ratio)
+    means = [] if arrangement.tables else [_average(design, swept, key, ratio, number) for key in SAMPLES]
+    order = f"softness order of ours, hard to soft: {' > '.join(swept.softness_order)}: {_order(swept, design)}"
+    yield replace(found, rows=(*found.rows, *means), said=(order, *found.said))
+
+
+def _at(swept: SweepResult, sample: str, load: float) -> LoadPoint:
+    return next(p for p in swept.points if p.sample == sample and p.load_N == load)
+
+
+def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], ratio: Part) -> RowTable:
+    """Cells of every row, beside the point of that key. What the oscilloscope showed is not simulated."""
+    table, design = read_table(number), get_design(arrangement.design)
+    told = load_told(table, [point.load_N for point in points.values()])
+    of_one_sample = number in arrangement.tables.values()
+    rows = [
+        _row(table, key, quantity, point, arrangement, ratio, told, of_one_sample)
+        for key, point in points.items()
+        for quantity in quantities(design)
+        if quantity.column in table.columns
+    ]
+    off = abs(told - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
+    said = (
+        f"the thesis' own base films tell of {told:.3f} times the set load in the mean, more than its loads scatter."
+        " All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
+    )
+    again = bool(arrangement.tables) and not of_one_sample
+    return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)
+
+
+def _row(
+    table: Table,
+    key: str,
+    quantity: Quantity,
+    point: LoadPoint,
+    arrangement: Arrangement,
+    ratio: Part,
+    told: float,
+    of_one_sample: bool,
+) -> Row:
+    design, cell = get_design(arrangement.design), table.columns[quantity.column][table.rows.index(key)]
+    ours, evidence = quantity.value(point), of_experiment(quantity.column, ratio, table.number)
+    own, theirs, group = quantity.own(point), quantity.theirs(LOAD_OFFSET, LOAD_BETWEEN, LOAD_WITHIN), None
+    if quantity.column == RATIO and evidence is Evidence.INPUT and not arrangement.tables:
+        theirs = 0.0  # this very cell went in: it does not scatter about itself
+    u = math.hypot(theirs * cell.value, own * ours) or METER_U
+    if quantity.film is not None:
+        varies = quantity.theirs(*(() if of_one_sample else (LOAD_BETWEEN,)), LOAD_WITHIN)
+        common = between_samples(arrangement.tables.values(), quantity.film) if of_one_sample else 0.0
+        at_load = cell.value / told
+        group = Group(FORCES, math.hypot(varies * at_load, own * ours), common * at_load, told)
+    elif quantity.column == METER:
+        group = Group(METER, u, u)  # one line of the load cell's for all
+    found = Row(key, quantity.column, cell, ours, u, evidence, group=group)
+    if found.within is False and quantity.column != METER:
+        expected = quantity.expected(point.load_N, design.thesis_force_ratio[point.sample])
+        return replace(found, because=_because(cell.value, ours, expected, theirs, own))
+    return found
+
+
+def _because(thesis: float, ours: float, expected: float, theirs: float, own: float) -> str:
+    """Whose scatter it is: each cell against what its load and the thesis' mean ratio give."""
+    far = {OURS: (ours / expected - 1) / own}
+    if theirs:
+        far[THESIS] = (thesis / expected - 1) / theirs
+    whose = [name for name, distance in far.items() if abs(distance) > WITHIN]
+    return (
+        f"{' and '.join(whose) or 'both scatter apart'}: without scatter {expected:.3g}; the thesis"
+        f" {100 * (thesis / expected - 1):+.0f} % ({far.get(THESIS, 0.0):+.1f} of its scatter), ours"
+        f" {100 * (ours / expected - 1):+.0f} % ({far[OURS]:+.1f})"
+    )
+
+
+def _average(design: Design, swept: SweepResult, sample: str, ratio: Part, table: str) -> Row:
+    """The mean ratio: the printed one is of all load sets, that of the different bases of one."""
+    mean = next(mean for mean in swept.samples if mean.sample == sample)
+    thesis, evidence = design.thesis_force_ratio[sample], of_experiment(RATIO, ratio, table)
+    sets = {"single": len(SIX_LOADS), "common_base": len(SEVEN_LOADS)}.get(design.name, 1)
+    ours, u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
+    if evidence is not Evidence.INPUT:  # else this very number went in: it does not scatter about itself
+        u = math.hypot(design.ratio_scatter * thesis / math.sqrt(sets), u)
+    row = "average" if sets > 1 else f"{sample} (ours: mean over loads)"
+    # One for each sample: beside cells that are no means it is a kind of its own.
+    found = Row(row, RATIO, Cell(f"{thesis:g}", thesis), ours, u, evidence, group=Group("mean force ratio", u, 0.0))
+    return replace(found, because="our mean: its own scatter") if found.within is False else found

@@ -1,0 +1,1 @@
+"""How far the thesis' numbers and ours are apart, and whether that is within their scatter."""

@@ -1,0 +1,34 @@
+"""What reproducing everything found."""
+
+from __future__ import annotations
+
+from palpate.instrument.findings.evidence import Evidence
+from palpate.procedures.reproduce.everything import Everything
+from palpate.procedures.reproduce.judging.rows import counts
+from palpate.procedures.reproduce.page import AGAIN, orders
+from palpate.procedures.showing.text import new_table, print_all, stamped
+
+
+def print_everything(done: Everything) -> None:
+    """Each class of each table, what each class comes to, and where all else stands."""
+    overview = new_table(
+        stamped(True, "The thesis beside ours: rows within twice their stated scatter"),
+        "table", *(each.value for each in Evidence), "",
+    )  # fmt: skip
+    overview.columns[-1].justify = "left"
+    for table in done.all_tables():
+        mark = "*" if table.again else ""
+        overview.add_row(f"{table.number}{mark}", *map(str, counts(table).values()), table.title)
+    verdicts = []
+    for evidence, verdict in done.verdicts().items():
+        verdicts += [f"{evidence.value.upper()}: {evidence.meaning}", *(f"  {line}" for line in verdict.brief())]
+    blind = [
+        f"blind run, {found.design}, {found.parameters} set: model less measured mean {found.mean:+.1f} % in the mean,"
+        f" {found.worst:+.1f} % at worst"
+        for found in done.blind
+    ]
+    print_all(
+        overview, f"* {AGAIN}", "", *verdicts, "", *orders(done), *blind,
+        f"page      {done.page}   rows outside and why, what each table says, figures",
+        f"tables    {done.models.folder}",
+    )  # fmt: skip

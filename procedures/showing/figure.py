@@ -1,0 +1,37 @@
+"""Figures of panels, stamped where they are simulated, saved into the folder of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.procedures.records.run import storing
+from palpate.procedures.showing.text import STAMP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = "osD^vP*X"
+
+
+def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.2 * panels, 4.2), layout="constrained")
+    axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
+    for ax in axes:
+        ax.grid(alpha=0.3)
+        if simulated:
+            ax.text(
+                0.5, 0.5, STAMP, transform=ax.transAxes, fontsize=34, color="red", alpha=0.12, rotation=25,
+                ha="center", va="center", zorder=0,
+            )  # fmt: skip
+    return figure, axes
+
+
+def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
+    path = folder / name
+    with storing(path):
+        figure.savefig(path, dpi=120, metadata={"Software": None})
+    return path

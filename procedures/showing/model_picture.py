@@ -1,0 +1,260 @@
+"""What is drawn of a sensor under load: sections, pressure on its face, force ratios over the modulus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import round_parameters, solid_parameters
+from palpate.instrument.models.ratio import Answer, Question, ask
+from palpate.instrument.models.response import MODELS
+from palpate.instrument.models.stored.curve import ratio_curve
+from palpate.instrument.models.stored.surface import has_many_teeth
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.thesis import read_table
+
+Array = NDArray[np.float64]
+
+CURVES = ("column", "beam", "surface", "axisymmetric")
+SECTION_REFINEMENT = 4  # a pressure at a point takes a finer mesh than a force
+SOLID_REFINEMENT, MANY_TEETH_REFINEMENT = 1, 0  # what takes seconds
+CURVE_TOLERANCE = 1e-3  # less than the width of a line
+SOFTER, HARDER = 0.1, 1e4  # ends of the curves, over the modulus of the ring
+LARGEST = 0.12  # greatest displacement drawn, over the height of the picture
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A piece of a body in the plane of a section: points on a grid, and their displacements for 1 N [m]."""
+
+    x: Array
+    z: Array
+    right: Array
+    up: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """The plane through the axes of teeth, for 1 N.
+
+    Attributes:
+        across: what x is.
+        bodies: by name, all pieces.
+        x: places on the sensor's face [m], where the object touches it; ascending.
+        pressure: there, compression positive [Pa].
+        teeth: ends of each along x [m].
+        edges: where a contact ends, and the pressure is singular [m].
+        mean: pressure on the object [Pa].
+    """
+
+    across: str
+    bodies: Mapping[str, tuple[Body, ...]]
+    x: Array
+    pressure: Array
+    teeth: tuple[tuple[float, float], ...]
+    edges: Array
+    mean: float
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """Greatest displacement of each body [m]."""
+        return {
+            name: max(float(np.hypot(piece.right, piece.up).max()) for piece in pieces)
+            for name, pieces in self.bodies.items()
+        }
+
+    @property
+    def height(self) -> float:
+        """Of all bodies [m]."""
+        pieces = [piece for body in self.bodies.values() for piece in body]
+        return float(max(piece.z.max() for piece in pieces) - min(piece.z.min() for piece in pieces))
+
+
+def _round_section(design: Design, load: Load) -> Section:
+    from palpate.instrument.models.axisymmetric import model as axisymmetric
+
+    parameters = round_parameters(design, load)
+    solution = axisymmetric.solve(parameters, SECTION_REFINEMENT)
+    bodies = {name: _both_sides(Body(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()}
+    tooth, end = parameters.tooth_radius, min(parameters.sensed_radius, parameters.ring_outer_radius)
+    return Section(
+        across="radius",
+        bodies=bodies,
+        x=solution.face.radius,
+        pressure=solution.face.pressure,
+        teeth=((-tooth, tooth),),
+        edges=np.array([tooth, parameters.ring_inner_radius, end]),
+        mean=1 / (math.pi * parameters.sensed_radius**2),
+    )
+
+
+def _both_sides(half: Body) -> tuple[Body, ...]:
+    """A body of revolution from its half at x >= 0: one piece where it reaches the axis, or two."""
+    other = Body(-half.x[::-1], half.z[::-1], -half.right[::-1], half.up[::-1])
+    if half.x.min() > 0:
+        return other, half
+    pairs = ((other.x, half.x), (other.z, half.z), (other.right, half.right), (other.up, half.up))
+    return (Body(*(np.concatenate([left[:-1], right]) for left, right in pairs)),)
+
+
+def _solid_section(design: Design, load: Load) -> Section:
+    from palpate.instrument.models.solid import section as solid_section
+
+    parameters = solid_parameters(design, load)
+    refinement = MANY_TEETH_REFINEMENT if has_many_teeth(parameters) else SOLID_REFINEMENT
+    found = solid_section.section(parameters, refinement)
+    axes = (np.arange(parameters.columns) + 0.5) * parameters.cell_length
+    radii = np.array([parameters.tooth_radius, parameters.ring_inner_radius])
+    if parameters.ring_outline == "round":
+        radii = np.append(radii, parameters.ring_outer_radius)
+    edges = np.concatenate([(axes[:, None] + np.array([-1, 1])[:, None, None] * radii).ravel(), [0, parameters.length]])
+    return Section(
+        across="place along the sensor",
+        bodies={
+            name: tuple(Body(piece.x, piece.z, piece.along, piece.up) for piece in pieces)
+            for name, pieces in found.bodies.items()
+        },
+        x=found.x,
+        pressure=found.pressure,
+        teeth=tuple((axis - parameters.tooth_radius, axis + parameters.tooth_radius) for axis in axes.tolist()),
+        edges=np.unique(edges),
+        mean=1 / parameters.load_area,
+    )
+
+
+# Of the models that know what happens inside the sensor.
+SECTIONS: Mapping[str, Callable[[Design, Load], Section]] = {"axisymmetric": _round_section, "solid": _solid_section}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What is drawn.
+
+    Attributes:
+        answers: by the model that was asked, at the moduli that were asked for.
+        sections: at those moduli; none where the model knows no section.
+        curves: model -> moduli [Pa] and force ratios, of those that know the sensor.
+        thesis: what the thesis has of the design: what it is -> moduli [Pa] and force ratios.
+    """
+
+    question: Question
+    answers: list[Answer]
+    sections: list[Section]
+    curves: dict[str, tuple[Array, Array]]
+    thesis: dict[str, tuple[Array, Array]]
+
+    @property
+    def scale(self) -> float:
+        """Of the displacements in the drawing: 1, 2 or 5 times a power of ten."""
+        section = self.sections[0]
+        wanted = LARGEST * section.height / max(section.largest.values())
+        power = 10.0 ** math.floor(math.log10(wanted))
+        return next(step for step in (5 * power, 2 * power, power) if step <= wanted)
+
+    def data(self) -> dict[str, Any]:
+        """The numbers in the picture, for JSON."""
+        sections = zip(self.answers, self.sections, strict=False)
+        return {
+            "design": self.question.design,
+            "parameters": self.question.parameters,
+            "model": self.question.model,
+            "points": [
+                {
+                    "sensed_modulus_Pa": answer.sensed_modulus,
+                    "force_ratio": answer.response.force_ratio,
+                    "error_estimate": answer.response.error_estimate,
+                }
+                for answer in self.answers
+            ],
+            "deformation": {
+                "sensed_modulus_Pa": self.answers[0].sensed_modulus,
+                "scale": self.scale,
+                "largest_displacement_m": self.sections[0].largest,
+            }
+            if self.sections
+            else None,
+            "pressure": [
+                {
+                    "sensed_modulus_Pa": answer.sensed_modulus,
+                    "x_m": section.x.tolist(),
+                    "pressure_Pa": section.pressure.tolist(),
+                }
+                for answer, section in sections
+            ],
+            "curves": _columns(self.curves),
+            "thesis": _columns(self.thesis),
+        }
+
+
+def _columns(lines: Mapping[str, tuple[Array, Array]]) -> dict[str, Any]:
+    return {
+        name: {"sensed_modulus_Pa": moduli.tolist(), "force_ratio": ratios.tolist()}
+        for name, (moduli, ratios) in lines.items()
+    }
+
+
+def solve(question: Question, moduli: Sequence[float]) -> Picture:
+    """Everything that is drawn for objects of these moduli [Pa].
+
+    Raises:
+        RangeError: a modulus or setting is out of its limits, or the model does not answer for this sensor.
+        EstimateError: a linear system cannot be solved accurately.
+    """
+    answers = list(ask(question, moduli))
+    design = question.sensor()
+    section = SECTIONS.get(answers[0].response.model)
+    sections = [] if section is None else [section(design, question.load(modulus)) for modulus in moduli]
+    thesis = _thesis(design)
+    ring = design.ring.material.modulus
+    shown = np.concatenate([[SOFTER * ring, HARDER * ring], moduli, *(found for found, _ in thesis.values())])
+    curves: dict[str, tuple[Array, Array]] = {}
+    for model in CURVES:
+        parameters = _parameters(question, model)
+        label = model if parameters == question.parameters else f"{model}, {parameters} parameters"
+        line = _line(Question(question.design, model, parameters, question.settings), shown)
+        if line is not None:
+            curves[label] = line
+    return Picture(question, answers, sections, curves, thesis)
+
+
+def _parameters(question: Question, model: str) -> str:
+    """The question's parameter set, or the physical one for a model that it was not identified for."""
+    try:
+        get_parameter_set(question.parameters, model)
+    except UnknownName:
+        return "physical"
+    return question.parameters
+
+
+def _line(question: Question, shown: Array) -> tuple[Array, Array] | None:
+    """The curve of a model over what is shown; None where it does not know the sensor."""
+    sensor, tolerance = question.sensor(), MODELS[question.model].default_tolerance
+    load = question.load(sensor.ring.material.modulus)
+    try:
+        curve = ratio_curve(sensor, load, question.model, None if tolerance is None else CURVE_TOLERANCE)
+    except RangeError:
+        return None
+    least, greatest = curve.moduli
+    moduli = np.geomspace(max(shown.min(), least), min(shown.max(), greatest), 200)
+    return moduli, curve.force_ratio(moduli)
+
+
+def _thesis(design: Design) -> dict[str, tuple[Array, Array]]:
+    found = {}
+    if design.name == "single":
+        table = read_table("A2.1")
+        ratios = table.values("force_rigid_N") / table.values("force_total_N")
+        found["thesis, finite elements (A2.1)"] = (table.keys(), ratios)
+    if design.thesis_force_ratio:
+        moduli = np.array([SAMPLES[name].modulus for name in design.thesis_force_ratio])
+        found["thesis, measured means"] = (moduli, np.array(list(design.thesis_force_ratio.values())))
+    return found

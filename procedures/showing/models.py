@@ -1,0 +1,107 @@
+"""What the sensor models say, and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.instrument.quantity import show
+from palpate.procedures.accuracy.validation_report import brief, lines
+from palpate.procedures.showing.marks import NO_VALUE, legend
+from palpate.procedures.showing.text import new_table, number, print_all, short, stamped
+
+if TYPE_CHECKING:
+    from palpate.instrument.models.prices.price_list import PriceList
+    from palpate.instrument.models.prices.validation import Validation
+    from palpate.instrument.models.ratio import Answer
+    from palpate.instrument.models.stored.surface import ResponseSurface
+
+
+def print_ratios(
+    design: str, answers: list[Answer], compared: Sequence[Validation], changed: Sequence[str] = ()
+) -> None:
+    """A line a modulus; `compared`: each model that answered, beside the experiments, without the options `changed`."""
+    models = ", ".join(dict.fromkeys(a.response.model for a in answers))
+    table = new_table(
+        stamped(False, f"{design}, model {models}"),
+        "sensed modulus", "force ratio", "error estimate", "model error", "validation", "seconds",
+    )  # fmt: skip
+    by_model = {found.model: brief(found) for found in compared}
+    for a in answers:
+        given = a.response
+        errors = [*(short(error) for error in (given.error_estimate, a.model_error)), by_model[given.model]]
+        table.add_row(show(a.sensed_modulus, "Pa", 6), f"{given.force_ratio:.7g}", *errors, f"{a.seconds:.2g}")
+    why = dict.fromkeys(a.response.why for a in answers if a.response.why)
+    print_all(table, *legend(table, marks=NO_VALUE), *why, *lines(compared, changed))
+
+
+def print_moduli(
+    design: str, points: list[dict[str, Any]], compared: Sequence[Validation], changed: Sequence[str] = ()
+) -> None:
+    """A line a ratio; `compared`: each model that answered, beside the experiments, without the options `changed`."""
+    models = ", ".join(dict.fromkeys(p["model"] for p in points))
+    table = new_table(
+        stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
+        "force ratio", "u", "model error", "modulus", "from", "to", "dlnE/dlnR", "",
+    )  # fmt: skip
+    for p in points:
+        moduli = ["-" if p[name] is None else show(p[name], "Pa") for name in ("modulus_Pa", "low_Pa", "high_Pa")]
+        table.add_row(
+            f"{p['force_ratio']:g}", f"{p['force_ratio_u']:.2g}", short(p["model_error"]), *moduli,
+            number(p["sensitivity"]),
+            ": ".join(text for text in (p["kind"], p["note"]) if text),
+        )  # fmt: skip
+    print_all(table, *legend(table, marks=NO_VALUE), *lines(compared, changed))
+
+
+def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:
+    """A table a design: error and time of every model at every refinement, and how far experiments are from it."""
+    validation = {(found.design, found.model): brief(found) for found in compared}
+    low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
+    lowest, highest = (show(modulus, "Pa", 3) for modulus in (prices.moduli_Pa[0], prices.moduli_Pa[-1]))
+    for design in designs:
+        table = new_table(
+            stamped(False, f"{design}: greatest error of the force ratio, and time of one answer in seconds"),
+            "model", "refinement", f"{low} to\n{high}", f"{lowest} to\n{highest}", "validation", "build", "solve",
+            "evaluate", "answer",
+        )  # fmt: skip
+        table.columns[1].justify = "left"
+        failures = []
+        for p in (price for price in prices.prices if price.design == design):
+            everywhere = None if None in p.errors else max(error for error in p.errors if error is not None)
+            times = [short(value) for value in (p.build_s, p.solve_s, p.evaluate_s, p.answer_s)]
+            told = validation[design, p.model]
+            table.add_row(p.model, p.refinement, short(p.errors[1]), short(everywhere), told, *times)
+            if p.failure:
+                failures.append(f"{p.model}, {p.refinement}: {p.failure}")
+        how = [f"reference: {r.how}" for r in prices.references if r.design == design]
+        print_all(table, *legend(table, marks=NO_VALUE), *how, *failures, "")
+    print_all(
+        "validation: rms distance from the thesis' experiments (palpate accuracy validation); input: given them; none:"
+        " nothing to compare",
+        f"measured on {prices.machine.described}, {prices.machine.date}",
+    )
+    if plot is not None:
+        print_all(f"plot           {plot}")
+
+
+def print_surfaces(surfaces: Mapping[tuple[str, str], ResponseSurface]) -> None:
+    """A line a surface."""
+    table = new_table(
+        None,
+        "design",
+        "set",
+        "of model",
+        "nodes",
+        "modulus ratios",
+        "relative error",
+        "error of the model",
+        "built in\ns",
+    )
+    for (name, parameters), s in surfaces.items():
+        table.add_row(
+            name, parameters, s.model, str(len(s.coefficients)), f"{s.lowest:g} to {s.highest:g}",
+            f"{s.error_bound:.1e}", f"{s.discretisation:.1e}", f"{s.seconds:.0f}",
+        )  # fmt: skip
+    print_all(table)

@@ -1,0 +1,38 @@
+"""What a procedure would do."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from palpate.procedures.engine.plan import Plan, S, Step
+from palpate.procedures.showing.text import new_table, number, print_all
+
+OWN = tuple(Step.__dataclass_fields__)
+
+
+def print_plan(plan: Plan[S]) -> None:
+    """Every point with its dwell, time and expected uncertainty, and the time of all."""
+    rows = [asdict(step) for step in plan.steps]
+    asked = [name for name in rows[0] if name not in OWN]
+    table = new_table(
+        None, *(name.replace("_", "\n") for name in asked), "dwell\ns", "takes\ns", "expected u\nof ratio"
+    )
+    for row in rows:
+        u = row["force_ratio_u"]
+        table.add_row(
+            *(number(row[name]) for name in asked),
+            "by noise" if row["dwell_s"] is None else f"{row['dwell_s']:g}",
+            f"{row['seconds']:.0f}",
+            "-" if u is None else f"{100 * u:.1f} %",
+        )
+    print_all(
+        table,
+        f"{plan.procedure}: {len(rows)} points, about {duration(plan.seconds)} on hardware; nothing was sent",
+    )
+
+
+def duration(seconds: float) -> str:
+    """Hours, minutes and seconds, for people."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,143 @@
+"""Recorded runs, as tables and as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from palpate.procedures.records.check import Found
+from palpate.procedures.records.repair import Repaired
+from palpate.procedures.records.run import Run
+from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.showing.marks import FLAGS, legend
+from palpate.procedures.showing.text import MOUNTING, STAMP, new_table, number, print_all, stamped
+
+UNHASHED = "unhashed: record format 3, of which lost points at the end cannot be noticed"
+TIME = "%Y-%m-%d %H:%M:%S"
+
+
+def print_runs(found: list[RunSummary], folder: Path) -> None:
+    """A line a run."""
+    if not found:
+        print_all(f"no runs in {folder}; make one with: palpate sweep loads")
+        return
+    table = new_table(None, "run", "procedure", "started (UTC)", "status", "points", "")
+    for run in found:
+        marks = [STAMP] * bool(run.simulated) + ["unhashed"] * (run.hashed is False)
+        table.add_row(
+            run.folder.name, run.procedure, f"{run.started:{TIME}}", run.status, str(run.points), " ".join(marks)
+        )
+    old = unhashed(False if any(run.hashed is False for run in found) else None)
+    print_all(f"Runs in {folder}", table, *old, *(f"damaged: {run.fault}" for run in found if run.fault))
+
+
+def unhashed(hashed: bool | None) -> list[str]:
+    """What is to be said of a run of record format 3."""
+    return [UNHASHED] if hashed is False else []
+
+
+def run_row(run: RunSummary) -> dict[str, Any]:
+    """A run in a JSON list."""
+    return {
+        "run": str(run.folder.absolute()),
+        "started": run.started.isoformat(),
+        "procedure": run.procedure,
+        "simulated": run.simulated,
+        "status": run.status,
+        "hashed": run.hashed,
+        "points": run.points,
+        "fault": run.fault or None,
+    }
+
+
+def run_object(run: Run, digest: str) -> dict[str, Any]:
+    """A whole run as JSON."""
+    return {
+        "run": str(run.folder),
+        "procedure": run.procedure,
+        "simulated": run.simulated,
+        "status": run.status,
+        "hashed": run.hashed,
+        "digest": digest,
+        "header": dict(run.header),
+        "summary": dict(run.summary),
+        "points": run.points(),
+        "events": run.events(),
+    }
+
+
+def print_run(run: Run, digest: str) -> None:
+    """Header, points and events of a run."""
+    calibration = run.header.get("calibration")
+    source = calibration.get("source") if isinstance(calibration, dict) else None
+    mounting = run.header.get("mounting")
+    arithmetic = run.header.get("arithmetic")
+    kernels = arithmetic.get("blas") if isinstance(arithmetic, dict) else None
+    points = [_flagged(point) for point in run.points()]
+    columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
+    same = [k for k in columns if len(points) > 1 and len({number(point[k]) for point in points}) == 1]
+    same = [k for k in same if k != "flags" or points[0][k] is None]
+    columns = [k for k in columns if k not in same]
+    table = new_table(stamped(run.simulated, f"{run.procedure}: {len(points)} points"), *columns)
+    for point in points:
+        table.add_row(*(number(point[column]) for column in columns))
+    print_all(
+        stamped(run.simulated, str(run.folder)),
+        f"status       {run.status}",
+        f"started      {run.started:{TIME}} UTC",
+        f"seed         {number(run.header.get('seed'))}",
+        f"calibration  {source or '-'}",
+        f"mounting     {MOUNTING.get(str(mounting), mounting or '-')}",
+        f"digest       {digest}",
+        f"arithmetic   {kernels or '-'}",
+        *unhashed(run.hashed),
+        f"each point   {', '.join(f'{k} {number(points[0][k])}' for k in same) or '-'}",
+        table,
+        *legend(table, marks=FLAGS),
+        *(f"event at {event['bench_ns'] / 1e9:.1f} s: {event['kind']}: {event['message']}" for event in run.events()),
+    )
+
+
+def _flagged(point: dict[str, Any]) -> dict[str, Any]:
+    """A point with its flags as one text."""
+    flags = point.get("flags")
+    return {**point, "flags": " ".join(map(str, flags)) or None} if isinstance(flags, list) else point
+
+
+def check_object(found: Found) -> dict[str, Any]:
+    """What a check found, as JSON."""
+    counts = {key: value for key, value in asdict(found).items() if key != "folder"}
+    return {"run": str(found.folder), "damaged": bool(found.faults), **counts}
+
+
+def print_check(found: Found) -> None:
+    """What a check found."""
+    table = new_table(None, "status", "points", "waveforms", "verdict")
+    table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
+    lines = [*unhashed(found.hashed), *(f"damaged: {fault}" for fault in found.faults)]
+    if found.faults:
+        lines.append(f"salvage it with: palpate runs repair {found.folder} --out DIR")
+    elif found.status != "complete":
+        lines.append(f"not complete; go on with: palpate runs resume {found.folder}")
+    print_all(str(found.folder), table, *lines)
+
+
+def repaired_object(done: Repaired) -> dict[str, Any]:
+    """A salvaged run as JSON."""
+    return {
+        "run": str(done.folder),
+        "hashed": done.hashed,
+        "points": done.points,
+        "waveforms": done.waveforms,
+        "gone": done.gone,
+    }
+
+
+def print_repaired(done: Repaired) -> None:
+    """What was salvaged, and what is gone."""
+    print_all(
+        f"{done.folder}: {done.points} points, {done.waveforms} waveforms",
+        *unhashed(done.hashed),
+        *(f"gone: {what}" for what in done.gone or ["nothing"]),
+    )

@@ -1,0 +1,103 @@
+"""Draws the waveforms at each stage of a scene's chain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.procedures.records.run import storing
+from palpate.procedures.showing.text import STAMP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = npt.NDArray[np.float64]
+PLACES = ("under the tooth", "under the base")
+SEVERAL = ("under the teeth", "under the base")
+
+
+class Waveforms(Protocol):
+    """What `palpate.simulators.planning.waveforms` finds, and says what each is."""
+
+    @property
+    def time(self) -> Floats: ...
+    @property
+    def coil(self) -> Floats: ...
+    @property
+    def force(self) -> Floats: ...
+    @property
+    def before(self) -> Floats: ...
+    @property
+    def films(self) -> Floats: ...
+    @property
+    def sample_time(self) -> Floats: ...
+    @property
+    def samples(self) -> Floats: ...
+    @property
+    def saturated(self) -> npt.NDArray[np.bool_]: ...
+
+
+def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
+    """Writes the picture as PNG: drive, then the films by stages, those of the teeth left and those of bases right.
+
+    Raises:
+        RecordError: the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 9.5), layout="constrained")
+    figure.suptitle(f"{STAMP} {title}")
+    grid = figure.subplots(4, 2, sharex=True)
+    milliseconds = 1e3 * seen.time
+    drive = ((seen.coil, "shaker's coil", "voltage (V)"), (seen.force, "load cell", "force (N)"))
+    for axes, (values, what, quantity) in zip(grid[0], drive, strict=True):
+        axes.plot(milliseconds, values, "k", lw=1.2)
+        axes.set_title(what, fontsize=10)
+        axes.set_ylabel(quantity)
+    places = PLACES if len(design.teeth) == 1 else SEVERAL
+    for column, (kind, place) in enumerate(zip(FILM_KINDS, places, strict=True)):
+        films = [(number, film) for number, film in enumerate(design.films) if film.kind == kind]
+        before, behind, sampled = grid[1:, column]
+        _draw_films(before, films, milliseconds, seen.before, f"films {place}, before their amplifiers")
+        _draw_films(behind, films, milliseconds, seen.films, f"films {place}, behind their amplifiers")
+        _draw_samples(sampled, films, seen, f"samples of the films {place}")
+    for axes in grid.flat:
+        axes.grid(alpha=0.3)
+        axes.margins(x=0)
+        axes.ticklabel_format(axis="y", useOffset=False)
+    with storing(file):
+        figure.savefig(file, dpi=120, metadata={"Software": None})
+
+
+def _draw_films(axes: Axes, films: Sequence[tuple[int, Film]], milliseconds: Floats, volts: Floats, title: str) -> None:
+    for place, (number, film) in enumerate(films):
+        axes.plot(milliseconds, 1e3 * volts[number], lw=1.2, color=_colour(place, len(films)), label=film.name)
+    axes.set_title(title, fontsize=10)
+    axes.set_ylabel("voltage (mV)")
+
+
+def _draw_samples(axes: Axes, films: Sequence[tuple[int, Film]], seen: Waveforms, title: str) -> None:
+    time = 1e3 * seen.sample_time
+    saturated = "saturated"
+    for place, (number, film) in enumerate(films):
+        volts, cut = 1e3 * seen.samples[number], seen.saturated[number]
+        axes.plot(time, volts, ".-", ms=4, lw=0.5, color=_colour(place, len(films)), label=film.name)
+        if cut.any():
+            axes.plot(time[cut], volts[cut], "rx", ms=7, label=saturated)
+            saturated = "_"  # one of them in the legend
+    axes.set_title(title, fontsize=10)
+    axes.set_ylabel("voltage (mV)")
+    axes.set_xlabel("time (ms)")
+    # below the column, whose panels share its colours
+    axes.legend(fontsize=8, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.25), frameon=False)
+
+
+def _colour(place: int, count: int) -> Any:
+    from matplotlib import colormaps
+
+    return f"C{place}" if count <= 10 else colormaps["viridis"](place / (count - 1))

@@ -1,0 +1,45 @@
+"""Scenes for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from palpate.procedures.showing.terminal import console
+
+
+def print_list(scenes: Sequence[dict[str, Any]]) -> None:
+    """What each scene is for."""
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("scene", "design", "nodes", "effects", "purpose"):
+        table.add_column(column, justify="right" if column in ("nodes", "effects") else "left")
+    for scene in scenes:
+        table.add_row(
+            scene["scene"], scene["design"], str(scene["nodes"]), str(len(scene["effects"])), scene["purpose"]
+        )
+    console().print(table)
+
+
+def print_scene(scene: dict[str, Any]) -> None:
+    """Every parameter of one."""
+    from rich.table import Table
+
+    out = console()
+    out.print(f"{scene['scene']}: {scene['purpose']}", soft_wrap=True)
+    chosen = f" with the {scene['parameter_set']} set" if scene["parameter_set"] else ""
+    out.print(
+        f"design {scene['design']}, model {scene['model']}{chosen}, seed {scene['seed']}, nodes {scene['nodes']}\n"
+    )
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("", "parameter", "value"):
+        table.add_column(column)
+    for name, parameters in {"rig": scene["rig"], **scene["parameters"]}.items():
+        for number, (parameter, value) in enumerate(parameters.items() or [("", "")]):
+            table.add_row("" if number else name, parameter, _shown(value))
+    out.print(table)
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,0 +1,37 @@
+"""What shear does to films."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from palpate.instrument.models.shear import ALIKE, DRAGGED, FilmShear, told
+from palpate.procedures.showing.marks import NO_VALUE, legend
+from palpate.procedures.showing.text import new_table, print_all, stamped
+
+TOLD = {
+    "not": "No film tells of shear along the line of the teeth.",
+    "off centre": "All films that tell of it name one place: shear looks like a load off centre.",
+    "apart": f"Films name places that differ by more than {100 * ALIKE:g} %: together they could tell shear from a load"
+    " off centre.",
+}
+
+
+def print_shear(what: str, films: Mapping[str, FilmShear], coarse: Mapping[str, FilmShear]) -> None:
+    """A line a film: its force for 1 N, and the place of a load that does as much.
+
+    Args:
+        coarse: the same on the mesh before.
+    """
+    table = new_table(
+        stamped(False, f"{what}: forces on films for 1 N, and the place of a load that adds as much"),
+        "film", "pressed\nN", *(text for place in DRAGGED for text in (f"shear on\n{place}, N", "off centre\nmm N/N")),
+        "change\nN",
+    )  # fmt: skip
+    table.columns[0].justify = "left"
+    for name, film in films.items():
+        cells = []
+        for place in DRAGGED:
+            off = film.off_centre(place)
+            cells += [f"{film.cleaned(place):+.5f}", "-" if off is None else f"{1e3 * off:+.3f}"]
+        table.add_row(name, f"{film.pressed:.4f}", *cells, f"{film.change(coarse[name]):.5f}")
+    print_all(table, *legend(table, marks=NO_VALUE), TOLD[told(films)])

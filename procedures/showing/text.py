@@ -1,0 +1,84 @@
+"""Tables and lines in the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.procedures.showing.terminal import console
+
+if TYPE_CHECKING:
+    from rich.table import Table
+    from rich.text import Text
+
+STAMP = "SIMULATED"
+PIPE_WIDTH = 160  # columns where no terminal says otherwise
+WIDEST = 100_000
+
+
+def print_all(*things: object) -> None:
+    """Texts as they are: what looks like markup is part of a name of a file or a message.
+
+    A table that does not fit goes beyond the edge: a figure that is cut off would be lost.
+    """
+    from rich.table import Table
+
+    out = console()
+    width = out.width if out.is_terminal else PIPE_WIDTH
+    for thing in things:
+        out.width = width
+        if isinstance(thing, Table) and all(column.no_wrap for column in thing.columns):
+            whole = out.measure(thing, options=out.options.update(width=WIDEST)).maximum
+            out.width = max(width, whole)
+        out.print(thing, soft_wrap=not isinstance(thing, Table))
+
+
+def new_table(title: Text | None, *columns: str) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    return table
+
+
+def stamped(simulated: bool, text: str) -> Text:
+    from rich.text import Text
+
+    return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
+
+
+MOUNTING = {  # of samples, weights and all else that is laid by hand; on a simulated bench nothing is
+    "sample changer": "by the sample changer",
+    "confirmed": "confirmed by name",
+    "assumed": "ASSUMED, nobody has confirmed it",
+}
+
+
+def where(outcome: dict[str, Any], plot: Path) -> list[str]:
+    named = {
+        "calibration": outcome["calibration"],
+        "films": outcome.get("film_calibration"),
+        "mounting": MOUNTING.get(outcome["mounting"]),
+    }
+    lines = [f"{name:<14} {source}" for name, source in named.items() if source]
+    bench, wall = outcome["bench_seconds"], outcome["wall_seconds"]
+    return [
+        *lines,
+        f"time           {bench:.0f} s on the bench, {wall:.1f} s here (x {bench / wall:.0f})",
+        f"run            {outcome['run']}",
+        f"plot           {plot}",
+    ]
+
+
+def short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.2f}"
+
+
+def number(value: object) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

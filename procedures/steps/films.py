@@ -1,0 +1,237 @@
+"""The films of a design: set up, waited for until they have settled, recorded and fitted, all together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.sensor_node import SensorNode, acquire
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS, RANGES, place
+from palpate.instrument.errors import DeviceError, EstimateError, RangeError
+from palpate.instrument.sensor.design import Design
+from palpate.instrument.signals.estimate import SineFit, fit_sine
+from palpate.instrument.signals.sine_columns import sine_columns
+
+SAMPLES_PER_CYCLE = 25
+HEADROOM = 1.5
+WIDE, SENSITIVE = RANGES
+SHORT_RECORD = 0.2  # s, and whole cycles, two or more
+NOISE_BENDS = 10.0  # standard deviations of a bend by white noise; by 1/f noise it has three times as many
+LONGER_RECORD = 1.0  # s, and whole cycles: before a dwell that is spoilt by what does not show in short records
+SETTLING_LIMIT = 30.0  # s, and ten short records or more
+AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
+BEND = 0.1  # of a standard uncertainty, that a change of trend may leave in an amplitude
+LONGEST_BENT = 10_000  # samples; over more, what decays is a small part of the record
+FINEST_CHANGE = 1e-4  # of the amplitude: what is smaller counts as settled [A]
+FINER_CHANGE = 1e-6  # where longer records are compared
+CHARGE_AMPLIFIER = 1.0  # s, time constant [A], by which offsets decay
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilmRecord:
+    """What all films of a design gave together, in its order.
+
+    time: (n,) s. voltage: (films, n) V. clipped, good: (films, n); a good sample is finite and not clipped.
+    """
+
+    rate: float
+    time: Floats
+    voltage: Floats
+    clipped: npt.NDArray[np.bool_]
+
+    @property
+    def good(self) -> npt.NDArray[np.bool_]:
+        good: npt.NDArray[np.bool_] = np.isfinite(self.voltage) & ~self.clipped
+        return good
+
+    def first(self, duration: float) -> FilmRecord:
+        """Its first `duration` s."""
+        n = round(duration * self.rate)
+        return FilmRecord(self.rate, self.time[:n], self.voltage[:, :n], self.clipped[:, :n])
+
+    def last(self, duration: float) -> FilmRecord:
+        """Its last `duration` s."""
+        n = round(duration * self.rate)
+        return FilmRecord(self.rate, self.time[-n:], self.voltage[:, -n:], self.clipped[:, -n:])
+
+
+def short_length(frequency: float) -> float:
+    """Of the records that tell whether the films have settled at a frequency [Hz]: s, whole cycles."""
+    return max(2, math.ceil(SHORT_RECORD * frequency - 1e-9)) / frequency
+
+
+def settling_length(frequency: float, dwell: float | None = None) -> float:
+    """Of the records that are compared before a dwell [s] at a frequency [Hz]: s, whole cycles.
+
+    Short ones, where their noise, taken for a bend, is less in an amplitude than twice what a bend may leave there.
+    """
+    short = short_length(frequency)
+    if dwell is None:
+        return short
+    if _bend_noise(frequency, dwell, short) <= 2 * BEND * min(1.0, math.sqrt(short / dwell)):
+        return short
+    return max(short, math.ceil(LONGER_RECORD * frequency - 1e-9) / frequency)
+
+
+def _bend_noise(frequency: float, dwell: float, length: float) -> float:
+    """What white noise, taken for a bend by records of a length [s], is in an amplitude, over its uncertainty there."""
+    return math.sqrt(12) * bend_leak(frequency, dwell) / length**2
+
+
+def bend_leak(frequency: float, dwell: float | None) -> float:
+    """By how much a signal that bends by 1 V/s² as a dwell [s] begins puts an amplitude off [V].
+
+    A bend that stays, over whole cycles, or one that decays as the films' amplifiers have it.
+    """
+    whole = 2 / (2 * math.pi * frequency) ** 2
+    rate = SAMPLES_PER_CYCLE * frequency
+    if dwell is None or dwell * rate > LONGEST_BENT:
+        return whole
+    basis = sine_columns(np.arange(round(dwell * rate)) / rate, frequency)
+    decaying = CHARGE_AMPLIFIER**2 * np.exp((basis.time[0] - basis.time) / CHARGE_AMPLIFIER)
+    return max(whole, float(np.linalg.norm(basis.weights() @ decaying)))
+
+
+def nodes_for(design: Design) -> int:
+    """How many sensor nodes its films fill."""
+    return max(place(film.channel)[0] for film in design.films)
+
+
+def check_nodes(design: Design, nodes: int) -> None:
+    """Refuse a bench that has fewer nodes than the films fill. Raises RangeError."""
+    if nodes < nodes_for(design):
+        raise RangeError(
+            f"design {design.name!r} has {len(design.films)} films on {nodes_for(design)} sensor nodes; the bench has "
+            f"{nodes}; list them all under [can] in the bench file"
+        )
+
+
+class Films:
+    """The films of a design on the nodes of a bench: sample rate, ranges, and recordings of all together."""
+
+    def __init__(self, bench: Bench, design: Design, frequency: float, largest: float) -> None:
+        """Set the sample rate, and ranges for forces up to `largest` N, peak.
+
+        Raises:
+            RangeError: the bench has too few nodes; nothing is sent.
+        """
+        check_nodes(design, len(bench.nodes))
+        self.bench, self.design, self.frequency = bench, design, frequency
+        self._nodes: list[SensorNode] = bench.nodes[: nodes_for(design)]
+        self._places = [(node - 1, channel) for node, channel in (place(film.channel) for film in design.films)]
+        self._ranges: dict[int, str] = {}
+        self.set_frequency(frequency)
+        for number, film in enumerate(design.films):
+            fits = HEADROOM * film.sensitivity * largest <= RANGE_VOLTS[RANGES[SENSITIVE]]
+            self._set_range(number, SENSITIVE if fits else WIDE)
+
+    def set_frequency(self, frequency: float) -> None:
+        """The drive's, in Hz: records are of 25 samples a cycle."""
+        self.frequency = frequency
+        self._nodes[0].set_sample_rate(SAMPLES_PER_CYCLE * frequency)
+
+    def _set_range(self, film: int, range_: str) -> None:
+        node, channel = self._places[film]
+        self._nodes[node].set_range(channel, range_)
+        self._ranges[film] = range_
+
+    def widen(self, record: FilmRecord) -> None:
+        """Put the films that clipped on the wide range."""
+        for film, clipped in enumerate(record.clipped):
+            if clipped.any() and self._ranges[film] != WIDE:
+                self._set_range(film, WIDE)
+
+    def acquire(self, duration: float) -> FilmRecord:
+        """Record all films for `duration` s. Raises LinkError, DeviceError."""
+        recordings = acquire(self._nodes, duration)
+        first = recordings[0]
+        return FilmRecord(
+            first.rate,
+            first.time,
+            np.array([recordings[node].voltage[channel - 1] for node, channel in self._places]),
+            np.array([recordings[node].saturated[channel - 1] for node, channel in self._places]),
+        )
+
+    def steps(self) -> Floats:
+        """Steps of the converter (films,) V, on the ranges that are set."""
+        ranges = [self._ranges[film] for film in range(len(self.design.films))]
+        return np.array([RANGE_VOLTS[RANGES[range_]] / FULL_SCALE_COUNTS for range_ in ranges])
+
+    def emergencies(self) -> int:
+        """How many the nodes have sent so far."""
+        return sum(len(node.emergencies) for node in self._nodes)
+
+    def fit(self, record: FilmRecord) -> SineFit:
+        """By the samples that are good in every film; by all that are finite where those are too few.
+
+        Raises:
+            DeviceError: a film gives no finite samples.
+            EstimateError: too few samples for a sine.
+        """
+        good, finite = record.good.all(axis=0), np.isfinite(record.voltage).all(axis=0)
+        if not finite.any():
+            dead = next(i for i, volts in enumerate(record.voltage) if not np.isfinite(volts).any())
+            film = self.design.films[dead]
+            raise DeviceError(f"film {film.name!r} on channel {film.channel} gives no finite samples; check its node")
+        try:
+            return fit_sine(record.time[good], record.voltage[:, good], self.frequency)
+        except EstimateError:
+            if good.all():
+                raise
+            return fit_sine(record.time[finite], record.voltage[:, finite], self.frequency)
+
+    def settle(self, watch: Callable[[], object], dwell: float | None = None) -> tuple[SineFit, float, bool]:
+        """Wait until short records agree; `watch` is called between them.
+
+        Two that follow each other must have the same amplitudes within their uncertainty. What still decays shows
+        sooner in the trend: where it changes by Δ from one record to the next, T apart, the signal is curved, and over
+        whole cycles an amplitude is off by 2 Δ/(T ω²), over ten seconds or broken cycles by up to ten times as much.
+        That must be small beside the uncertainty of the dwell that follows.
+
+        Args:
+            dwell: s, of the record that follows; None: of whole cycles.
+
+        Returns:
+            The last short record's fit, the time taken [s], and whether it did settle within the limit.
+        """
+        length = settling_length(self.frequency, dwell)
+        began = self.bench.clock.now_ns()
+        limit = max(SETTLING_LIMIT, 10 * length)
+        bent = bend_leak(self.frequency, dwell)
+        allowed, finest = BEND, FINEST_CHANGE
+        if dwell is not None and length > short_length(self.frequency):
+            seen = NOISE_BENDS * _bend_noise(self.frequency, dwell, length)
+            allowed, finest = max(BEND * math.sqrt(length / dwell), seen), FINER_CHANGE
+        before: tuple[int, SineFit] | None = None
+        while True:
+            start = self.bench.clock.now_ns()
+            fit = self.fit(self.acquire(length))
+            watch()
+            took = self.bench.clock.now_ns() - began
+            settled = before is not None and _agree(before[1], fit, 1e-9 * (start - before[0]), bent, allowed, finest)
+            if settled or took >= 1e9 * limit:
+                return fit, 1e-9 * took, settled
+            before = start, fit
+
+
+def _agree(before: SineFit, after: SineFit, gap: float, bent: float, allowed: float, finest: float) -> bool:
+    """Whether two records, begun `gap` s apart, are of a settled signal: `bent` as `bend_leak` has it.
+
+    Args:
+        allowed: of an amplitude's uncertainty here, that a bend may leave in the dwell.
+        finest: change of an amplitude that does not count, for a bend, as a part of it.
+    """
+    step = np.abs(after.amplitude - before.amplitude)
+    step_u = np.hypot(before.amplitude_u, after.amplitude_u)
+    bend = bent * np.abs(after.trend - before.trend) / gap
+    return bool(
+        np.all(step <= np.maximum(AGREEMENT * step_u, FINEST_CHANGE * after.amplitude))
+        and np.all(bend <= np.maximum(allowed * after.amplitude_u, finest * after.amplitude))
+    )

@@ -1,0 +1,64 @@
+"""What a study found: a line for each group of cells that differ in their seeds alone, and the ratio over each axis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from palpate.procedures.showing.figure import new_figure, save
+from palpate.procedures.showing.marks import MARKS, legend
+from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped
+from palpate.procedures.study.results import Results, coordinate
+
+MOST_LINES, MOST_PANELS, MOST_REASONS = 40, 3, 5
+DECADE_AND_MORE = 30.0  # between the ends of an axis, which is drawn logarithmic then
+
+
+def print_study(results: Results, outcome: dict[str, Any]) -> None:
+    """Groups, failures, files."""
+    groups = results.groups()
+    names = [name for name in results.study.axes if name != "seed"]
+    table = new_table(
+        stamped(True, f"{results.study.file.name}: mean force ratio, {results.study.file.how}"),
+        *(name.removeprefix("effects.") for name in names), "cells", "failed", "ratio", "spread", "u", "model",
+    )  # fmt: skip
+    for group in groups[:MOST_LINES]:
+        table.add_row(
+            *(str(group.axes[name]) for name in names), str(group.cells), str(group.failed or ""),
+            *map(number, (group.force_ratio, group.spread, group.force_ratio_u, group.model_force_ratio)),
+        )  # fmt: skip
+    lines = legend(table, marks=MARKS)
+    if len(groups) > MOST_LINES:
+        lines.append(f"and {len(groups) - MOST_LINES} lines more in {outcome['points']}")
+    failed = outcome["failed"]
+    lines += [f"cell {each['cell']} failed: {each['reason']}" for each in failed[:MOST_REASONS]]
+    if len(failed) > MOST_REASONS:
+        lines.append(f"and {len(failed) - MOST_REASONS} cells more failed: see --json")
+    lines += [
+        f"study          {outcome['study']}, {outcome['done']} of {outcome['cells']} cells",
+        f"points         {outcome['points']}",
+        f"plot           {outcome['plot']}",
+    ]
+    print_all(table, *lines)
+
+
+def plot_study(results: Results, folder: Path) -> Path:
+    """Draws the mean force ratio of each cell over each axis that varies; returns the PNG."""
+    means = [mean for mean in results.means() if mean.force_ratio is not None]
+    ratios = [mean.force_ratio or 0.0 for mean in means]
+    varied = [name for name in results.study.axes if len({str(mean.axes[name]) for mean in means}) > 1]
+    shown = [name for name in varied if name != "seed"][:MOST_PANELS] or [*results.study.axes][:1]
+    figure, panels = new_figure(True, len(shown))
+    figure.suptitle(f"{STAMP}: {results.study.file.name}, {len(means)} cells", fontsize=10)
+    for ax, name in zip(panels, shown, strict=True):
+        values, unit = coordinate([mean.axes[name] for mean in means])
+        if any(isinstance(value, str) for value in values):
+            places = {value: place for place, value in enumerate(dict.fromkeys(values))}
+            ax.plot([places[value] for value in values], ratios, "o", ms=3, alpha=0.5)
+            ax.set_xticks([*places.values()], [str(value) for value in places], fontsize=7)
+        else:
+            ax.plot(values, ratios, "o", ms=3, alpha=0.5)
+            if values and min(values) > 0 and max(values) > DECADE_AND_MORE * min(values):  # type: ignore[operator]
+                ax.set_xscale("log")
+        ax.set(xlabel=f"{name} ({unit})" if unit else name, ylabel="mean force ratio")
+    return save(figure, folder)

@@ -1,0 +1,1 @@
+"""Files that begin a device, an effect or a procedure of one's own."""

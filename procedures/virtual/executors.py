@@ -1,0 +1,50 @@
+"""Where the cells of a study are computed: processes on this machine, or a dask scheduler."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+
+from palpate.procedures.records.extras import library
+
+
+@contextmanager
+def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executor, int]]:
+    """An executor, and how many workers it has.
+
+    Args:
+        workers: processes; None: one a core.
+        dask: address of a scheduler, in place of processes.
+
+    Raises:
+        UsageError: dask.distributed is not installed.
+        OSError: no scheduler answers.
+    """
+    if dask is not None:
+        with library("distributed", "dask").Client(dask) as client:
+            yield client.get_executor(), max(1, sum(client.ncores().values()))
+        return
+    os.environ["OMP_NUM_THREADS"] = "1"  # of each worker: a core each, and sums in one order
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["palpate.procedures.virtual.study_cell"])  # imported once for all workers
+    with ProcessPoolExecutor(count, context, _begin_worker) as executor:
+        yield executor, count
+
+
+def _begin_worker() -> None:
+    """Ctrl-C is for the one who gives out cells; and who is killed cannot tell its workers to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

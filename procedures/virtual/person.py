@@ -1,0 +1,177 @@
+"""What a person sees of a served bench, does at it by hand, and has go wrong with it."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.errors import RangeError, UsageError
+from palpate.instrument.quantity import parse, show
+from palpate.instrument.sensor.sample import get_sample
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.rig.operator import SimulatedOperator
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+HANDLING = """mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES, warm KELVIN, \
+fault PLACE KIND [NAME=VALUE ...], clear PLACE [KIND], clear all, faults, quit"""
+
+
+class _AtOnce:
+    """The clock of a person whose time the client's own waiting has taken."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self.lock: AbstractContextManager[Any] = sim.clock.lock
+
+    def wait(self, duration: float) -> None:
+        pass
+
+
+class Person:
+    """Does what is typed: one of HANDLING a line."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        operator = SimulatedOperator(sim.rig, _AtOnce(sim))
+        self._sim = sim
+        self._verbs: dict[str, Callable[[list[str]], str | None]] = {
+            "mount": lambda words: operator.mount(get_sample(_one(words))),
+            "lay": lambda words: operator.lay_on_support(None if words == ["none"] else get_sample(_one(words))),
+            "probe": lambda words: operator.place_probe(*(parse(word, "m") for word in _several(words, 2))),
+            "tooth": lambda words: operator.press_tooth(_number(_one(words), len(sim.scene.design.teeth)) - 1),
+            "weight": lambda words: operator.place_weight(_within("weight", " ".join(words), "kg", 0, HEAVIEST)),
+            "turn": lambda words: operator.turn_load_cell(_within("turn", _one(words), "", 0, 360)),
+            "warm": lambda words: operator.set_temperature(_within("warm", " ".join(words), "K", -WARMEST, WARMEST)),
+            "fault": self._give,
+            "clear": self._clear,
+            "faults": lambda words: self._listed(_several(words, 0)),
+        }
+
+    def do(self, line: str) -> str | None:
+        """What is to be answered; None: that it is done.
+
+        Raises UsageError: it is none of these, or a fault that cannot be. BenchError: the probe is not home.
+        RangeError, UnknownName.
+        """
+        try:
+            verb, *words = shlex.split(line)
+        except ValueError as error:  # a quotation that does not end
+            raise UsageError(f"{line!r} cannot be read ({error}); close the quotation") from None
+        if verb not in self._verbs:
+            raise UsageError(f"{line!r} is nothing that is done at the bench; type one of: {HANDLING}")
+        return self._verbs[verb](words)
+
+    def _give(self, words: list[str]) -> None:
+        if len(words) < PLACE_AND_KIND:
+            raise UsageError(f"fault: a place and a kind belong behind it; type one of: {HANDLING}")
+        on, kind, *given = words
+        table: dict[str, Any] = {"on": on, "kind": kind}
+        for word in given:
+            name, equals, value = word.partition("=")
+            if not equals or name in table:
+                raise UsageError(f"fault: {word!r} is no NAME=VALUE, or is given twice; such as lasts='2 s'")
+            table[name] = _number_or_text(value)
+        self._sim.injection.give_by_hand(table)
+
+    def _clear(self, words: list[str]) -> str:
+        if not 0 < len(words) <= PLACE_AND_KIND:
+            raise UsageError(f"clear: a place, and a kind, or all belong behind it; type one of: {HANDLING}")
+        return "\n".join(f"cleared: {given.told()}" for given in self._sim.injection.clear(*words))
+
+    def _listed(self, _words: list[str]) -> str:
+        return "\n".join(given.told() for given in self._sim.injection.given) or "no fault is given"
+
+
+PLACE_AND_KIND = 2  # words
+HEAVIEST = 100.0  # kg
+WARMEST = 200.0  # K, against the start
+
+
+def _within(what: str, text: str, unit: str, low: float, high: float) -> float:
+    """Raises QuantityError; RangeError: below `low`, or above `high`."""
+    value = parse(text, unit)
+    if not low <= value <= high:
+        raise RangeError(f"{what} {text}: is outside {low:g} to {high:g} {unit}".rstrip())
+    return value
+
+
+def _number(text: str, most: int) -> int:
+    """Of a tooth, from 1. Raises QuantityError; RangeError: there is none of that number."""
+    value = parse(text, "")
+    if value not in range(1, most + 1):
+        raise RangeError(f"tooth {text}: the sensor has teeth 1 to {most}" if most > 1 else f"tooth {text}: it has one")
+    return int(value)
+
+
+def _number_or_text(text: str) -> float | int | str:
+    """As TOML has it: `[[fault]]` tables hold both."""
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            pass
+    return text
+
+
+def _one(words: list[str]) -> str:
+    return _several(words, 1)[0]
+
+
+def _several(words: list[str], count: int) -> list[str]:
+    if len(words) != count:
+        raise UsageError(f"{count} word(s) belong behind it, {len(words)} are there; type one of: {HANDLING}")
+    return words
+
+
+class Traffic:
+    """Transactions a second since the last look."""
+
+    def __init__(self, sim: SimulatedBench) -> None:
+        self._sim = sim
+        self._before = (0.0, 0)
+
+    def rate(self, now: float) -> float:
+        """`now` is of the wall [s]."""
+        (then, before), count = self._before, self._sim.servers.transactions
+        self._before = (now, count)
+        return (count - before) / (now - then) if then else 0.0
+
+
+def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
+    """The page of a served bench at this moment; `rate` in Modbus transactions a second, `behind` in s of the wall."""
+    from rich.table import Table
+
+    with sim.clock.lock:
+        generator, amplifier, positioner = sim.generator.settings, sim.amplifier, sim.positioner
+        indicator, states, sync = sim.indicator, sim.can.states, sim.can.sync_rate
+        active = sum(state == "OPERATIONAL" for state in states.values())
+        contract = amplifier.contract
+        faults = {name: contract.set_bits(name, amplifier.read(name)) for name in ("faults", "faults_latched")}
+        reading = indicator.read("reading_float")
+        load = bus_load(active, sync, sim.description.can.bitrate) if sync else 0.0
+        rows = {
+            "bench time": f"{sim.clock.now_ns() / 1e9:.1f} s" + (f", {behind:.1f} s behind" if behind >= 1 else ""),
+            "generator": f"{_on(generator['output'])}, {show(generator['amplitude'], 'V')} at "
+            f"{show(generator['frequency'], 'Hz')}",
+            "amplifier": f"{_on(amplifier.settings['enable'])}, {show(amplifier.read('output_current'), 'A')}, "
+            f"{amplifier.read('temperature'):.1f} °C",
+            "faults": ", ".join(sorted(faults["faults"])) or "none",
+            "latched": ", ".join(sorted(faults["faults_latched"])) or "none",
+            "indicator": "bridge open" if math.isnan(reading) else f"{reading:g} mV",
+            "positioner": show(positioner.read("position"), "m"),
+            "sensor nodes": ", ".join(f"{number} {state.lower()}" for number, state in states.items()),
+            "CAN bus": f"{100 * load:.0f} % of {show(sim.description.can.bitrate, 'bit/s')} at worst",
+            "Modbus": f"{rate:.0f} transactions/s",
+        }
+    table = Table(title=f"SIMULATED {sim.description.name}", show_header=False, box=None, padding=(0, 1))
+    for name, value in rows.items():
+        table.add_row(name, value)
+    return table
+
+
+def _on(value: float) -> str:
+    return "on" if value else "off"

@@ -1,0 +1,137 @@
+"""A cell of a study, computed in closed form or on a simulated bench: here drivers and simulators meet."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from palpate.drivers.bench import Bench
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.quantity import parse
+from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.signals.estimate import fit_sine
+from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.plan import SweepSettings, check
+from palpate.procedures.records.encoding import as_json
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.film_point import CLIPPED, MARKS, SHORT, is_short
+from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.effects import effect_class
+from palpate.simulators.planning.load_sets import load_sets
+from palpate.simulators.scenes.scene import Scene, SceneFile, read_scene, scene_of
+
+COLUMNS = (
+    "load_N", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N", "force_ratio", "force_ratio_u",
+    "noise_u", "pickup_u", "degrees_of_freedom",
+)  # fmt: skip
+EPOCH = "2000-01-01T00:00:00+00:00"  # of records that nobody keeps
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Computes cells: what a study has in common for all of them, with its scenes' files, so that it can be sent."""
+
+    scenes: Mapping[str, SceneFile]
+    how: str
+    loads: tuple[float, ...]
+    frequency: float
+    dwell: float
+
+    @classmethod
+    def of(cls, study: Study, where: str) -> Sweep:
+        """Reads the scenes of a study; `where` is what messages call it.
+
+        Raises:
+            ConfigError, UnknownName: a scene is wrong, or an effect or a parameter does not exist.
+        """
+        for name in study.axes:
+            if name.startswith(EFFECTS):
+                _check_parameter(name, where)
+        named = study.axes.get("scene", [DEFAULTS["scene"]])
+        assert not isinstance(named, Span)
+        scenes = {str(name): read_scene(str(name)).file for name in named}
+        return cls(scenes, study.file.how, study.loads, study.file.frequency, study.file.dwell)
+
+    def __call__(self, cell: Mapping[str, Value]) -> list[dict[str, Any]]:
+        """The points of a cell. Raises PalpateError: it cannot be computed."""
+        scene, sample = self._scene(cell), _sample(cell)
+        settings = SweepSettings((sample.name,), self.loads, self.dwell, self.frequency)
+        check(settings, scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes)
+        ratio = scene.answer(sample).force_ratio
+        points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, settings)
+        return [{**point, "model_force_ratio": ratio, "scene_seed": scene.seed} for point in points]
+
+    def _scene(self, cell: Mapping[str, Value]) -> Scene:
+        file = self.scenes[str(cell["scene"])]
+        changed: dict[str, Any] = {name: cell[name] for name in ("design", "model") if name in cell}
+        changed["seed"] = _own_seed(int(cell.get("seed", file.seed)), cell)
+        if "design" in cell:
+            changed["nodes"] = None
+        effects = dict(file.effects)
+        for name, value in cell.items():
+            if name.startswith(EFFECTS):
+                _, effect, parameter = name.split(".")
+                table = effects.get(effect, {})
+                effects[effect] = {**(table if isinstance(table, dict) else {"when": table}), parameter: value}
+        return scene_of(file.model_copy(update={**changed, "effects": effects}), Path(str(cell["scene"])))
+
+    def _closed_form(self, scene: Scene, sample: Sample) -> Iterator[dict[str, Any]]:
+        design = scene.design.with_pickup(scene.pickup)
+        for point in load_sets(scene, sample, self.loads, self.frequency, self.dwell):
+            fit = fit_sine(point.time, point.voltage, self.frequency)
+            forces = film_forces(design, fit)
+            flags = tuple(f for f, on in ((CLIPPED, point.saturated.any()), (SHORT, is_short(design, fit))) if on)
+            yield _point({"load_N": point.load, **asdict(forces)}, flags)
+
+
+def _own_seed(seed: int, cell: Mapping[str, Value]) -> int:
+    """Of the cell's scene: cells of one seed have noise and gains of their own, or they would err alike."""
+    varied = {name: value for name, value in cell.items() if name != "seed"}
+    return int.from_bytes(hashlib.sha256(as_json((seed, varied)).encode()).digest()[:6])  # exact in a float
+
+
+def _on_a_bench(scene: Scene, settings: SweepSettings) -> Iterator[dict[str, Any]]:
+    """The whole bench, as `palpate sweep loads` measures on it; its record is not kept."""
+    header = {"procedure": "study", "simulated": True, "started": EPOCH}
+    with (
+        tempfile.TemporaryDirectory(prefix="palpate-") as folder,
+        SimulatedBench(scene) as simulated,
+        Recorder.create(Path(folder), header) as record,
+        Bench(simulated.description, simulated.clock, simulated.operator) as bench,
+    ):
+        design = scene.design.with_pickup(scene.pickup)
+        swept = load_sweep.run(bench, design, THESIS_LOAD_CELL, settings, record, _nobody)
+        record.finish("complete", {})
+    return (_point(asdict(point), point.flags) for point in swept.points)
+
+
+def _point(values: Mapping[str, Any], flags: Sequence[str]) -> dict[str, Any]:
+    return {**{name: values[name] for name in COLUMNS}, "valid": MARKS.issuperset(flags), "flags": list(flags)}
+
+
+def _nobody(_done: int, _total: int, _what: str) -> None:
+    """Hears of progress and does nothing."""
+
+
+def _sample(cell: Mapping[str, Value]) -> Sample:
+    sample = get_sample(str(cell["sample"]))
+    return replace(sample, modulus=parse(str(cell["modulus"]), "Pa")) if "modulus" in cell else sample
+
+
+def _check_parameter(name: str, where: str) -> None:
+    """`effects.NAME.PARAMETER` exists. Raises ConfigError."""
+    _, effect, *parameter = name.split(".")
+    try:
+        parameters = effect_class(effect).model_fields
+        if len(parameter) != 1 or parameter[0] not in parameters:
+            raise UnknownName(f"parameter of the effect {effect}", ".".join(parameter), parameters)
+    except UnknownName as error:
+        raise ConfigError(f"{where}: axes.{name}: {error}") from None

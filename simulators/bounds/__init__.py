@@ -1,0 +1,1 @@
+"""What leaving an effect out of a scene changes in the results, at most."""

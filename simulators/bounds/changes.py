@@ -1,0 +1,183 @@
+"""What an effect changes in the results, at most: force and force ratio of a least-squares sine at the set load.
+
+The scene is followed with the effect and without it, as a rig follows it, for a drive that begins in any phase: what
+is certain changes by just that. What is random, in both or in one, is added with six standard deviations, and the steps
+of a converter as they are tried. Where contact is lost, a limit acts or the converter's rail is reached, nothing holds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from palpate.instrument.errors import EstimateError
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.simulators.bounds.dwells import begun, met, touched
+from palpate.simulators.bounds.fits import SIGMAS
+from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
+from palpate.simulators.bounds.sides import (
+    CONVERTER,
+    SCATTER,
+    Side,
+    certain,
+    deterministic,
+    moments,
+    name_of,
+    reach,
+    sides,
+)
+from palpate.simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect, Rates
+from palpate.simulators.linear.lti import Complexes
+
+if TYPE_CHECKING:
+    from palpate.simulators.effects.gain_scatter import GainScatter
+
+BEYOND = Bound(math.inf, math.inf)
+GAINS = np.linspace(-1.0, 1.0, 5)  # of the greatest scatter
+BETWEEN = {True: 0.01, False: 0.5}  # of what results span over phases, that they may lie beyond them elsewhere
+LOOKED_AT = 8  # phases of the drive, in which a limit is looked for
+NEARER = math.cos(math.pi / LOOKED_AT)  # than the limit itself, for what lies between two phases
+
+
+def bound_of(case: Case, effect: Effect) -> Bound:
+    """What the scene with the effect gives, against the scene without it."""
+    with_it = {**case.effects, name_of(effect): effect}
+    found = [Bound(0.0, 0.0)]
+    try:
+        for moment in moments(case, with_it):
+            if any(case.follow(certain(each, moment)).limited for each in (case.effects, with_it)):
+                return BEYOND
+            before, after = sides(case, case.effects, with_it, moment)
+            if any(_saturated(case, each) for each in (before, after)):
+                return BEYOND
+            found.append(_results(case, effect, before, after))
+    except EstimateError:  # the dwell does not determine a sine
+        return BEYOND
+    return Bound(max(bound.force for bound in found), max(bound.ratio for bound in found))
+
+
+def bound_of_limit(case: Case, nearer: Effect, name: str) -> Bound:
+    """Of a limit: nothing where one that is `NEARER` is never met, from the beginning of the drive on."""
+    rig = case.driven(deterministic({**case.effects, name_of(nearer): nearer}))
+    end_ns = round(1e9 * (case.settled + case.dwell))
+    acts = any(met(touch, (name,)) for path in begun(rig, LOOKED_AT) for touch in touched(path, end_ns))
+    return BEYOND if acts else Bound(0.0, 0.0)
+
+
+def _saturated(case: Case, each: Side) -> bool:
+    """Whether a film may reach the rail of the scene's converter."""
+    if each.converter is None:
+        return False
+    volts = np.abs(each.volts).max(axis=(0, 2)) * (1 + each.scatter)
+    noise = [sum(effect.largest(case, each.rates(film)) for effect in each.inputs()) for film in range(len(volts))]
+    return reaches_rail(float((volts + np.array(noise)).max()))
+
+
+# --- from films to results -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """What is not certain of a film's phasor, (films,) or (phases, films) [V].
+
+    Attributes:
+        common: what both sides have alike, beside the signal.
+        apart: what one side has and the other has not.
+        least: what may be missing of the first side's signal.
+    """
+
+    common: Floats
+    apart: Floats
+    least: Floats
+
+
+def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
+    """Both sides, compared at the same phase and the same gains."""
+    beyond = BETWEEN[before.linear]
+    gains = 1 + GAINS[:, np.newaxis, np.newaxis] * before.scatter if before.scatter.any() else np.ones((1, 1, 1))
+    was = gains * before.passed + before.added  # (gains, phases, films)
+    became = gains * after.passed + after.added
+    if name_of(effect) == SCATTER:  # the same but for its gains, which differ from one load set to the next
+        became = was
+    with np.errstate(all="ignore"):
+        factor = np.where(became == was, 1.0, became / was)
+        beside = _beside(case, effect, before, after, factor[len(gains) // 2])
+        # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what both have beside the signal dilutes it.
+        missed = np.where(factor == 1.0, 0.0, np.abs(1 - factor) * beside.common) + beside.apart
+        slack = np.where(missed == 0, 0.0, missed / np.maximum(np.abs(was) - beside.least, 0.0))
+        low, high = np.maximum(np.abs(factor) - slack, 0.0), np.abs(factor) + slack
+        total = [i for i, film in enumerate(case.design.films) if film.kind == FILM_KINDS[1]]
+        force = max(_most(low[..., j], high[..., j], beyond) for j in total)
+        # The films' gains scatter each by itself.
+        others = (np.newaxis, slice(None)) if before.scatter.any() else (slice(None), np.newaxis)
+        ratio = max(
+            _most(
+                low[:, np.newaxis, :, i] / high[others][..., j], high[:, np.newaxis, :, i] / low[others][..., j], beyond
+            )
+            for i, j in _pairs(case.design)
+        )
+    return Bound(force, ratio)
+
+
+def _pairs(design: Design) -> list[tuple[int, int]]:
+    """Films under teeth, each with that under its base."""
+    tooth, base = ([i for i, film in enumerate(design.films) if film.kind == kind] for kind in FILM_KINDS)
+    films = design.films
+    return [(i, j) for i in tooth for j in base if set(films[i].teeth) <= set(films[j].teeth)]
+
+
+def _most(low: Floats, high: Floats, beyond: float) -> float:
+    """Greatest distance from 1 of factors (..., phases), and of those between the phases."""
+    if not np.isfinite(high).all():
+        return math.inf
+    ends = [each.max(axis=-1) + beyond * np.ptp(each, axis=-1) for each in (high - 1, 1 - low)]
+    return float(max(0.0, *(end.max() for end in ends)))
+
+
+def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Complexes) -> _Beside:
+    count = len(case.design.films)
+    common, apart, least = np.zeros(count), np.zeros(factor.shape), np.zeros(count)
+    if name_of(effect) == SCATTER:
+        apart = reach(case, cast("GainScatter", effect)) * np.abs(after.passed)
+    changed = (before.volts != after.volts).any(axis=(0, 2))
+    for i in range(count):
+        rates = before.rates(i)
+        for each in before.inputs():
+            error = each.error(case, rates)
+            least[i] += error
+            if not each.follows:
+                common[i] += error
+            elif changed[i]:  # the same numbers come with other rates
+                apart[:, i] += each.error(case, _otherwise(rates, factor[:, [i]], after.rates(i)))
+        if isinstance(effect, InputEffect):
+            apart[:, i] += effect.error(case, rates)
+        rounds = changed[i] or apart[:, i].any() or name_of(effect) == CONVERTER
+        if after.converter is not None and rounds:
+            rounded, missing = _rounded(case, effect, before, after, i, factor[:, i])
+            apart[:, i] += rounded
+            least[i] += missing
+    return _Beside(common, apart, least)
+
+
+def _otherwise(rates: Rates, factor: Complexes, others: Rates) -> Rates:
+    """What rates are beside those that the change of the film's phasor alone would make of the first."""
+    return lambda: np.asarray(np.abs(others() - factor * rates()))
+
+
+def _rounded(
+    case: Case, effect: Effect, before: Side, after: Side, film: int, factor: Complexes
+) -> tuple[float, float]:
+    """What the converter's steps make of the change of a film, and of its amplitude before [V]."""
+    converter = after.converter
+    assert converter is not None
+    was, became = before.volts[:, film], after.volts[:, film]
+    noise = math.hypot(*(each.dither(case) for each in before.inputs()))
+    if name_of(effect) == CONVERTER:
+        return steps(case, converter, was, noise), 0.0
+    if name_of(effect) == SCATTER:
+        became = was * (1 + reach(case, cast("GainScatter", effect))[film])
+    more = effect.largest(case, before.rates(film)) / SIGMAS if isinstance(effect, InputEffect) else 0.0
+    return step_changes(case, converter, was, became, factor, noise, more), steps(case, converter, was, noise)

@@ -1,0 +1,76 @@
+"""What a least-squares sine makes of samples: it is linear, from the samples of a dwell to its cosine and sine."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.instrument.signals.estimate import amplitudes
+from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.simulators.effects.effect import Case, Floats
+from palpate.simulators.linear.lti import Complexes
+
+DIRECTIONS = 64  # of half a circle
+SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits
+
+
+def fitted(case: Case, samples: Floats) -> Complexes:
+    """Phasors (...) of samples (..., n). Raises EstimateError: the dwell does not determine a sine."""
+    cosine, sine = weights(case)
+    centred = samples - samples.mean(axis=-1, keepdims=True)
+    return np.asarray(centred @ cosine - 1j * (centred @ sine))
+
+
+def largest(case: Case, variance: Floats) -> float:
+    """Six standard deviations of a fit to independent noise of this variance in each sample, (phases, n) or (n,)."""
+    covariance = np.einsum("in,...n,jn->...ij", weights(case), variance, weights(case))
+    return SIGMAS * math.sqrt(float(np.linalg.norm(covariance, 2, axis=(-2, -1)).max()))
+
+
+def spread(case: Case) -> float:
+    """Standard deviation of an amplitude over that of independent noise in each sample."""
+    return float(np.linalg.norm(weights(case), 2))
+
+
+def correlated_spread(case: Case, correlation: Callable[[Floats], Floats]) -> float:
+    """The same for noise with a correlation over the lag [s]."""
+    from scipy.linalg import matmul_toeplitz
+
+    column = correlation(np.arange(weights(case).shape[1]) / case.rate)
+    covariance = weights(case) @ matmul_toeplitz(column, weights(case).T)
+    return math.sqrt(np.linalg.norm(covariance, 2))
+
+
+def largest_within(case: Case) -> float:
+    """Greatest error of an amplitude over that of any sample."""
+    return _largest(case.frequency, case.dwell, case.rate)
+
+
+@functools.lru_cache(maxsize=8)
+def _largest(frequency: float, dwell: float, rate: float) -> float:
+    # Sum of |weights| seen from a direction is convex: around the circle it is below that at a polygon's corners.
+    angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    seen = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ _weights(frequency, dwell, rate)
+    return float(np.abs(seen).sum(axis=1).max()) / math.cos(np.pi / 2 / DIRECTIONS)
+
+
+def largest_tone(case: Case, frequency: float) -> float:
+    """Greatest error of an amplitude over the amplitude of a sine of another frequency [Hz]."""
+    turns = np.exp(2j * np.pi * frequency * np.arange(weights(case).shape[1]) / case.rate)
+    phasors = weights(case) @ turns
+    return float(np.linalg.norm(np.stack([phasors.real, phasors.imag]), 2))  # at its worst phase
+
+
+def weights(case: Case) -> Floats:
+    """(2, n): from the samples of a dwell to cosine and sine, as they are fitted. Raises EstimateError."""
+    return _weights(case.frequency, case.dwell, case.rate)
+
+
+@functools.lru_cache(maxsize=8)
+def _weights(frequency: float, dwell: float, rate: float) -> Floats:
+    times = np.arange(max(1, round(dwell * rate))) / rate
+    amplitudes(times, np.zeros((1, len(times))), frequency)  # refuses what a fit refuses
+    return sine_columns(times, frequency).weights()

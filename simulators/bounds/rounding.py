@@ -1,0 +1,122 @@
+"""What the steps of a converter do to fitted amplitudes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.simulators.bounds.fits import SIGMAS, fitted, largest_within, weights
+from palpate.simulators.effects.effect import Case, Floats
+from palpate.simulators.linear.lti import Complexes
+from palpate.simulators.randomness import Stream
+
+if TYPE_CHECKING:
+    from palpate.simulators.effects.adc import Adc
+
+TRIED = 64  # phases, and numbers of the noise, in which samples are converted
+FEW = 8.0  # steps: a film that spans no more is rounded alike in every cycle
+FLIPS = 3  # samples that may be rounded otherwise at most, of a change that seldom does that
+SELDOM = 1e-9  # what is less likely does not happen
+LARGEST = 1 << 21  # numbers at once
+MARGIN = 0.99
+GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+def reaches_rail(volts: float) -> bool:
+    """Whether a voltage is beyond the converter's range, or may be rounded to its end."""
+    return not volts < MARGIN * max(RANGE_VOLTS)
+
+
+def steps(case: Case, converter: Adc, volts: Floats, noise: float) -> float:
+    """Greatest change of an amplitude by rounding samples (phases, n), beside `noise` of each sample [V].
+
+    Half a step in every sample is the worst; tried for some phases, the errors scatter, and six standard deviations of
+    them are less. A film of a few steps without noise is rounded alike in every cycle: for it the worst counts.
+    """
+    worst = 0.5 * _step(converter) * largest_within(case)
+    if _few(converter, volts, noise):
+        return worst
+    return min(worst, _six(_errors(case, converter, _tried(volts, noise))))
+
+
+def step_changes(
+    case: Case, converter: Adc, before: Floats, after: Floats, factor: Complexes, noise: float, more: float
+) -> float:
+    """The same for samples (phases, n) and others, whose phasors are `factor` (phases,) times theirs.
+
+    noise: of each sample of both, more: of the others alone [V].
+    """
+    times = float(np.abs(factor).max())
+    worst = 0.5 * (1 + times) * _step(converter) * largest_within(case)
+    if _few(converter, before, noise) or _few(converter, after, noise):
+        return worst
+    others = _tried(after, noise)
+    if more:
+        others = others + more * _normal("more", others.size).reshape(others.shape)
+    found = _errors(case, converter, others)
+    found -= factor[np.round(_phases(before) * len(factor)).astype(int) % len(factor)] * _errors(
+        case, converter, _tried(before, noise)
+    )
+    moved = (np.abs(after - before).mean() + more) / _step(converter) * before.shape[1]
+    few = _flips(float(moved)) * max(1.0, times) * _step(converter) * _heaviest(case, noise > _step(converter) / 4)
+    return min(worst, _six(found) + few)
+
+
+def _flips(expected: float) -> int:
+    """So many samples at most are rounded otherwise, where `expected` are in the mean."""
+    likely = (count for count in range(FLIPS) if expected ** (count + 1) / math.factorial(count + 1) < SELDOM)
+    return next(likely, FLIPS)
+
+
+def _step(converter: Adc) -> float:
+    """[V]."""
+    return 2 * max(RANGE_VOLTS) / 2.0**converter.bits
+
+
+def _few(converter: Adc, volts: Floats, noise: float) -> bool:
+    return bool(np.ptp(volts) < FEW * _step(converter) and noise < _step(converter) / 2)
+
+
+def _phases(volts: Floats) -> Floats:
+    """That are tried: by the golden section, as samples may come in any whole number a cycle."""
+    return GOLDEN * np.arange(max(4, min(TRIED, LARGEST // volts.shape[1]))) % 1
+
+
+def _tried(volts: Floats, noise: float) -> Floats:
+    """Samples in these phases: the constant and what turns with the phase."""
+    known, asked = np.arange(len(volts)) / len(volts), _phases(volts)
+    weights = 1 + 2 * np.cos(2 * math.pi * (asked[:, np.newaxis] - known))
+    chosen = weights / len(volts) @ volts
+    return np.asarray(chosen + noise * _normal("steps", chosen.size).reshape(chosen.shape)) if noise else chosen
+
+
+@functools.lru_cache(maxsize=2)
+def _normal(name: str, count: int) -> Floats:
+    """Standard normal numbers, always the same."""
+    return Stream(0, name).normal(0, count)
+
+
+def _errors(case: Case, converter: Adc, volts: Floats) -> Complexes:
+    """Of the phasors."""
+    full = max(RANGE_VOLTS)
+    return fitted(case, converter.convert(volts / full)[0] * full - volts)
+
+
+def _six(errors: Complexes) -> float:
+    """Standard deviations, along the worst direction."""
+    parts = np.stack([errors.real, errors.imag], axis=-1)
+    return SIGMAS * float(np.linalg.norm(parts, 2)) / math.sqrt(len(parts))
+
+
+def _heaviest(case: Case, alone: bool) -> float:
+    """What one sample weighs, or all that lie in the same phase of the drive."""
+    each = np.hypot(*weights(case))
+    if alone:
+        return float(each.max())
+    turns = np.arange(len(each)) * case.frequency / case.rate
+    same = np.unique(np.round((turns % 1) * 1e6).astype(np.int64) % 1_000_000, return_inverse=True)[1]
+    return float(np.bincount(same, each).max())

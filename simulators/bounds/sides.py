@@ -1,0 +1,171 @@
+"""One side of a comparison: the films of a scene over a dwell as a rig follows it, without what is drawn at random."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from palpate.instrument.sensor.design import Film
+from palpate.simulators.bounds.dwells import Dwell
+from palpate.simulators.bounds.fits import SIGMAS, fitted
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.effects.effect import (
+    AmplifierEffect,
+    Case,
+    Effect,
+    Effects,
+    Floats,
+    InputEffect,
+    LeakEffect,
+    Rates,
+    SourceEffect,
+)
+from palpate.simulators.linear.lti import Complexes
+
+if TYPE_CHECKING:
+    from palpate.simulators.effects.adc import Adc
+    from palpate.simulators.effects.gain_scatter import GainScatter
+
+SCATTER, CONVERTER = "gain_scatter", "adc"
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A scene at the moment of the dwell.
+
+    Attributes:
+        linear: the phases between those that were followed are superposed.
+        volts: (phases, films, n) V, at unit gains.
+        passed, added: phasors (phases, films) of what passes the gains that scatter, and of what is added behind them.
+        scatter: greatest relative change of each film's gain (films,).
+    """
+
+    effects: Effects
+    dwell: Dwell
+    linear: bool
+    volts: Floats
+    passed: Complexes
+    added: Complexes
+    scatter: Floats
+
+    @property
+    def converter(self) -> Adc | None:
+        return cast("Adc | None", self.effects.get(CONVERTER))
+
+    def inputs(self) -> list[InputEffect]:
+        return [each for each in self.effects.values() if isinstance(each, InputEffect)]
+
+    @functools.cached_property
+    def _rates(self) -> Floats:
+        return self.dwell.rates(self.linear)
+
+    def rates(self, film: int) -> Rates:
+        """Of a film in each phase, its gain at its greatest (phases, n) [V/s]."""
+        return lambda: np.asarray((1 + self.scatter[film]) * self._rates[:, film])
+
+
+def sides(case: Case, without: Effects, with_it: Effects, moment: float) -> tuple[Side, Side]:
+    """The scene with the one effects and with the other; a leak is what it is at a moment [s]."""
+    followed = [certain(effects, moment) for effects in (without, with_it)]
+    linear = all(case.follow(each).linear for each in followed)
+    before, after = (_side(case, *each, moment, linear) for each in zip((without, with_it), followed, strict=True))
+    return before, after
+
+
+def _side(case: Case, effects: Effects, followed: Effects, moment: float, linear: bool) -> Side:
+    dwell, leak = case.follow(followed), _leak(effects)
+    volts = dwell.volts(linear)
+    if leak is not None:
+        volts = volts + _creeping(case, effects, leak, moment, volts)
+    seen = fitted(case, volts)
+    scatter = cast("GainScatter | None", effects.get(SCATTER))
+    if scatter is None:
+        return Side(effects, dwell, linear, volts, seen, np.zeros_like(seen), np.zeros(len(case.design.films)))
+    bare = {name: each for name, each in followed.items() if not isinstance(each, SourceEffect)}
+    passed = fitted(case, case.follow(bare).volts(linear))
+    return Side(effects, dwell, linear, volts, passed, seen - passed, reach(case, scatter))
+
+
+def certain(effects: Effects, moment: float) -> dict[str, Effect]:
+    """What a rig follows at a moment [s]."""
+    found, leak = deterministic(effects), _leak(effects)
+    if leak is not None:
+        found[name_of(leak)] = leak.held(leak.conductance(leak.middle(moment)))
+    return found
+
+
+def reach(case: Case, scatter: GainScatter) -> Floats:
+    """Greatest relative change of each film's gain (films,)."""
+    return np.array([SIGMAS * scatter.strength * film.scatter for film in case.design.films])
+
+
+def moments(case: Case, effects: Effects) -> Iterator[float]:
+    """When a scene is looked at [s]: by a leak the drive may begin under other time constants than the dwell ends."""
+    last = case.settled + case.dwell
+    yield last
+    leak, amplifier = _leak(effects), _amplifier(effects)
+    if leak is not None and amplifier is not None:
+        conductances = [leak.conductance(leak.middle(time)) for time in (0.0, last)]
+        film = case.design.films[0]
+        then, now = (amplifier.system(film, case.design, conductance).a for conductance in conductances)
+        if not np.array_equal(then, now):
+            yield 0.0
+
+
+def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float, volts: Floats) -> Floats:
+    """What a leak that changes within the dwell adds to films under a held one (phases, films, n) [V]."""
+    amplifier = _amplifier(effects)
+    if amplifier is None:
+        return np.zeros_like(volts)
+    times = case.settled + np.arange(volts.shape[-1]) / case.rate
+    epochs, which = np.unique([leak.middle(time) for time in [moment, *times]], return_inverse=True)
+    conductances = [leak.conductance(epoch) for epoch in epochs]
+
+    def offset(film: Film, conductance: float) -> float:
+        return amplifier.offset(film, case.design, conductance)
+
+    def decay(film: Film, conductance: float) -> float:
+        return -float(amplifier.system(film, case.design, conductance).a[0, 0])
+
+    offsets, decays = (
+        np.array([[of(film, conductance) for conductance in conductances] for film in case.design.films])[:, which]
+        for of in (offset, decay)
+    )
+    slower = _between(volts, decays[:, 1:], decays[:, :1], 1 / case.rate)
+    return np.asarray(slower + offsets[:, 1:] - offsets[:, :1])
+
+
+def _between(volts: Floats, decays: Floats, held: Floats, step: float) -> Floats:
+    """What is missing of y' = u' - decays y, `volts` being y' = u' - held y: d' = -decays d - (decays - held) y."""
+    found = np.zeros_like(volts)
+    if np.array_equal(decays, np.broadcast_to(held, decays.shape)):
+        return found
+    middle = (decays[:, 1:] + decays[:, :-1]) / 2
+    left = np.exp(-middle * step)
+    push = (held - middle) * -np.expm1(-middle * step) / middle * (volts[..., 1:] + volts[..., :-1]) / 2
+    for k in range(volts.shape[-1] - 1):
+        found[..., k + 1] = left[:, k] * found[..., k] + push[..., k]
+    return found
+
+
+def deterministic(effects: Effects) -> dict[str, Effect]:
+    """Those that a rig follows and draws no numbers for."""
+    drawn = (SCATTER, CONVERTER)
+    return {name: e for name, e in effects.items() if not isinstance(e, InputEffect) and name not in drawn}
+
+
+def name_of(effect: Effect) -> str:
+    """As scenes call it."""
+    return next(name for name, path in EFFECTS.items() if path.endswith(f":{type(effect).__name__}"))
+
+
+def _leak(effects: Effects) -> LeakEffect | None:
+    return next((each for each in effects.values() if isinstance(each, LeakEffect)), None)
+
+
+def _amplifier(effects: Effects) -> AmplifierEffect | None:
+    return next((each for each in effects.values() if isinstance(each, AmplifierEffect)), None)

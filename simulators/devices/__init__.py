@@ -1,0 +1,1 @@
+"""One simulated device for each device of the bench."""

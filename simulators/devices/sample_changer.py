@@ -1,0 +1,77 @@
+"""Simulated sample changer: lays the sample under the probe that is ordered, and reads the tag of what lies there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate.instrument.contracts import sample_changer
+from palpate.instrument.contracts.sample_changer import PLACES
+from palpate.instrument.errors import RangeError
+from palpate.instrument.sensor.sample import Sample
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice
+
+TRAVEL = 0.1  # m of the carriage, for any exchange [A]
+
+
+class SampleChanger(SimulatedDevice):
+    """The scene takes the sample when the carriage has come to stand; meanwhile nothing lies under the probe.
+
+    What lies there at any time is the rig's: whoever lays something else there by hand has done so for the reader, too.
+    """
+
+    contract = sample_changer.CONTRACT
+
+    def __init__(self, clock: VirtualClock, serial: str, rig: Rig, samples: Sequence[Sample]) -> None:
+        """Raises RangeError: more samples than it has places."""
+        if len(samples) > PLACES:
+            raise RangeError(
+                f"{len(samples)} samples do not fit into the {PLACES} places of a sample changer; give fewer"
+            )
+        super().__init__(clock, serial)
+        self._rig = rig
+        self._places = {f"place_{number}": sample for number, sample in enumerate(samples, 1)}
+        self._ordered: Sample | None = None
+        self._end_ns = NEVER
+
+    def read(self, name: str) -> float:
+        if name == "exchanges":
+            return self._rig.exchanges
+        if name == "status":
+            bits = self.contract["status"].bits
+            return float(
+                ((self._ordered is not None) << bits["moving"]) | ((self._rig.position > 0) << bits["probe_down"])
+            )
+        return super().read(name)
+
+    def read_text(self, name: str) -> str:
+        found = self._rig.sample if name == "mounted" else self._places.get(name)
+        return found.name if found else ""
+
+    def write_text(self, name: str, text: str) -> None:
+        sample = next((sample for sample in self._places.values() if sample.name == text), None)
+        if self._ordered is not None:
+            raise Refused(DEVICE_BUSY)
+        if sample is None:
+            raise Refused(ILLEGAL_VALUE)
+        if self._rig.position > 0:
+            raise Refused(DEVICE_FAILURE)
+        if self._rig.sample == sample:
+            return
+        self._rig.take_off()
+        self._ordered = sample
+        self._end_ns = self.clock.now_ns() + round(TRAVEL / self.settings["speed"] * 1e9)
+
+    def reset(self) -> None:
+        """The carriage stays where it has come to; what it was carrying is not under the probe."""
+        self._ordered, self._end_ns = None, NEVER
+        super().reset()
+
+    def next_event_ns(self) -> int:
+        return self._end_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._end_ns and self._ordered is not None:
+            sample, self._ordered, self._end_ns = self._ordered, None, NEVER
+            self._rig.mount(sample)

@@ -1,0 +1,144 @@
+"""Simulated sensor nodes: what they sample at each SYNC, and how they answer for their objects."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.contract import Field
+from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, WITH_NODE_ID, place
+from palpate.instrument.sensor.design import Film
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.effects.effect import InputEffect
+from palpate.simulators.physics.converter import convert
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.wire.canopen_device import CanopenDevice
+
+if TYPE_CHECKING:
+    from palpate.simulators.effects.adc import Adc
+
+CONTRACT = sensor_node.CONTRACT
+SATURATED = 0xFF01  # emergency code: manufacturer specific
+ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
+Source = tuple[InputEffect, Stream, int | slice]
+VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """counts: (n, 4) int16. saturation: (n,) bits of the channels. counter: number of the first sample, modulo 2^32."""
+
+    counts: npt.NDArray[np.int16]
+    saturation: npt.NDArray[np.uint8]
+    counter: int
+
+
+class SensorNode(CanopenDevice):
+    """The state of one node.
+
+    A design whose films fill more than one node is wired to nodes 1, 2, ... in turn; films that fit on one stand on
+    every node alike.
+    """
+
+    contract = CONTRACT
+
+    def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig, changed: Callable[[], None]) -> None:
+        self._rig = rig
+        self._changed = changed
+        self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
+        self._added = {name: e for name, e in sorted(rig.scene.effects.items()) if isinstance(e, InputEffect)}
+        self._sources: dict[int, list[Source]] = {}
+        super().__init__(clock, node_id, serial)
+
+    def reset(self) -> None:
+        """As after power-on."""
+        super().reset()
+        self._last = np.zeros(CHANNELS)
+
+    def start(self) -> None:
+        """NMT state operational is entered: samples are counted from one again."""
+        self.settings["sample_counter"] = 0.0
+        self.settings["saturation"] = 0.0
+        self.settings["error_register"] = 0.0
+
+    def read(self, field: Field) -> Any:
+        """Raw value of an object, for its SDO server."""
+        if field.name in WITH_NODE_ID:
+            return int(self.settings[field.name]) + self.id
+        if field.name.startswith("sample_") and field.name[-1].isdigit():
+            return int(self._last[int(field.name[-1]) - 1])
+        return super().read(field)
+
+    def write(self, field: Field, value: float) -> None:
+        """Take a new setting, already checked."""
+        if field.name.startswith("reset_"):
+            for film in self._rig.scene.design.films:
+                if self.wired(film) == int(field.name.removeprefix("reset_")):
+                    self._rig.reset_film(film.channel)
+        else:
+            super().write(field, value)
+        self._changed()
+
+    def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
+        """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
+        volts = volts.copy()
+        rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
+        for effect, stream, channel in self._added_by(period_ns):
+            volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
+        ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
+        volts /= ranges[:, np.newaxis]
+        fraction, saturated = convert(volts) if self._adc is None else self._adc.convert(volts)
+        fraction *= FULL_SCALE_COUNTS
+        bits = np.zeros(len(time_ns), np.uint8)
+        if saturated.any():
+            bits = np.packbits(saturated, axis=0, bitorder="little")[0]
+            fraction[np.isnan(fraction)] = 0.0  # flagged; no integer stands for it
+        counts = np.empty((len(time_ns), CHANNELS), "<i2")
+        for channel in range(CHANNELS):
+            counts[:, channel] = fraction[channel]  # twice as fast as all at once
+        first_number = (int(self.settings["sample_counter"]) + 1) % ROLLOVER
+        self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
+        self.settings["saturation"] = float(bits[-1])
+        self._last = counts[-1]
+        return Samples(counts, bits, first_number)
+
+    def _added_by(self, period_ns: int) -> list[Source]:
+        """Effects at the input, with their streams and channels; kept, as what a stream has drawn is."""
+        if period_ns not in self._sources:
+            its: list[Source] = []
+            for name, effect in self._added.items():
+                channels: Iterable[int | slice] = [slice(None)] if effect.common else range(CHANNELS)
+                for number, channel in enumerate(channels):
+                    stream = Stream(self._rig.scene.seed, name, self.id, number, period_ns)
+                    its.append((effect, stream, channel))
+            self._sources[period_ns] = its
+        return self._sources[period_ns]
+
+    @functools.cached_property
+    def film_channels(self) -> npt.NDArray[np.float64]:
+        """Matrix (4, films) that puts each film of this node on its channel."""
+        films = self._rig.scene.design.films
+        matrix = np.zeros((CHANNELS, len(films)))
+        for i, film in enumerate(films):
+            channel = self.wired(film)
+            if channel is not None:
+                matrix[channel - 1, i] = 1.0
+        return matrix
+
+    def wired(self, film: Film) -> int | None:
+        """The channel of this node, from 1, that a film is wired to."""
+        node, channel = place(film.channel)
+        alike = all(place(other.channel)[0] == 1 for other in self._rig.scene.design.films)
+        return channel if alike or node == self.id else None
+
+
+def _row(rows: Callable[[], npt.NDArray[np.float64]], number: int | slice) -> npt.NDArray[np.float64]:
+    row: npt.NDArray[np.float64] = rows()[number]
+    return row

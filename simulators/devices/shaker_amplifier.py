@@ -1,0 +1,174 @@
+"""Simulated shaker amplifier: gain, trip at the current limit, heat, and a communication watchdog."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.instrument.contracts import shaker_amplifier
+from palpate.instrument.contracts.shaker_amplifier import FAULTS
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.devices.amplifier_owner import Owner
+from palpate.simulators.linear.periodic import Periodic
+from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice
+
+AMBIENT = 25.0  # degC [A]
+THERMAL_RESISTANCE = 2.0  # K/W of the power in the coil [A]
+THERMAL_TIME = 300.0  # s [A]
+HOT = 90.0  # degC at which it trips [A]
+LONGEST_SILENCE = 60.0  # s, after which an owner is taken for gone where there is no watchdog
+OWNERS = {"counter", "order", "order_value"}  # that mean nothing without a token
+COOL = 80.0  # degC to which it must cool before that fault is gone [A]
+
+
+class ShakerAmplifier(SimulatedDevice):
+    """`source` gives the input voltage, `changed` is called when the output may have changed."""
+
+    contract = shaker_amplifier.CONTRACT
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        serial: str,
+        source: Callable[[], Periodic],
+        changed: Callable[[], None],
+        coil_resistance: float,
+    ) -> None:
+        super().__init__(clock, serial)
+        self.speed = 1.0  # of this clock, to that of the clients, by which the watchdog counts
+        self._source = source
+        self._changed = changed
+        self._resistance = coil_resistance
+        self._owner = Owner()
+        self._latched = 0
+        self._rms = 0.0  # V, of the output
+        self._heated_from = self._heating_to = AMBIENT
+        self._heated_ns = 0
+
+    def voltage(self) -> Periodic:
+        """Output voltage."""
+        return self._source().scaled(self.settings["gain"] if self.settings["enable"] else 0.0)
+
+    def input_changed(self) -> None:
+        """The input or a setting has changed: trip where the current is too high."""
+        least, greatest = self.voltage().extremes()
+        peak = max(-least, greatest) / self._resistance
+        if not peak <= self.settings["current_limit"]:
+            self._trip("over_current")
+        self._power_changed()
+        self._changed()
+
+    def write(self, values: dict[str, float]) -> None:
+        """From its owner; from others while it has none that is alive; and from anybody that the output goes off."""
+        if "token" not in values and values.keys() & OWNERS:
+            raise Refused(ILLEGAL_VALUE)
+        now, lease_ns = self.clock.now_ns(), self._seconds_ns(self.settings["watchdog"] or LONGEST_SILENCE)
+        if "token" in values:
+            self._owner.heard(values, now, lease_ns)
+            if order := self._order(values):
+                self.turn(order)
+        elif "release" in values:
+            self._owner.release(values["release"])
+            self.turn({"enable": 0.0})
+        elif values != {"enable": 0.0}:
+            self._owner.replaced(now, lease_ns)
+            self.turn(values)
+        else:
+            self.turn(values)
+
+    def _order(self, values: dict[str, float]) -> dict[str, float]:
+        """The setting that the owner writes, by its name; none where he is just heard of."""
+        if "order" not in values:
+            return {}
+        name = self.contract.choice("order", values["order"])
+        value = self.contract.decode(name, int(values["order_value"]).to_bytes(2, "big"))
+        if not self.contract.allows(name, value):
+            raise Refused(ILLEGAL_VALUE)
+        return {name: value}
+
+    def turn(self, values: dict[str, float]) -> None:
+        if values.get("enable") and self._latched:
+            raise Refused(DEVICE_FAILURE)
+        if values.get("clear_faults"):
+            self._latched = self._present()
+        self.settings.update({**values, "clear_faults": 0.0})
+        self.input_changed()
+
+    def read(self, name: str) -> float:
+        match name:
+            case "output_current":
+                return self._rms / self._resistance
+            case "output_voltage":
+                return self._rms
+            case "temperature":
+                return self._temperature()
+            case "faults":
+                return self._present()
+            case "faults_latched":
+                return self._latched
+            case "status":
+                return self.settings["enable"] + 2 * bool(self._owner.token)  # bits 0 and 1
+            case "ticket":
+                return self._owner.ticket()
+        return super().read(name)
+
+    def requested(self) -> None:
+        if not self._owner.token:
+            self._owner.fed_ns = self.clock.now_ns()
+
+    def next_event_ns(self) -> int:
+        if not self.settings["enable"]:
+            return NEVER
+        return max(min(self._watchdog_ns(), self._hot_ns()), self.clock.now_ns() + 1)
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if self.settings["enable"] and end_ns >= min(self._watchdog_ns(), self._hot_ns()):
+            self.trip("watchdog" if end_ns >= self._watchdog_ns() else "over_temperature")
+
+    def trip(self, fault: str) -> None:
+        """Latch a fault and drop the output."""
+        self._trip(fault)
+        self._power_changed()
+        self._changed()
+
+    def reset(self) -> None:
+        self._latched = 0
+        self._owner.forget()
+        super().reset()
+
+    def _watchdog_ns(self) -> int:
+        """When the watchdog drops the output unless it is fed."""
+        timeout = self.settings["watchdog"]
+        return self._owner.fed_ns + self._seconds_ns(timeout) if timeout else NEVER
+
+    def _seconds_ns(self, seconds: float) -> int:
+        """Of the clients' time."""
+        return round(self.speed * seconds * 1e9)
+
+    def _hot_ns(self) -> int:
+        """When the heat sink reaches its limit if nothing changes."""
+        if self._heating_to <= HOT or self._heated_from >= HOT:
+            return NEVER
+        delay = THERMAL_TIME * math.log((self._heating_to - self._heated_from) / (self._heating_to - HOT))
+        return self._heated_ns + math.ceil(delay * 1e9)
+
+    def _present(self) -> int:
+        fault = 1 << FAULTS["over_temperature"]
+        return fault if self._temperature() >= (COOL if self._latched & fault else HOT) else 0
+
+    def _trip(self, fault: str) -> None:
+        self._latched |= 1 << FAULTS[fault]
+        self.settings["enable"] = 0.0
+
+    def _temperature(self) -> float:
+        """In closed form since the power last changed, so that it does not depend on how a wait is cut."""
+        elapsed = 1e-9 * (self.clock.now_ns() - self._heated_ns)
+        return self._heating_to + (self._heated_from - self._heating_to) * math.exp(-elapsed / THERMAL_TIME)
+
+    def _power_changed(self) -> None:
+        self._heated_from, self._heated_ns = self._temperature(), self.clock.now_ns()
+        voltage = self.voltage()
+        self._rms = math.sqrt(voltage.mean**2 + float((np.abs(voltage.amplitude) ** 2).sum()) / 2)
+        self._heating_to = AMBIENT + THERMAL_RESISTANCE * self._resistance * self.read("output_current") ** 2

@@ -1,0 +1,144 @@
+"""Simulated strain indicator: reads the rig's load cell through filter or peak detector."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from palpate.instrument.contracts import strain_indicator
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice
+
+if TYPE_CHECKING:
+    from palpate.simulators.effects.load_cell import LoadCell
+
+IDEAL_SENSITIVITY = 10.306e-3  # V/N of a scene without a load cell: line through Table 5.1 [T]
+GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
+IDEAL_DECIMALS = 4
+UPDATE_NS = 100_000_000  # the display is renewed ten times a second [A]
+DETECTOR_RATE = 2400  # samples a second of the peak detector [A]
+DETECTOR_NS = 1_000_000_000 // DETECTOR_RATE  # between two of them
+SETTLING = 7  # time constants of the filter after which a reading counts as stable [A]
+COMMAND_NS = 50_000_000  # a command is carried out after this long [A]
+
+
+class StrainIndicator(SimulatedDevice):
+    contract = strain_indicator.CONTRACT
+
+    def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
+        super().__init__(clock, serial)
+        self._rig = rig
+        self._cell = cast("LoadCell | None", rig.scene.effects.get("load_cell"))
+        self._stream = Stream(rig.scene.seed, "load_cell")
+        self._set_at_ns = 0
+        self._zero = 0.0
+        self._tare = 0.0
+        self._command = 0
+        self._command_due_ns = NEVER
+        self._looked_at: tuple[object, ...] = ()
+        self._force = 0.0
+
+    def write(self, values: dict[str, float]) -> None:
+        if "command" in values:
+            if self._command and values["command"]:
+                raise Refused(DEVICE_BUSY)
+            self._command = int(values["command"])
+            self._command_due_ns = self.clock.now_ns() + COMMAND_NS if self._command else NEVER
+        if "filter" in values or "mode" in values:
+            self._set_at_ns = self.clock.now_ns()
+        self.settings.update(values)
+        if "filter" in values:
+            self._rig.set_bridge_filter(values["filter"])
+
+    def reset(self) -> None:
+        self._command, self._command_due_ns = 0, NEVER
+        self._zero = self._tare = 0.0
+        super().reset()
+
+    def next_event_ns(self) -> int:
+        return self._command_due_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if end_ns >= self._command_due_ns:
+            self._carry_out()
+
+    def read(self, name: str) -> float:
+        match name:
+            case "command":
+                return self._command
+            case "updates":
+                return self.clock.now_ns() // UPDATE_NS % 65536
+            case "decimals":
+                return self._decimals
+            case "reading":
+                return round(self._net() * 10.0**self._decimals)
+            case "reading_float":
+                return self._net()
+            case "status":
+                bits = self.contract["status"].bits
+                overload = not (abs(self._gross()) <= self.settings["full_scale"])
+                return float(
+                    (self._stable() << bits["stable"])
+                    | (overload << bits["overload"])
+                    | ((self._tare != 0) << bits["net"])
+                )
+        return super().read(name)
+
+    @property
+    def _decimals(self) -> int:
+        return self._cell.decimals if self._cell else IDEAL_DECIMALS
+
+    def _net(self) -> float:
+        return self._gross() - self._zero - self._tare
+
+    def _gross(self) -> float:
+        """Displayed reading in mV before zero and tare."""
+        update = self.clock.now_ns() // UPDATE_NS
+        sensitivity = self._cell.in_position(self._rig.cell_position) if self._cell else IDEAL_SENSITIVITY
+        ideal: float = 1e3 * self._detected() * sensitivity * GAGE_FACTOR / self.settings["gage_factor"]
+        return self._cell.display(ideal, self._stream, update) if self._cell else ideal
+
+    def _detected(self) -> float:
+        """What the detector makes of the load, N; looked at once where several registers tell of it."""
+        moment = (self.clock.now_ns(), self._rig.changes, self.settings["mode"], self.settings["filter"])
+        if moment != self._looked_at:
+            self._looked_at, self._force = moment, self._load()
+        return self._force
+
+    def _load(self) -> float:
+        now = self.clock.now_ns()
+        if self.contract.choice("mode", self.settings["mode"]) == "track":
+            standing = self._rig.filtered_cell_force(now)
+            return self._cell.crept(standing, self._rig.placed, now) if self._cell else standing
+        count = max(2, math.ceil(self.settings["filter"] * DETECTOR_RATE))
+        window = now - np.arange(count - 1, -1, -1) * DETECTOR_NS
+        force = self._rig.cell_force(window, DETECTOR_NS)
+        return float(force.max() - force.min())
+
+    def _stable(self) -> bool:
+        """Whether nothing has changed for a window, or for so long that the filter has settled."""
+        track = self.contract.choice("mode", self.settings["mode"]) == "track"
+        needed = round(self.settings["filter"] * (SETTLING if track else 1) * 1e9)
+        return min(self._rig.settled_for_ns(), self.clock.now_ns() - self._set_at_ns) >= needed
+
+    def _carry_out(self) -> None:
+        """Zero and tare take a moment; then the command register falls back to idle."""
+        name = self.contract.choice("command", self._command)
+        result = "done"
+        if name in ("zero", "tare") and not self._stable():
+            result = "refused_unstable"
+        elif name == "zero":
+            self._zero = self._gross()
+        elif name == "clear_zero":
+            self._zero = 0.0
+        elif name == "tare":
+            self._tare = self._gross() - self._zero
+        elif name == "clear_tare":
+            self._tare = 0.0
+        self.settings["last_command"] = self._command
+        self.settings["command_result"] = self.contract["command_result"].choices[result]
+        self._command, self._command_due_ns = 0, NEVER

@@ -1,0 +1,27 @@
+"""Steps and rail of a converter."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.simulators.linear.lti import Floats
+
+FINEST = 16  # bits: those that travel on the bus
+
+
+def convert(fraction: Floats, bits: int = FINEST) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Samples given as a fraction of the range, rounded to 2**bits steps over plus and minus it, and saturation flags.
+
+    A sample that is no number is flagged and stays none.
+    """
+    half = 2.0 ** (bits - 1)
+    code = np.multiply(fraction, half)
+    np.rint(code, out=code)
+    if code.size and code.min() >= -half and code.max() <= half - 1:  # of a sample that is no number neither is true
+        saturated = np.zeros(code.shape, bool)
+    else:
+        saturated = ~((code >= -half) & (code <= half - 1))
+        np.clip(code, -half, half - 1, out=code)
+    code *= 1 / half
+    return code, saturated

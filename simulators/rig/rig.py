@@ -1,0 +1,290 @@
+"""The physical scene behind the devices: what force acts, and what the films and the bridge make of it.
+
+Between two changes (a setting written, a sample mounted, a move ended) the drive is periodic and the chain piecewise
+linear, so everything is known in closed form at any time: nothing is stepped, and no result depends on when it was
+asked for.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY
+from palpate.instrument.sensor.sample import Sample
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.effects.effect import AmplifierEffect, DriveEffect, LeakEffect
+from palpate.simulators.linear.lti import Floats, StateSpace
+from palpate.simulators.linear.path import KEPT_NS, Path, split
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
+from palpate.simulators.physics.chain import Chain, Touch
+from palpate.simulators.randomness import Stream
+from palpate.simulators.rig.assembly import chain_of, film_signals
+from palpate.simulators.rig.mounted import Mounted
+from palpate.simulators.scenes.scene import Scene
+
+BRIDGE_TAU = 0.1  # s, of the indicator's filter as it comes
+
+
+class Rig:
+    """The scene's state. All times are integer nanoseconds of the clock; call under the clock's lock."""
+
+    def __init__(self, scene: Scene, clock: VirtualClock) -> None:
+        in_order = {name: scene.effects[name] for name in EFFECTS if name in scene.effects}
+        self.scene = scene = replace(scene, effects=in_order)
+        self._clock = clock
+        self._films = scene.design.films
+        self._streams = {name: Stream(scene.seed, name) for name in scene.effects}
+        effects = scene.effects.values()
+        loaded = any(isinstance(e, AmplifierEffect) for e in effects)  # a film that nothing loads cannot be discharged
+        self._leak = next((e for e in effects if loaded and isinstance(e, LeakEffect)), None)
+        self._bridge_tau = BRIDGE_TAU
+        self._mounted = Mounted(scene.design)
+        self.position = 0.0
+        self.cell_position = 0.0  # degrees
+        self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
+        self._weight = 0.0
+        self._ambient = 0.0
+        self._set_at_ns = 0
+        self._changed_ns = 0
+        self.changes = 0  # so often anything has changed
+        self.exchanges = 0  # so often what lies under the probe has
+        silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
+        self._gains: tuple[object, ...] = ()  # that the films' signals are of
+        self._settings: tuple[object, ...] = ()  # that the last chain is of
+        self._last = chain = self._chain()
+        mode = chain.mode(Touch(contact=(False, False), drag=(0,) * chain.plays))
+        self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
+        self._voltage = silence
+
+    # --- what can change -------------------------------------------------------------------------------
+
+    def set_voltage(self, voltage: Periodic) -> None:
+        """The voltage at the shaker's coil from now on."""
+        for effect in self.scene.effects.values():
+            if isinstance(effect, DriveEffect):
+                voltage = replace(voltage, frequency=effect.frequency(voltage.frequency))
+        before, self._voltage = self._voltage, voltage
+        alike = np.array_equal(voltage.amplitude, before.amplitude)
+        if alike and voltage.mean == before.mean and not voltage.amplitude.any():
+            return  # a constant has no phase: nothing changes
+        if not alike:
+            self._set_at_ns = self._clock.now_ns()
+        self._begin()
+
+    def set_position(self, position: float) -> None:
+        """The positioner stands at `position` m."""
+        self.position = position
+        self._begin()
+
+    def mount(self, sample: Sample) -> None:
+        self._lay(Mounted(self.scene.design, sample, response=self.scene.answer(sample)))
+
+    def take_off(self) -> None:
+        """Nothing lies under the probe."""
+        self._lay(Mounted(self.scene.design))
+
+    def place_probe(self, x: float, y: float) -> None:
+        """The probe is a point, above (x, y) from the sensor's corner [m]; the stack stays as stiff [A].
+
+        Raises RangeError: nothing is mounted, or no model knows what the teeth take there.
+        """
+        self._mounted = self._mounted.probed(x, y)
+        self._begin()
+
+    def lay_on_support(self, sample: Sample | None) -> None:
+        """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
+        self._lay(Mounted(self.scene.design, sample, on_support=True))
+
+    def press_tooth(self, tooth: int) -> None:
+        """A pin stands on one tooth of the sensor, by its number from 0, which takes all the force."""
+        self._lay(Mounted(self.scene.design, tooth=tooth))
+
+    def place_weight(self, mass: float) -> None:
+        """Dead weights of `mass` kg in all stand on the load cell."""
+        self.placed.append((self._clock.now_ns(), mass * STANDARD_GRAVITY - self._weight))
+        self._weight = mass * STANDARD_GRAVITY
+        self._begin()
+
+    def set_temperature(self, kelvin: float) -> None:
+        """The surroundings are so much warmer than they were as the bench was opened."""
+        self._ambient = kelvin
+        self._begin()
+
+    def turn_load_cell(self, degrees: float) -> None:
+        """The load cell stands turned about its axis by `degrees`."""
+        self.cell_position = degrees
+        self._begin()
+
+    def set_bridge_filter(self, tau: float) -> None:
+        """Time constant of the indicator's filter, s."""
+        self._bridge_tau = tau
+        self._begin()
+
+    def reset_film(self, channel: int) -> None:
+        """The integrator of a channel's charge amplifier is shorted: its output starts from zero."""
+        now = self._clock.now_ns()
+        state = self._paths[-1].state(now)
+        system = self._paths[-1].mode_at(now).system
+        for number, film in enumerate(self._films):
+            own = self._last.amplifier_states.get(number)
+            if film.channel == channel and own is not None:
+                output = float(self._paths[-1].outputs(np.array([now]), slice(number, number + 1))[0, 0])
+                state[own] -= output / system.c[number, own]
+        self._begin(state)
+
+    # --- what can be seen ------------------------------------------------------------------------------
+
+    @property
+    def sample(self) -> Sample | None:
+        """What lies under the probe."""
+        return self._mounted.sample
+
+    def film_rates(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
+        """Rates of the amplifier outputs, shape (films, n), V/s; times as of the voltages."""
+        return self._paths[-1].rates(time_ns, slice(0, len(self._films)), step_ns)
+
+    def film_voltages(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
+        """Amplifier outputs, shape (films, n), V, at ascending times since the present settings.
+
+        step_ns: between any two times, which is faster and may round otherwise; 0 where they have none.
+        """
+        return self._paths[-1].outputs(time_ns, slice(0, len(self._films)), step_ns)
+
+    def cell_force(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
+        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s; `step_ns` as for films."""
+        rows = slice(self._last.force, self._last.force + 1)
+        pieces = split(time_ns, [path.start_ns for path in self._paths][1:])
+        parts = zip(self._paths, pieces, strict=True)
+        force: Floats = np.concatenate([path.outputs(piece, rows, step_ns)[0] for path, piece in parts if len(piece)])
+        return force
+
+    def filtered_cell_force(self, time_ns: int) -> float:
+        """Force on the load cell behind the indicator's filter, N, at a time since the present settings."""
+        rows = slice(self._last.bridge, self._last.bridge + 1)
+        return float(self._paths[-1].outputs(np.array([time_ns]), rows)[0, 0])
+
+    def transfer(self, frequency: float) -> npt.NDArray[np.complex128]:
+        """Film voltages and force on the load cell, (films + 1,), for each volt at the coil at a frequency [Hz]."""
+        system = self._paths[-1].mode_at(self._clock.now_ns()).system
+        rows = [*range(len(self._films)), self._last.force]
+        gains: npt.NDArray[np.complex128] = system.transfer(frequency)[:, 0].take(rows)
+        return gains
+
+    def without_limits(self) -> tuple[StateSpace, list[int]]:
+        """From the inputs to film voltages and force on the load cell, (films + 1,), where no limit acts and each play
+        operator follows its force; and the plays' states."""
+        system = self._last.mode(Touch(drag=(1,) * self._last.plays)).system
+        rows = [*range(len(self._films)), self._last.force]
+        return StateSpace(system.a, system.b, system.c[rows], system.d[rows]), list(self._last.play_states)
+
+    def beginning(self) -> tuple[StateSpace, Floats, npt.NDArray[np.complex128]]:
+        """As the present settings began: system and state (s,), and the phasor with which the drive forces it (s,)."""
+        path = self._paths[-1]
+        system = path.mode_at(path.start_ns).system
+        voltage, rate = self._voltage, self._voltage.derivative()
+        forcing = system.b[:, 0] * voltage.amplitude[0] + system.b[:, 2] * rate.amplitude[0]
+        return system, path.state(path.start_ns), forcing
+
+    @property
+    def path(self) -> Path:
+        """What follows from the present settings."""
+        return self._paths[-1]
+
+    def path_from(self, phase: int) -> Path:
+        """What would follow if the drive had begun so much later in its period [1/CYCLE], all else as it was."""
+        path = self._paths[-1]
+        voltage = replace(self._voltage, start_phase=(self._voltage.start_phase + phase) % CYCLE)
+        start_ns = path.start_ns
+        return Path(_inputs(voltage, start_ns), path.mode_at(start_ns), start_ns, path.state(start_ns))
+
+    def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
+        """What touches before and after each transition since the present settings, up to a time."""
+        modes = self._paths[-1].modes_until(time_ns)
+        return [(before.touch, after.touch) for before, after in pairwise(modes)]
+
+    def coil_voltage(self) -> Periodic:
+        return self._voltage
+
+    def settled_for_ns(self) -> int:
+        """How long nobody has changed anything."""
+        return self._clock.now_ns() - self._changed_ns
+
+    # --- how it follows --------------------------------------------------------------------------------
+
+    def _lay(self, mounted: Mounted) -> None:
+        self._mounted = mounted
+        self.exchanges += 1
+        state = self._paths[-1].state(self._clock.now_ns())
+        state[: self._last.stack_order] = 0.0  # it has not crept yet
+        self._begin(state)
+
+    def _begin(self, state: Floats | None = None) -> None:
+        self._changed_ns = self._clock.now_ns()
+        self._restart(state)
+
+    def _restart(self, state: Floats | None = None) -> None:
+        now = self._clock.now_ns()
+        self.changes += 1
+        last = self._paths[-1]
+        if state is None:
+            state = last.state(now)
+        touch = last.mode_at(now).touch
+        self._voltage = self._voltage.restarted(now)
+        self._last = self._chain()
+        path = Path(_inputs(self._voltage, now), self._last.mode(touch), now, state)
+        if last.start_ns == now:
+            self._paths.pop()
+        self._paths.append(path)
+        while len(self._paths) > 1 and self._paths[1].start_ns < now - KEPT_NS:
+            self._paths.popleft()
+
+    def _chain(self) -> Chain:
+        """Of the present settings; where they are as they were, the last one, which knows its modes."""
+        gains = (self._mounted, self._set_at_ns, self._ambient)
+        if gains != self._gains:
+            self._gains, self._signals = gains, self._film_signals()
+        signals = self._signals
+        settings = (self._mounted, self._leakage(), self.position, self._bridge_tau, self._weight)
+        matrices = tuple(matrix.tobytes() for matrix in (signals.a, signals.b, signals.c, signals.d))
+        if (settings, matrices) == self._settings:
+            return self._last
+        self._settings = settings, matrices
+        mounted, *others = settings
+        return chain_of(self.scene, mounted, signals, *others)
+
+    def _film_signals(self) -> StateSpace:
+        return film_signals(self.scene, self._mounted, self._streams, self._set_at_ns, self._ambient)
+
+    def _leakage(self, epoch: int | None = None) -> float:
+        """Conductance across a film in the middle of an epoch, None: the present one [S]."""
+        leak = self._leak
+        if leak is None:
+            return 0.0
+        epoch = self._clock.now_ns() // leak.epoch_ns if epoch is None else epoch
+        return leak.conductance((epoch + 0.5) * leak.epoch_ns * 1e-9)
+
+    # --- what changes by itself ------------------------------------------------------------------------
+
+    def next_event_ns(self) -> int:
+        leak = self._leak
+        if leak is None:
+            return NEVER
+        following = self._clock.now_ns() // leak.epoch_ns + 1
+        return NEVER if self._leakage(following) == self._leakage() else following * leak.epoch_ns
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        leak = self._leak
+        if leak is not None and self._leakage(start_ns // leak.epoch_ns) != self._leakage(end_ns // leak.epoch_ns):
+            self._restart()
+
+
+def _inputs(voltage: Periodic, start_ns: int) -> tuple[Periodic, ...]:
+    """Coil voltage, 1, and the rate of the voltage."""
+    voltage = voltage.restarted(start_ns)
+    return voltage, constant(1.0, voltage), voltage.derivative()

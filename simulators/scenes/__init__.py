@@ -1,0 +1,1 @@
+"""What a scene is, and the scenes that come with palpate."""

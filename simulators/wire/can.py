@@ -1,0 +1,225 @@
+"""The simulated CAN bus: CANopen nodes on a python-can bus, their timing on the virtual clock."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self, cast
+
+import can
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
+from palpate.simulators.rig.rig import Rig
+from palpate.simulators.wire.can_bus import LockedNetwork, burst, open_bus
+from palpate.simulators.wire.canopen_device import attach, local_node
+
+if TYPE_CHECKING:
+    from palpate.simulators.effects.can_timing import CanTiming
+    from palpate.simulators.faults.can import Send
+
+BURST = 64  # of SYNCs, whose frames are sent together
+NMT_FRAME = 2  # bytes
+SERIAL = 0x2026_0100
+OPERATIONAL, STOPPED = 5, 4
+NMT_START, NMT_RESETS = 1, (129, 130)
+SAMPLES, STAMP = CONTRACT.pdos
+STAMP_LAYOUT = struct.Struct("<IB")
+
+
+class _Periodic:
+    """A periodic message on the virtual clock, as canopen's heartbeat wants it."""
+
+    def __init__(self, network: _VirtualNetwork, cob_id: int, data: bytes, period_ns: int) -> None:
+        self._network = network
+        self._cob_id = cob_id
+        self._data = bytes(data)
+        self._period_ns = period_ns
+        self.due_ns = network.clock.now_ns() + period_ns
+        network.periodic.append(self)
+
+    def stop(self) -> None:
+        self._network.periodic.remove(self)
+
+    def update(self, data: bytes) -> None:
+        self._data = bytes(data)
+
+    def send(self) -> None:
+        self._network.send_message(self._cob_id, self._data)
+        self.due_ns += self._period_ns
+
+
+class _VirtualNetwork(LockedNetwork):
+    """canopen's network with its periodic messages on the bench's clock."""
+
+    def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
+        super().__init__(bus, clock)
+        self.periodic: list[_Periodic] = []
+
+    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> Any:
+        return _Periodic(self, can_id, data, round(period * 1e9))
+
+
+class CanSegment:
+    """All simulated nodes on one bus; lives on the virtual clock."""
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        rig: Rig,
+        node_ids: list[int],
+        interface: str,
+        channel: str,
+    ) -> None:
+        self._clock = clock
+        self._rig = rig
+        self._bus = open_bus(interface, channel)
+        self._echoes: int | None = 0 if interface == MULTICAST else None  # of SYNC, still to come back
+        self._network = _VirtualNetwork(self._bus, clock)
+        self.nodes = [
+            SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
+            for number, node_id in enumerate(node_ids, 1)
+        ]
+        self._local = {node.id: local_node(node) for node in self.nodes}
+        self._sync_from_ns = NEVER
+        self._sync_period_ns = 0
+        self._timing = cast("CanTiming | None", rig.scene.effects.get("can_timing"))
+        self._busy_until_ns = 0
+        clock.add(self)
+
+    def __enter__(self) -> Self:
+        self._network.connect()
+        for node in self.nodes:
+            local = self._local[node.id]
+            attach(self._network, local, node, self._let_pass)
+            self._boot(local)
+        self._network.subscribe(0, self._on_nmt)
+        self._network.subscribe(SYNC_COB_ID, self._on_sync)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._network.disconnect()
+
+    def send_by(self, instead: Callable[[Send], Send]) -> None:
+        """From now on frames are sent by what `instead` makes of the bus' own send; called under the clock's lock."""
+        self._bus.send = instead(self._bus.send)  # type: ignore[method-assign,assignment]
+
+    def close(self) -> None:
+        """Leave a bus that was never entered."""
+        self._bus.shutdown()
+
+    @property
+    def states(self) -> dict[int, str]:
+        """NMT state of each node."""
+        return {number: str(local.nmt.state) for number, local in self._local.items()}
+
+    @property
+    def sync_rate(self) -> float:
+        """At which a node sends SYNC, 0 where none does [Hz]."""
+        return 1e9 / self._sync_period_ns if self._sync_period_ns else 0.0
+
+    # --- what the nodes hear ---------------------------------------------------------------------------
+
+    def _boot(self, local: Any) -> None:
+        local.nmt.state = "INITIALISING"  # sends the boot-up message
+        local.nmt.state = "PRE-OPERATIONAL"  # starts the heartbeat
+
+    def _on_nmt(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) < NMT_FRAME:
+            return
+        command, target = data[0], data[1]
+        for node in self.nodes:
+            if target in (0, node.id):
+                if command == NMT_START:
+                    node.start()
+                elif command in NMT_RESETS:
+                    self.reboot(node)
+
+    def reboot(self, node: SensorNode) -> None:
+        """As after power-on."""
+        node.reset()
+        self._timing_changed()
+        self._boot(self._local[node.id])
+
+    def emergency(self, node: SensorNode, code: int) -> None:
+        """The node sends an emergency."""
+        self._local[node.id].emcy.send(code, int(node.settings["error_register"]))
+
+    def _let_pass(self) -> None:
+        """The time of an SDO transfer. Who asked waits for the answer meanwhile, and nobody else moves the clock."""
+        if self._timing is not None:
+            busy = max(self._busy_until_ns - self._clock.now_ns(), 0)
+            self._clock.wait(1e-9 * (busy + self._timing.transfer_ns()))
+
+    def _on_sync(self, _cob_id: int, _data: bytearray, _timestamp: float) -> None:
+        """SYNC from the bus master."""
+        if self._echoes:
+            self._echoes -= 1
+            return
+        self._sample(np.array([self._clock.now_ns()]), send_sync=False)
+
+    def _timing_changed(self) -> None:
+        """SYNC starts one period after its producer is told to, and stops with it."""
+        producer = next((n for n in self.nodes if int(n.settings["sync_cob_id"]) & SYNC_PRODUCER), None)
+        period = round(producer.settings["sync_period"] * 1e6) * 1000 if producer else 0
+        if period != self._sync_period_ns:
+            self._sync_from_ns = self._clock.now_ns() if producer else NEVER
+            self._sync_period_ns = period
+
+    # --- what they do by themselves --------------------------------------------------------------------
+
+    def next_event_ns(self) -> int:
+        return min((task.due_ns for task in self._network.periodic), default=NEVER)
+
+    def advance(self, start_ns: int, end_ns: int) -> None:
+        if self._sync_period_ns:
+            first = (start_ns - self._sync_from_ns) // self._sync_period_ns + 1
+            last = (end_ns - self._sync_from_ns) // self._sync_period_ns
+            if last >= first:
+                self._sample(self._sync_from_ns + np.arange(first, last + 1) * self._sync_period_ns, send_sync=True)
+        for task in list(self._network.periodic):
+            if task.due_ns <= end_ns:
+                task.send()
+
+    def _sample(self, time_ns: npt.NDArray[np.int64], *, send_sync: bool) -> None:
+        """All operational nodes sample at each SYNC and send their frames, SYNC by SYNC."""
+        active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
+        streams = []
+        if active:
+            period = self._sync_period_ns or int(1e6)
+            films = self._rig.film_voltages(time_ns, period)
+            streams = [node.sample(time_ns, node.film_channels @ films, period) for node in active]
+        frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
+        if self._timing is not None and send_sync:
+            sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]
+            in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)
+            frames = [frames[place] for place in in_time]
+            self._busy_until_ns = int(time_ns[-1]) + busy_ns
+        if send_sync:
+            frames.insert(0, (SYNC_COB_ID, len(time_ns) * [b""]))
+            if self._echoes is not None:
+                self._echoes += len(time_ns)
+        for first in range(0, len(time_ns), BURST):
+            last = min(first + BURST, len(time_ns))
+            burst(self._bus, [(cob_id, payloads[i]) for i in range(first, last) for cob_id, payloads in frames])
+        for node, samples in zip(active, streams, strict=True):
+            self._report_saturation(node, samples)
+
+    def _report_saturation(self, node: SensorNode, samples: Samples) -> None:
+        if samples.saturation.any() and not node.settings["error_register"]:
+            node.settings["error_register"] = VOLTAGE_ERROR
+            self._local[node.id].emcy.send(SATURATED, VOLTAGE_ERROR)
+
+
+def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]:
+    """Identifiers of a node's two messages, each with its data for every sample."""
+    data = samples.counts.tobytes()
+    size = samples.counts.itemsize * samples.counts.shape[1]
+    counts = [data[at : at + size] for at in range(0, len(data), size)]
+    numbers = ((samples.counter + np.arange(len(samples.counts))) % ROLLOVER).tolist()
+    stamps = list(map(STAMP_LAYOUT.pack, numbers, samples.saturation.tolist()))
+    return [(SAMPLES.base + node.id, counts), (STAMP.base + node.id, stamps)]
