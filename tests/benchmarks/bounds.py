@@ -12,6 +12,7 @@ import hashlib
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import warnings
@@ -20,6 +21,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 
@@ -40,9 +42,14 @@ SMALLEST = 1e-9  # of a bound whose width counts, and of a change that it is com
 WIDE, VERY_WIDE, GOAL = 10.0, 100.0, 0.9
 QUANTILES = (0.1, 0.5, 0.9, 0.99)
 BATCH = 20
+LIMIT = 20.0  # s of processor for a scene; a few in a thousand, whose contact is lost and creeps, would take hours
 FIRST = 40  # trials, after which all modules that any needs are imported
 PACKAGES = ("instrument", "drivers", "simulators", "procedures", "tests")
 ROOT = Path(__file__).parents[2]
+
+
+class TooLong(PalpateError):
+    """A scene takes more than `LIMIT`."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,7 @@ class Tried:
     """One scene.
 
     bounds: of force and ratio; None: none is given. greatest, first: changes, of all draws and of the scene as drawn;
-    None: nothing to compare. refused: why the scene could not be followed.
+    None: nothing to compare. refused: why the scene could not be followed. long: it was given up after `LIMIT`.
     """
 
     number: int
@@ -60,14 +67,29 @@ class Tried:
     greatest: list[float | None]
     first: list[float | None]
     refused: str = ""
+    long: bool = False
 
     def broken(self) -> bool:
         pairs = zip(self.bounds, self.greatest, strict=True)
         return any(b is not None and c is not None and c > b + ROUNDING for b, c in pairs)
 
 
+def _too_long(_signal: int, _frame: FrameType | None) -> None:
+    raise TooLong(f"no end after {LIMIT:g} s")
+
+
 def tried(number: int) -> Tried:
     """What the bound of a random scene says, and what comes of it."""
+    before = signal.signal(signal.SIGVTALRM, _too_long)
+    signal.setitimer(signal.ITIMER_VIRTUAL, LIMIT)
+    try:
+        return _tried(number)
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGVTALRM, before)
+
+
+def _tried(number: int) -> Tried:
     chosen = drawn(number)
     scene, effect = chosen.without, chosen.with_it.effects[chosen.name]
     none: list[float | None] = [None, None]
@@ -80,7 +102,8 @@ def tried(number: int) -> Tried:
         draws = (FEWER if long else PHASES, SEEDS) if given else (1, 1)
         found = changes(scene, chosen.with_it, chosen.question, *draws)
     except PalpateError as error:
-        return Tried(number, chosen.name, list(scene.effects), none, none, none, str(error)[:200])
+        long = isinstance(error, TooLong)
+        return Tried(number, chosen.name, list(scene.effects), none, none, none, str(error)[:200], long)
     bounds = [value if math.isfinite(value) else None for value in (bound.force, bound.ratio)]
     if not found:
         return Tried(number, chosen.name, list(scene.effects), bounds, none, none)
@@ -158,7 +181,8 @@ def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
     broken = [each for each in results if each.broken()]
     yield Row("random scenes", f"{len(results)}", f"{goal}", len(results) >= goal)
     yield Row("  broken bounds", _listed(broken), "0", not broken)
-    yield Row("  that nothing can follow", _listed([each for each in results if each.refused]))
+    yield Row("  that nothing can follow", _listed([each for each in results if each.refused and not each.long]))
+    yield Row(f"  given up after {LIMIT:g} s of processor", _listed([each for each in results if each.long]))
     for which, told in (("greatest", "the greatest change of some draws"), ("first", "one draw alone")):
         widths = _widths(results, which)
         given = [width for width in widths if math.isfinite(width)]
