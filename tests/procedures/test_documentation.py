@@ -1,4 +1,4 @@
-"""What the README says of the code is what stands there."""
+"""What the documentation says of the code is what stands there."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from palpate.procedures.commands import palpate as main
 from palpate.procedures.steps.policy import POLICIES
 from tests.procedures.conftest import Palpate
 
-README = Path(__file__).parents[2] / "README.md"
+DOCUMENTATION = Path(__file__).parents[2] / "docs"
 
 
-def table(heading: str) -> list[tuple[str, ...]]:
-    """The first table under a heading, without its head."""
-    _, _, section = README.read_text(encoding="utf-8").partition(f"\n## {heading}\n")
-    lines = [line for line in section.partition("\n## ")[0].splitlines() if line.startswith("|")]
+def table(page: str) -> list[tuple[str, ...]]:
+    """The first table of a page, without its head."""
+    section, _, _ = (DOCUMENTATION / page).read_text(encoding="utf-8").partition("\n## ")
+    lines = [line for line in section.splitlines() if line.startswith("|")]
     return [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in lines[2:]]
 
 
-def test_its_table_of_incidents_is_that_of_the_policies() -> None:
-    assert table("When something fails") == [(p.incident, p.does, str(p.attempts)) for p in POLICIES]
+def test_the_table_of_incidents_is_that_of_the_policies() -> None:
+    assert table("explanation/incidents.md") == [(p.incident, p.does, str(p.attempts)) for p in POLICIES]
 
 
 def commands(group: click.Group, path: str = "palpate") -> Iterator[str]:
@@ -46,8 +46,8 @@ def named(cell: str) -> Iterator[str]:
         yield " ".join(words)
 
 
-def test_its_table_of_commands_has_each_once() -> None:
-    assert sorted(name for cell, _ in table("Commands") for name in named(cell)) == sorted(commands(main))
+def test_the_table_of_commands_has_each_once() -> None:
+    assert sorted(name for cell, _ in table("reference/commands.md") for name in named(cell)) == sorted(commands(main))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_its_table_of_commands_has_each_once() -> None:
         ("model ratio --model column --sensed-modulus 100kPa", "model ratio"),
     ],
 )
-def test_its_names_in_json_are_those_of_the_command(palpate: Palpate, command: str, row: str) -> None:
-    (names,) = (cell for commands, cell in table("Names in JSON") if commands.strip("`") == row.strip("`"))
+def test_the_names_in_json_are_those_of_the_command(palpate: Palpate, command: str, row: str) -> None:
+    (names,) = (cell for commands, cell in table("reference/json.md") if commands.strip("`") == row.strip("`"))
     outside = re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", names))
     assert re.findall("`([^`]*)`", outside) == list(palpate(*command.split(), "--json").object)

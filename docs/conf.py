@@ -1,0 +1,33 @@
+"""Configuration of Sphinx: sphinx-build -W docs docs/_build."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version as installed
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))  # generated.py
+
+project = "Palpate"
+author = "The Palpate developers"
+version = release = installed("palpate")
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "generated"]
+exclude_patterns = ["_build"]
+nitpicky = True
+
+html_theme = "furo"
+html_title = f"Palpate {version}"
+
+highlight_language = "none"  # of blocks that name no language
+myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
+
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 60  # s a cell
+nb_execution_in_temp = True
+nb_merge_streams = True
+
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
