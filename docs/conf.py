@@ -1,12 +1,14 @@
-"""Configuration of Sphinx: sphinx-build -W docs docs/_build."""
+"""Configuration of Sphinx: sphinx-build -W docs docs/_build/html."""
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib.metadata import version as installed
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # generated.py
+os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"  # notebooks call palpate
 
 project = "Palpate"
 author = "The Palpate developers"

@@ -3,8 +3,8 @@
 A block's language says what is done with it:
 
 - `console`: lines after `$ ` are commands; below each stands what it prints, `...` for anything.
-- `python`: the blocks of a page, one after another in one namespace.
-- `toml`: a file for the commands of the page. Its first line is its name: `# study.toml`.
+- a first line such as `# study.toml` or `# test_order.py`: the block is a file of that name for the commands below it.
+- `python` without such a line: the blocks of a page run one after another in one namespace.
 - none: a picture in characters, or what is run elsewhere.
 """
 
@@ -29,8 +29,8 @@ class Block:
 
     @property
     def file(self) -> str:
-        """The name in the first line of a TOML block; empty: there is none."""
-        found = re.match(r"# (\w+\.toml)\b", self.text)
+        """The name of a file in the first line; empty: there is none."""
+        found = re.match(r"# (\w+\.(?:toml|py))$", self.text, flags=re.MULTILINE)
         return found[1] if found else ""
 
     def commands(self) -> Iterator[tuple[str, str]]:

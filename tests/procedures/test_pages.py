@@ -44,11 +44,11 @@ def test_every_block_is_run_or_holds_no_command() -> None:
 def test_what_a_page_tells_to_do_works(page: str, palpate: Palpate) -> None:
     namespace: dict[str, object] = {"__name__": page}
     for block in blocks(PAGES[page]):
-        if block.language == "toml":
+        if block.file:
             Path(block.file).write_text(block.text, encoding="utf-8")
-        if block.language == "python":
+        elif block.language == "python":
             exec(compile("\n" * (block.line - 1) + block.text, ROOT / page, "exec"), namespace)
-        if block.language == "console":
+        elif block.language == "console":
             for command, expected in block.commands():
                 printed = said(command, palpate)
                 assert fits(expected, printed), f"{page}:{block.line}: {command}\n{printed}"
