@@ -1,4 +1,4 @@
-"""TOML files checked against pydantic models: every problem of a file in one error, each with its key."""
+"""TOML files that are checked against pydantic models. One error lists every problem of a file, each with its key."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, 
 from palpate.instrument.errors import ConfigError, nearest
 
 LARGEST_FILE = 1_000_000  # bytes; a bench, scene or calibration file has a few thousand
-MOST_VALUES = 100_000  # of a file; the films of an array of 64 teeth have 25 thousand
+MOST_VALUES = 100_000  # in a file; a calibration of the films of 64 teeth has 25 thousand
 LONGEST_TEXT = 1000  # characters of a key or a value
 DEEPEST = 8  # tables within tables
-MOST_PROBLEMS = 20  # of a file that are told
+MOST_PROBLEMS = 20  # listed in one error
 ACCEPT = "palpate calibrate accept"  # the command
 
 
@@ -42,9 +42,9 @@ class Config(BaseModel):
 
 
 class Hashed(Config):
-    """What palpate writes into a file and reads back, with the SHA-256 of its content.
+    """Content that palpate writes into a file and reads back, with its SHA-256.
 
-    `accepted`: the day on which somebody accepted what had been edited by hand, ISO 8601.
+    `accepted` is the day on which somebody accepted an edit by hand, ISO 8601.
     """
 
     accepted: IsoDate | None = None
@@ -52,20 +52,20 @@ class Hashed(Config):
 
     @property
     def verified(self) -> bool:
-        """Whether it is as it was written; a file from before there were hashes cannot tell."""
+        """Whether the content is known to be as it was written. A file without a hash is not verified."""
         return self._verified
 
     def sha256(self) -> str:
-        """Of its content, hex; of keys that it leaves out nothing."""
+        """SHA-256 of the content, hexadecimal. Keys that are left out do not count."""
         content = self.model_dump(mode="json", exclude_none=True)
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def about(self) -> dict[str, Any]:
-        """What a record says of its file."""
+        """What the record of a run says about this file."""
         return {"sha256": self.sha256(), "verified": self.verified, "accepted": self.accepted}
 
     def marks(self) -> str:
-        """What is to be said of it behind its name, "" where it is as it was written."""
+        """Remark to be shown behind the file's name; "" where the file is as it was written."""
         edited = f"edited by hand, accepted on {self.accepted}" if self.accepted else ""
         marks = ", ".join(mark for mark in ("" if self.verified else "unverified", edited) if mark)
         return f" ({marks})" if marks else ""
@@ -85,13 +85,15 @@ def read(path: Path, model: type[M]) -> M:
 
 
 def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
-    """Read a file that palpate wrote. One from before there were hashes is not `verified`.
+    """Read a file that palpate wrote. A file without a hash is read, but is not `verified`.
 
     Args:
-        edited: it may have been changed since.
+        path: the file.
+        model: class of its content.
+        edited: whether the file may have been changed since it was written.
 
     Raises:
-        ConfigError: as `read`, and for a file that was changed after it was written.
+        ConfigError: as in `read`, or the file was changed after it was written.
     """
     data = read_data(path)
     told = data.pop("sha256", None)
@@ -107,9 +109,9 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
 
 
 def read_data(path: Path) -> dict[str, Any]:
-    """What stands in a TOML file, unchecked. Raises ConfigError."""
+    """Content of a TOML file, not checked against a model. Raises ConfigError."""
     try:
-        if path.exists() and not path.is_file():  # a device or pipe could be read for ever
+        if path.exists() and not path.is_file():  # reading a device or a pipe might never end
             raise ConfigError(f"{path}: is no file; give the path of a TOML file")
         if path.stat().st_size > LARGEST_FILE:
             raise ConfigError(f"{path}: larger than {LARGEST_FILE} bytes; this is no configuration file")
@@ -120,7 +122,7 @@ def read_data(path: Path) -> dict[str, Any]:
 
 
 def parse(content: bytes, model: type[M], where: str) -> M:
-    """The content of a TOML file as a `model`. Raises ConfigError as `read`, each with `where`."""
+    """Read the text of a TOML file as a `model`. Raises ConfigError as `read` does, beginning with `where`."""
     return check(_parsed(content, where), model, where)
 
 
@@ -129,16 +131,16 @@ def _parsed(content: bytes, where: str) -> dict[str, Any]:
         data = tomllib.loads(content.decode())
     except UnicodeDecodeError:
         raise ConfigError(f"{where}: is not text; a TOML file in UTF-8 belongs here") from None
-    except (ValueError, RecursionError) as error:  # also integers of thousands of digits, and brackets without end
+    except (ValueError, RecursionError) as error:  # integers of thousands of digits, brackets without end
         raise ConfigError(f"{where}: is not TOML: {error}") from None
     _hold_limits(data, where)
     return data
 
 
 def _hold_limits(data: dict[str, Any], where: str) -> None:
-    """Raises ConfigError: more values, longer texts or deeper tables than a file may have."""
+    """Check that a file has not too many values, too long texts or too deep tables. Raises ConfigError."""
     left: list[tuple[Any, int]] = [(data, 0)]
-    for count, (value, depth) in enumerate(left):  # grows meanwhile
+    for count, (value, depth) in enumerate(left):  # the loop appends to it
         if count > MOST_VALUES:
             raise ConfigError(f"{where}: has more than {MOST_VALUES} values; leave some out")
         if depth > DEEPEST:
@@ -151,7 +153,7 @@ def _hold_limits(data: dict[str, Any], where: str) -> None:
 
 
 def check(data: dict[str, Any], model: type[M], where: str) -> M:
-    """`data` as a `model`; ConfigError lists every problem, each with `where` and its key."""
+    """Turn `data` into a `model`. Raises ConfigError, which lists every problem with `where` and its key."""
     try:
         return model.model_validate(data)
     except ValidationError as error:

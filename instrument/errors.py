@@ -11,7 +11,7 @@
     │   │   └── LinkTimeout          no answer in time                                (TimeoutError)
     │   ├── DeviceError              a device answered with an error
     │   │   └── SettingsLost         it does not hold what was written
-    │   ├── BenchInUse               another program has the bench, or its amplifier
+    │   ├── BenchInUse               another program has the bench or its amplifier
     │   ├── IdentityError            another device, version or word order than the contract's
     │   ├── SampleError              another sample is mounted than the procedure asked for
     │   ├── SafetyError              a limit of the bench was passed: outputs are off
@@ -57,7 +57,7 @@ MOST_LISTED = 60  # names in a message; a store holds thousands of runs
 
 
 class UnknownName(UsageError, LookupError):
-    """No such thing; the message lists the valid names and the nearest one."""
+    """There is nothing of that name. The message lists the valid names and tells the nearest one."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         names = sorted(valid)
@@ -67,14 +67,14 @@ class UnknownName(UsageError, LookupError):
 
 
 def named(kind: str, name: str, among: Mapping[str, T]) -> T:
-    """What has that name. Raises UnknownName: nothing has."""
+    """Find by its name. Raises UnknownName."""
     if name not in among:
         raise UnknownName(kind, name, among)
     return among[name]
 
 
 class BenchError(PalpateError):
-    """`device` is the name of the one that failed, where it is known."""
+    """The bench could not do what was asked for. `device` is the name of the device that failed, where it is known."""
 
     def __init__(self, *args: object, device: str = "") -> None:
         super().__init__(*args)
@@ -90,7 +90,7 @@ class LinkTimeout(LinkError, TimeoutError):
 
 
 class DeviceError(BenchError):
-    """`code` is that of a Modbus exception response; 0 for none."""
+    """A device answered with an error. `code` is the code of a Modbus exception response, 0 where there was none."""
 
     def __init__(self, *args: object, device: str = "", code: int = 0) -> None:
         super().__init__(*args, device=device)

@@ -1,7 +1,7 @@
-"""Text with units at the edge, SI floats inside.
+"""Quantities: text with a unit in files and on the command line, SI floats inside.
 
-`parse("24 kPa", "Pa")` is 24000.0. A text without a unit is refused where a unit belongs: the
-mistake that this module exists to catch is a number in somebody else's unit.
+`parse("24 kPa", "Pa")` is 24000.0. A text without a unit is refused where a unit belongs, because the number might be
+in another unit than the reader thinks.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
     from pydantic_core import CoreSchema
 
-# Only the unit goes to pint: of a whole text it would also evaluate powers, such as 9**9**9.
+# pint gets only the unit: in a whole text it would also evaluate powers, such as 9**9**9.
 _QUANTITY = re.compile(
     r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*"
     r"(?P<unit>(?:[A-Za-zµμΩ°%]+(?: [A-Za-zµμΩ]+)?(?:/√?[A-Za-zµμΩ°%]+)?)?)\s*",
     re.ASCII,
 )
-LARGEST_TOLERANCE = 0.5  # a share; what may be wrong by more than half is not worth a measurement
+LARGEST_TOLERANCE = 0.5  # a share
 SHARE = "give a share such as '5 %' or 0.05"
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
@@ -39,14 +39,14 @@ def _registry() -> Any:
 
 @functools.lru_cache(maxsize=1024)
 def parse(text: str, unit: str) -> float:
-    """The value of `text` in `unit`.
+    """Value of `text` in `unit`.
 
     Args:
         text: a number and its unit, such as "1.5 N", "24 kPa" or "140 gf".
         unit: the unit of the result, such as "N"; "" for a plain number.
 
     Raises:
-        QuantityError: not a number, no unit, a unit of another dimension, or not finite.
+        QuantityError: the text has no number or no unit, the unit has another dimension, or the value is not finite.
     """
     example = f"write for example {_example(unit)!r}"
     found = _QUANTITY.fullmatch(text)
@@ -61,10 +61,11 @@ def parse(text: str, unit: str) -> float:
 
 
 def parse_tolerance(text: str) -> float:
-    """The share that "5 %" or "0.05" is, of an option `--tolerance`.
+    """Share that the text of a tolerance means: 0.05 for "5 %" and for "0.05".
 
     Raises:
-        QuantityError: neither. RangeError: as `check_tolerance`; "5" is five hundred percent.
+        QuantityError: the text is no number and no percentage.
+        RangeError: as in `check_tolerance`; "5" would be 500 %.
     """
     try:
         tolerance = parse(text, "")
@@ -74,7 +75,7 @@ def parse_tolerance(text: str) -> float:
 
 
 def check_tolerance(tolerance: float, what: str) -> float:
-    """It, if it is a share above 0 and at most a half; `what` names it. Raises RangeError: it is not."""
+    """Return a tolerance that is above 0 and at most 0.5; `what` names it in messages. Raises RangeError."""
     if not tolerance > 0:
         raise RangeError(f"{what} is not above 0; {SHARE}")
     if not tolerance <= LARGEST_TOLERANCE:
@@ -86,7 +87,7 @@ def check_tolerance(tolerance: float, what: str) -> float:
 
 
 def _factor(written: str, unit: str) -> float | None:
-    """From the unit with a prefix to the unit, as `show` writes it; None: pint knows, which takes half a second."""
+    """Factor from a unit with an SI prefix to the unit; None: only pint knows, whose import takes half a second."""
     if written == unit:
         return 1.0
     if not written.endswith(unit) or unit in ("", "kg"):
@@ -99,7 +100,7 @@ def _converted(text: str, value: float, written: str, unit: str, example: str) -
 
     try:
         quantity = _registry().Quantity(value, _spelled(written))
-    except (pint.PintError, ValueError):  # "nan" and others are numbers to pint
+    except (pint.PintError, ValueError):  # pint reads "nan" and others as numbers
         raise QuantityError(f"{text!r}: {written!r} is no unit; {example}") from None
     if unit and quantity.unitless:
         raise QuantityError(f"{text!r} has no unit where {unit} belongs; {example}")
@@ -112,7 +113,7 @@ def _converted(text: str, value: float, written: str, unit: str, example: str) -
 
 
 def _spelled(unit: str) -> str:
-    """The unit as pint reads it."""
+    """Spelling of a unit that pint reads."""
     return unit.replace("√Hz", "Hz**0.5")
 
 
@@ -121,7 +122,7 @@ def _example(unit: str) -> str:
 
 
 def show(value: float, unit: str, digits: int = 4) -> str:
-    """`value` (SI) for people, with a prefix: `show(24000.0, "Pa")` is "24 kPa"."""
+    """Text of an SI value with a prefix: `show(24000.0, "Pa")` is "24 kPa"."""
     if value == 0 or not math.isfinite(value) or unit in ("", "%", "mV"):
         return f"{value:.{digits}g} {unit}".rstrip()
     exponent = min(max(3 * math.floor(math.log10(abs(value)) / 3), -12), 9)

@@ -1,4 +1,4 @@
-"""Which device sits at which address, and the limits of the bench.
+"""Description of a bench: the address of each device, its settings and the bench's limits.
 
 A simulated bench differs from a real one only in the addresses of this description.
 """
@@ -30,7 +30,7 @@ class TcpAddress(Config):
 
 
 class Amplifier(TcpAddress):
-    """The shaker amplifier, its settings, and what feeds its watchdog: its owner alone, or any request of anybody."""
+    """The shaker amplifier, its settings, and what feeds its watchdog: only its owner, or any request of any client."""
 
     watchdog_fed_by: Literal["owner", "any request"] = "owner"
     gain: float = Field(default=2.0, ge=0, le=20, strict=True)  # V/V [A]
@@ -85,7 +85,7 @@ class BenchDescription(Config):
     design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
     watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)
-    # of the load: what a film's moving cable adds to its force in step with the drive, at most; 0: nothing is known
+    # Share of the load that a film's moving cable adds to its force in step with the drive, at most; 0: not known.
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     signal_generator: TcpAddress
     shaker_amplifier: Amplifier

@@ -1,19 +1,20 @@
-"""A CAN bus over UDP multicast, as both of its ends need it."""
+"""Settings of a CAN bus over UDP multicast that both of its ends need."""
 
 from __future__ import annotations
 
 import os
 import socket
 
-MULTICAST = "udp_multicast"  # of python-can; it hands a bus its own frames as well
+MULTICAST = "udp_multicast"  # python-can's interface; a bus hears its own frames, too
 RECEIVE_BUFFER = 4 << 20  # bytes; the usual one holds 256 frames
-IP_MULTICAST_ALL = 49  # of Linux; `socket` has no name for it
+IP_MULTICAST_ALL = 49  # Linux' option; Python's `socket` has no name for it
 
 
 def keep_to_group(descriptor: int) -> None:
-    """Have the socket of a bus hear its own group alone, whatever others of this machine have joined, and much of it.
+    """Set up the socket of a bus: it hears its own group alone, and has a large buffer.
 
-    Linux gives a socket that is bound to a port the frames of every group on it.
+    Without this, Linux gives a socket that is bound to a port the frames of every group that any program of the machine
+    has joined on that port.
     """
     with socket.socket(fileno=os.dup(descriptor)) as end:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)

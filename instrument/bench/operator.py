@@ -1,4 +1,4 @@
-"""The person at the bench, as procedures see him."""
+"""The person at the bench, as procedures ask for work by hand."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from palpate.instrument.sensor.sample import Sample
 
 
 class Operator(Protocol):
-    """Does by hand what no device does. Each method returns when it is done."""
+    """Work that no device does. Each method returns when the work is done."""
 
     def mount(self, sample: Sample) -> None:
-        """Lay the sample under the probe, the positioner being at its home position."""
+        """Lay the sample under the probe. The positioner is at its home position."""
 
     def lay_on_support(self, sample: Sample | None) -> None:
-        """Put a rigid support in the sensor's place, its face as high, and lay the sample on it; None: nothing on it.
+        """Replace the sensor by a rigid support of the same height, and lay the sample on it; None: leave it bare.
 
         The positioner is at its home position.
         """
 
     def place_probe(self, x: float, y: float) -> None:
-        """Set a point probe above (x, y) from the sensor's corner [m], on the sample that is mounted.
+        """Place a point probe above (x, y) [m] from the sensor's corner, on the sample that is mounted.
 
         The positioner is at its home position.
         """
@@ -32,10 +32,10 @@ class Operator(Protocol):
         """
 
     def place_weight(self, mass: float) -> None:
-        """Put dead weights of `mass` kg in all on the load cell; 0 takes them off."""
+        """Put dead weights of `mass` kg altogether on the load cell; 0: take them off."""
 
     def turn_load_cell(self, degrees: float) -> None:
-        """Turn the load cell about its axis to this position, without load."""
+        """Turn the unloaded load cell about its axis to this angle."""
 
     def set_temperature(self, kelvin: float) -> None:
-        """Make the surroundings of the sensor so many kelvin warmer than they were at the start."""
+        """Make the surroundings of the sensor warmer by this than they were at the start [K]."""

@@ -1,4 +1,4 @@
-"""How good a load cell is by ISO 376 and ASTM E74, from runs of dead weights put on and taken off again.
+"""Classes of a load cell by ISO 376 and ASTM E74, from runs of dead weights that are put on and taken off again.
 
 Figures and limits after ISO 376:2011 (Table 2) and ASTM E74-18.
 """
@@ -20,23 +20,23 @@ Floats = npt.NDArray[np.float64]
 
 NOT_CLASSIFIABLE = "not classifiable"
 
-ASTM_E74_FACTORS = {"AA": 2000.0, "A": 400.0}  # of the lower limit factor, where the range of a class begins
+ASTM_E74_FACTORS = {"AA": 2000.0, "A": 400.0}  # a class's range begins at so many lower limit factors
 ASTM_E74_SIGMAS = 2.4
 ASTM_E74_LOADS, ASTM_E74_READINGS = 10, 30
 ISO_376_LOADS = 8
-ISO_376_PART = 0.5  # of the greatest load, to which a class must reach down
+ISO_376_PART = 0.5  # a class must reach down to this share of the greatest load
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Weights put on one after the other and taken off again.
+    """One run of weights that are put on one after the other and taken off again.
 
     Args:
-        position: of the cell about its axis [degrees].
+        position: angle of the cell about its axis [degrees].
         loading_mV, unloading_mV: (k,) readings, both at increasing loads.
         zero_before_mV, zero_after_mV: readings of the unloaded cell; None: not read.
-        repeats: how many displays each reading is the mean of.
-        scatter_mV: standard deviation of a single display about such a mean; None: not known.
+        repeats: number of displayed values whose mean is one reading.
+        scatter_mV: standard deviation of a single displayed value about such a mean; None: not known.
     """
 
     position: float
@@ -48,13 +48,13 @@ class Run:
     scatter_mV: float | None = None
 
     def mean_mV(self) -> Floats:
-        """Of loading and unloading, (k,)."""
+        """Mean (k,) of the readings of loading and unloading."""
         mean: Floats = 0.5 * (self.loading_mV + self.unloading_mV)
         return mean
 
 
 class Classification(Config):
-    """A class with the loads over which it holds; without one, `reason` says why."""
+    """The class of a load cell and the loads over which it holds. Where there is none, `reason` says why."""
 
     model_config = ConfigDict(strict=True)
 
@@ -65,7 +65,7 @@ class Classification(Config):
 
 
 Quantities = dict[str, Floats | None]
-"""By name, (k,) fractions at the loads; None: the runs do not tell.
+"""Quantities of ISO 376 by name: fractions (k,) at the loads; None: the runs do not determine it.
 
     reproducibility  b: spread of the first runs in several positions over their mean
     repeatability    b': greatest spread of the runs in one position over their mean
@@ -84,19 +84,19 @@ ISO_376: dict[str, dict[str, float]] = {
     "1": dict(zip(_ORDER, (2e-3, 1e-3, 1e-3, 3e-3, 5e-4, 1e-3, 1 / 1000), strict=True)),
     "2": dict(zip(_ORDER, (4e-3, 2e-3, 2e-3, 5e-3, 1e-3, 2e-3, 1 / 500), strict=True)),
 }
-"""Limits of the quantities in each class, from the best on."""
+"""Greatest value of each quantity in each class, from the best class to the worst."""
 
-MAY_BE_MISSING = ("creep",)  # the reversibility stands for it
+MAY_BE_MISSING = ("creep",)  # ISO 376 accepts the reversibility in its place
 
 
 def quantities(
     load: Floats, runs: Sequence[Run], curve: Interpolation, resolution_mV: float, creep_mV: float | None
 ) -> Quantities:
-    """The quantities of ISO 376.
+    """Quantities of ISO 376 from runs of dead weights.
 
     Args:
         load: (k,) N, increasing.
-        curve: through the mean readings.
+        curve: curve through the mean readings.
         creep_mV: change of the reading from 30 s to 300 s under the greatest load; None: not measured.
     """
     zero = float(curve.coefficients[0])
@@ -125,7 +125,7 @@ def quantities(
 
 
 def spread_over_positions(load: Floats, runs: Sequence[Run]) -> float:
-    """Standard deviation of the lines' slopes over the positions of the cell [mV/N]; 0 where it stood in one."""
+    """Standard deviation [mV/N] of the slopes of straight lines over the positions of the cell; 0 for one position."""
     by_position = _by_position(runs, np.array([run.mean_mV() for run in runs]))
     if len(by_position) == 1:
         return 0.0
@@ -190,13 +190,13 @@ def lower_limit_factor(load: Floats, runs: Sequence[Run], curve: Interpolation) 
 
 
 def classify_astm_e74(load: Floats, readings: int, factor: float, resolution: float) -> Classification:
-    """Class AA or A with the range that begins at so many lower limit factors.
+    """Class AA or A of ASTM E74, with the range of loads over which it holds.
 
     Args:
         load: (k,) N, increasing.
-        readings: under load, of all runs.
-        factor: LLF [N], which counts as no less than the resolution.
-        resolution: load of a step of the indicator [N].
+        readings: number of readings under load, in all runs.
+        factor: lower limit factor [N]; at least the resolution is used.
+        resolution: load of one step of the indicator [N].
     """
     counted = max(factor, resolution)
     for name, times in ASTM_E74_FACTORS.items():

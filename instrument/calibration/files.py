@@ -1,4 +1,4 @@
-"""Files of calibrations."""
+"""Reading and writing the files of calibrations."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ def read_calibration(path: Path) -> LoadCellCalibration:
     """The calibration in a TOML file.
 
     Raises:
-        ConfigError: no such file, not TOML, keys that are unknown, missing or invalid: all of them at once; or what
-            stands in it was changed by hand.
+        ConfigError: there is no such file, it is not TOML, it was changed by hand, or keys are unknown, missing or
+            invalid (one error lists them all).
     """
     return read_hashed(path, LoadCellCalibration)
 
 
 def read_film_calibration(path: Path) -> FilmCalibration:
-    """As `read_calibration`."""
+    """Read the calibration of films from a TOML file. Raises ConfigError as `read_calibration` does."""
     return read_hashed(path, FilmCalibration)
 
 
 def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCalibration | None:
-    """Hash a calibration that was edited by hand, which says from now on that it was; None: it is as it was written.
+    """Accept a calibration file that was edited by hand: hash it anew and note the day in it.
+
+    Returns:
+        The calibration; None: it had not been edited, and the file stays as it is.
 
     Raises:
-        ConfigError: as `read_calibration`, but for the change.
-        RecordError: as `write_calibration`.
+        ConfigError: as in `read_calibration`, except that a change by hand is no error.
+        RecordError: as in `write_calibration`.
     """
     model = FilmCalibration if "films" in read_data(path) else LoadCellCalibration
     found = read_hashed(path, model, edited=True)

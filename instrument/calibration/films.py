@@ -1,4 +1,4 @@
-"""Films calibrated against the load cell: what each gives for the force on its teeth, and what it hears of others."""
+"""Calibration of films against the load cell: sensitivity to a film's own teeth, and crosstalk from others."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import interpolate
 
 Floats = npt.NDArray[np.float64]
-FEWEST = 3  # points for each film, below which there is no scatter
+FEWEST = 3  # points for each film; fewer tell no scatter
 REPEATS, LOAD_CELL = "scatter from one load set to the next", "load cell"
 
 
 @dataclass(frozen=True, slots=True)
 class FilmReading:
-    """What the films of a design gave while one tooth alone was pressed; loads and voltages are peak to peak.
+    """Voltages of a design's films while one tooth alone was pressed. Loads and voltages are peak to peak.
 
     Args:
-        tooth: number, from 0.
-        frequency: of the load [Hz].
-        set_load: that was asked for [N].
-        load, load_u: by the load cell [N].
+        tooth: number of the tooth, from 0.
+        frequency: frequency of the load [Hz].
+        set_load: load that was asked for [N].
+        load, load_u: load by the load cell, with its standard uncertainty [N].
         voltage: (films,) V, in the design's order.
     """
 
@@ -45,14 +45,14 @@ class FilmReading:
 
 
 class CalibratedFilm(Config):
-    """One film.
+    """Calibration of one film.
 
     Args:
         sensitivity_mV_per_N, sensitivity_u: mean over all points, with standard uncertainty.
-        scatter_u, degrees_of_freedom: the part of that from the scatter of the points.
-        load_cell_u: the part that the load cell's calibration has in it, the same for all films.
+        scatter_u, degrees_of_freedom: part of that uncertainty that comes from the scatter of the points.
+        load_cell_u: part of it that comes from the load cell's calibration, the same for all films.
         linearity: greatest deviation from a line through the means at the loads, as a fraction of the span.
-        clamping: sensitivity over that of the design.
+        clamping: sensitivity over the design's sensitivity.
     """
 
     model_config = ConfigDict(strict=True)
@@ -68,17 +68,17 @@ class CalibratedFilm(Config):
 
 
 class FilmCalibration(Hashed):
-    """Films of one sensor on its node. The field names are the keys of the calibration file.
+    """Calibration of the films of one sensor on its node. The field names are the keys of the calibration file.
 
     Args:
-        films: in the design's order.
-        covariance: (films, films), of the sensitivities, (mV/N)².
-        crosstalk: (rigid films, teeth): of what film i gives while tooth j alone is pressed, over what it gives for
-            the same force on its own.
-        crosstalk_u: standard uncertainties.
-        frequencies_Hz, gain: for each film what it gives at a frequency over its mean.
+        films: calibrations in the design's order.
+        covariance: (films, films), covariance of the sensitivities, (mV/N)².
+        crosstalk: (rigid films, teeth): voltage of film i while tooth j alone is pressed, over its voltage under the
+            same force on its own tooth.
+        crosstalk_u: standard uncertainties of the crosstalk.
+        frequencies_Hz, gain: sensitivity of each film at a frequency over its mean.
         device: serial number of the sensor node.
-        load_cell: the calibration of the load cell, with the degrees of freedom of its uncertainty.
+        load_cell: calibration of the load cell, with the degrees of freedom of its uncertainty.
     """
 
     design: Name
@@ -100,7 +100,7 @@ class FilmCalibration(Hashed):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        """Tables are as large as films and frequencies ask for."""
+        """Check that each table has the size that the films and frequencies need."""
         count = len(self.films)
         shapes = {
             "covariance": (self.covariance, count, count),
@@ -114,7 +114,7 @@ class FilmCalibration(Hashed):
         return self
 
     def budgets(self) -> tuple[Budget, ...]:
-        """Of each sensitivity."""
+        """Uncertainty budget of each film's sensitivity."""
         freedom = self.load_cell_degrees_of_freedom or math.inf
         return tuple(
             Budget(
@@ -130,9 +130,10 @@ class FilmCalibration(Hashed):
         )
 
     def apply(self, design: Design) -> Design:
-        """The design with these sensitivities and their covariance, which has the scatter's degrees of freedom.
+        """The design with these sensitivities and their covariance.
 
-        The load cell's part of it, which is mostly better known, cancels in a ratio.
+        The covariance gets the degrees of freedom of the scatter. The load cell's part, which is mostly known better,
+        cancels in a ratio.
         """
         found = np.array([film.sensitivity_mV_per_N for film in self.films])
         relative = np.array(self.covariance) / np.outer(found, found)
@@ -147,7 +148,7 @@ class FilmCalibration(Hashed):
         )
 
     def check_use(self, design: Design, device: str, simulated: bool, today: date) -> None:
-        """Raises ConfigError where it is not that of this sensor on this node, or has expired."""
+        """Check that the calibration belongs to this sensor on this node and has not expired. Raises ConfigError."""
         made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with node {self.device}"
         if self.simulated != simulated or self.device != device:
             raise ConfigError(f"{made}, not for this bench's {device}; run palpate calibrate films")
@@ -160,18 +161,19 @@ class FilmCalibration(Hashed):
 def calibrate_films(
     design: Design, readings: Sequence[FilmReading], load_cell: LoadCellCalibration, origin: Mapping[str, Any]
 ) -> FilmCalibration:
-    """Sensitivities and crosstalk from teeth pressed one after the other.
+    """Calibrate films from readings in which the teeth were pressed one after the other.
 
-    A film's gain scatters from one load set to the next by a share of itself, so that its sensitivity is the mean of
-    voltage over load. What the load cell's calibration does to all loads is common to all films.
+    A film's gain scatters from one load set to the next by a share of itself, so its sensitivity is the mean of voltage
+    over load. An error of the load cell's calibration is common to all films.
 
     Args:
-        readings: of every tooth, at loads and frequencies.
+        readings: readings of every tooth, at several loads and frequencies.
+        load_cell: calibration of the load cell.
         origin: `device`, `simulated`, `source`, `created` and `expires` as in `FilmCalibration`.
 
     Raises:
-        EstimateError: fewer than three readings or loads for a film, a load that is not positive, or a film that gives
-            nothing.
+        EstimateError: a film has fewer than three readings or loads, a load is not positive, or a film gives no
+            voltage.
     """
     own = np.array([[reading.tooth in film.teeth for reading in readings] for film in design.films])
     load = np.array([reading.load for reading in readings])
@@ -225,15 +227,15 @@ def calibrate_films(
 
 
 def _common(load_cell: LoadCellCalibration, load: Floats) -> float:
-    """Relative standard uncertainty that the load cell's calibration gives a mean over these loads [N].
+    """Relative standard uncertainty of a mean over these loads [N] by the load cell's calibration.
 
-    The same curve turned all readings into loads, so that its errors do not average out.
+    One curve turned all readings into loads, so its errors do not average out.
     """
     return math.fsum(load_cell.curve_u(float(value)) / float(value) for value in load) / load.size
 
 
 def _crosstalk(design: Design, readings: Sequence[FilmReading], ratio: Floats, mean: Floats) -> tuple[Floats, Floats]:
-    """(rigid films, teeth), and standard uncertainties."""
+    """Crosstalk (rigid films, teeth) and its standard uncertainties."""
     rigid = [i for i, film in enumerate(design.films) if film.kind == FILM_KINDS[0]]
     pressed = np.array([reading.tooth for reading in readings])
     values, uncertainties = np.zeros((2, len(rigid), len(design.teeth)))
@@ -246,7 +248,7 @@ def _crosstalk(design: Design, readings: Sequence[FilmReading], ratio: Floats, m
 
 
 def _linearity(readings: Sequence[FilmReading], film: int) -> float:
-    """Greatest deviation of the mean voltages from a line, as a fraction of the span."""
+    """Greatest deviation of one film's mean voltages from a line, as a fraction of the span."""
     sets = sorted({reading.set_load for reading in readings})
     load = np.array([np.mean([r.load for r in readings if r.set_load == s]) for s in sets])
     volts = np.array([np.mean([r.voltage[film] for r in readings if r.set_load == s]) for s in sets])

@@ -1,4 +1,4 @@
-"""What is uncertain in a load that the load cell measured."""
+"""Uncertainty budget of a load that the load cell measured."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from palpate.instrument.uncertainty.budget import Budget, Component
 
 
 def load_budget(calibration: LoadCellCalibration, load: float, displays: int = 1) -> Budget:
-    """Budget of a load in N, by the mean of so many displays; its `u` is that of `LoadCellCalibration.load`."""
+    """Budget of a load [N] that was measured by the mean of some displayed values.
+
+    Its `u` is that of `LoadCellCalibration.load`.
+    """
     c = calibration
     bend = 0.0 if c.curvature is None else c.curvature.mV_per_N2
     slope = c.sensitivity_mV_per_N + 2 * bend * load

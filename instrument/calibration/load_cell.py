@@ -1,4 +1,4 @@
-"""Load cell: the calibration that runs of dead weights give and where it may be used."""
+"""Calibration of a load cell from runs of dead weights, and the checks of where it may be used."""
 
 from __future__ import annotations
 
@@ -29,32 +29,34 @@ STANDARD_GRAVITY = 9.80665
 
 
 class LoadCellCalibration(Hashed):
-    """`reading_mV = zero_mV + sensitivity_mV_per_N · load_N + curvature · load_N²`, of a cell with its indicator.
+    """Calibration of a load cell with its indicator.
 
-    The field names are the keys of the calibration file. Fractions are the greatest over the loads, and None where
-    the runs do not tell.
+    `reading_mV = zero_mV + sensitivity_mV_per_N · load_N + curvature · load_N²`
+
+    The field names are the keys of the calibration file. Each fraction is the greatest one over all loads. It is None
+    where the runs do not determine it.
 
     Args:
         sensitivity_mV_per_N, sensitivity_u: slope at no load, with standard uncertainty.
         zero_mV, zero_u: reading at no load, with standard uncertainty.
-        covariance: mV²/N, of sensitivity and zero.
-        degrees_of_freedom: of these uncertainties; None: known as well as the steps of the indicator.
-        curvature: of a cell for which a line does not do.
+        covariance: covariance of sensitivity and zero [mV²/N].
+        degrees_of_freedom: degrees of freedom of these uncertainties; None: they rest on the indicator's step alone.
+        curvature: term of second degree, for a cell whose readings are not straight.
         least_N, greatest_N: the calibrated range.
         linearity: largest deviation of a mean reading from the line, as a fraction of the span.
         reversibility: largest difference of loading and unloading at one load, as a fraction of the span.
         reversibility_of_reading: v of ISO 376, which goes with the deflection at the load.
         repeatability, reproducibility, interpolation, zero_return, creep: b', b, fc, f0 and c of ISO 376.
         resolution_mV: smallest step of the indicator.
-        scatter_mV: standard deviation of single displays about their mean; None: not known.
-        lower_limit_factor_N: of ASTM E74.
+        scatter_mV: standard deviation of single displayed values about their mean; None: not known.
+        lower_limit_factor_N: lower limit factor of ASTM E74.
         astm_e74, iso_376: class "AA" or "A", "00" to "2", or "not classifiable".
-        gage_factor: that the indicator was set to.
+        gage_factor: gage factor to which the indicator was set.
         device: serial number of the load cell.
         simulated: whether the readings come from a simulated bench.
-        source: where the readings are to be found.
+        source: where the readings can be found.
         created: date and time, ISO 8601.
-        expires: last day on which it may be used, ISO 8601; None: nobody said.
+        expires: last day on which the calibration may be used, ISO 8601; None: no limit was given.
     """
 
     model_config = ConfigDict(strict=True)
@@ -113,7 +115,7 @@ class LoadCellCalibration(Hashed):
         return self
 
     def _covariance(self) -> npt.NDArray[np.float64]:
-        """Of zero, sensitivity and, where it has one, curvature."""
+        """Covariance matrix of zero, sensitivity and, where there is one, curvature."""
         matrix = np.array([[self.zero_u**2, self.covariance], [self.covariance, self.sensitivity_u**2]])
         if self.curvature is None:
             return matrix
@@ -121,9 +123,13 @@ class LoadCellCalibration(Hashed):
         return np.block([[matrix, column[:, np.newaxis]], [column, np.array([self.curvature.u**2])]])
 
     def load(self, reading_mV: float, displays: int = 1) -> tuple[float, float]:
-        """Load in N that gives this reading, the mean of so many displays, and its standard uncertainty in N.
+        """Load [N] that belongs to a reading, and its standard uncertainty [N].
 
-        The uncertainty holds the curve (with covariances) and the reading's own (`reading_u`).
+        The uncertainty holds those of the curve (with covariances) and of the reading (`reading_u`).
+
+        Args:
+            reading_mV: mean of some displayed values.
+            displays: how many values that are.
 
         Raises:
             EstimateError: the reading is not finite, or beyond the vertex of a curved calibration.
@@ -140,7 +146,7 @@ class LoadCellCalibration(Hashed):
         return load, math.hypot(self.curve_u(load), self.reading_u(displays) / slope)
 
     def curve_u(self, load_N: float) -> float:
-        """Standard uncertainty in N that the curve gives a load, by which all readings there are off alike."""
+        """Standard uncertainty [N] of a load by the curve alone; it shifts all readings at that load alike."""
         bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
         covariance = self._covariance()
         powers = load_N ** np.arange(len(covariance))
@@ -148,21 +154,22 @@ class LoadCellCalibration(Hashed):
         return math.sqrt(variance) / (self.sensitivity_mV_per_N + 2 * bend * load_N)
 
     def reading_u(self, displays: int = 1) -> float:
-        """Standard uncertainty in mV of the mean of so many displays: their scatter and what it leaves of the rounding.
+        """Standard uncertainty [mV] of the mean of some displayed values.
 
-        Where the scatter is not known, of the rounding alone.
+        It holds the scatter of single values, and the error of rounding that is left beside that scatter. Where the
+        scatter is not known, it holds the rounding alone.
         """
         if self.scatter_mV is None:
             return self.resolution_mV / math.sqrt(12)
         return mean_u(self.scatter_mV, self.resolution_mV, displays)
 
     def reading(self, load_N: float) -> float:
-        """Reading in mV that this load gives."""
+        """Reading [mV] that a load gives."""
         bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
         return self.zero_mV + (self.sensitivity_mV_per_N + bend * load_N) * load_N
 
     def resolution(self) -> float:
-        """Load in N of the smallest step of the indicator."""
+        """Load [N] that moves the reading by the smallest step of the indicator."""
         return self.resolution_mV / self.sensitivity_mV_per_N
 
     def covers(self, load_N: float) -> bool:
@@ -171,7 +178,7 @@ class LoadCellCalibration(Hashed):
         return self.least_N - slack <= load_N <= self.greatest_N + slack
 
     def check_range(self, load_N: float) -> None:
-        """Raises RangeError where a load in N lies outside the calibrated range."""
+        """Check that a load [N] lies in the calibrated range. Raises RangeError."""
         if not self.covers(load_N):
             raise RangeError(
                 f"load {load_N:g} N lies outside the {self.least_N:.4g} to {self.greatest_N:.4g} N that the load cell "
@@ -180,7 +187,7 @@ class LoadCellCalibration(Hashed):
             )
 
     def check_use(self, device: str, simulated: bool, gage_factor: float, today: date) -> None:
-        """Raises ConfigError where it is not that of this cell and indicator as they are set, or has expired."""
+        """Check that the calibration fits this cell and indicator and has not expired. Raises ConfigError."""
         made = f"was made {'on a simulated bench' if self.simulated else 'on hardware'} with device {self.device}"
         if self.simulated != simulated or self.device != device:
             raise ConfigError(f"{made}, not for this bench's {device}; calibrate again")
@@ -207,25 +214,25 @@ def calibrate_load_cell(
     created: str,
     expires: str | None = None,
 ) -> LoadCellCalibration:
-    """Calibration from runs of dead weights put on and taken off again.
+    """Calibrate a load cell from runs of dead weights that are put on and taken off again.
 
-    The curve goes through the mean reading at each load, since repeats at one load share its rounding. The span is
-    that of the line between the least and the greatest load. The spread of the sensitivity over several positions
-    of the cell counts towards its uncertainty, since nobody knows in which the cell is used.
+    The curve is fitted to the mean reading at each load, since repeats at one load share its rounding. The span is that
+    of the line between the least and the greatest load. The spread of the sensitivity over several positions of the
+    cell adds to its uncertainty, since nobody knows in which position the cell will be used.
 
     Args:
         load_N: (k,) N, increasing.
         runs: readings (k,) each.
         resolution_mV: smallest step of the indicator.
-        degree: of the curve; None: 2 where an F-test finds it better than 1.
-        creep_mV: change of the reading from 30 s to 300 s under the greatest load.
+        degree: degree of the curve; None: 2 where an F-test finds it better than 1.
+        creep_mV: change of the reading from 30 s to 300 s under the greatest load; None: not measured.
         gage_factor, device, simulated, source, created, expires: as in `LoadCellCalibration`.
 
     Raises:
-        EstimateError: as `interpolate`; loads that do not increase; shapes that do not match; no run; a sensitivity
-            not above three of its standard uncertainties.
-        RangeError: resolution not positive.
-        ConfigError: an empty text.
+        EstimateError: as in `interpolate`, or loads do not increase, shapes do not match, there is no run, or the
+            sensitivity is not above three of its standard uncertainties.
+        RangeError: the resolution is not positive.
+        ConfigError: a text is empty.
     """
     load = np.asarray(load_N, dtype=np.float64)
     fitted = load_cell_curve(load, runs, resolution_mV, degree)
@@ -292,4 +299,7 @@ THESIS_LOAD_CELL = calibrate_load_cell(
     source="thesis Table 5.1",
     created="not recorded",
 )
-"""10.306 ± 0.056 mV/N, zero 1.81 mV, resolution 1 mV: thesis Table 5.1 [T]. Serves until a bench has its own."""
+"""Load cell of thesis Table 5.1 [T]: 10.306 ± 0.056 mV/N, zero 1.81 mV, resolution 1 mV.
+
+A simulated bench without a calibration of its own uses it.
+"""

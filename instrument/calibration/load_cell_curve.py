@@ -19,7 +19,7 @@ from palpate.instrument.uncertainty.rounding import mean_u
 
 
 class Curvature(Config):
-    """The term of second degree, mV/N², with its standard uncertainty and covariances."""
+    """Term of second degree [mV/N²] of a calibration, with its standard uncertainty and covariances."""
 
     model_config = ConfigDict(strict=True)
 
@@ -31,13 +31,13 @@ class Curvature(Config):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadCellCurve:
-    """What a load cell is calibrated by.
+    """Curve of a load cell's calibration.
 
     Attributes:
-        curve: through the mean readings, of the degree that was asked for, or of the better one.
-        scatter_mV: standard deviation of single displays; None: not known.
+        curve: curve through the mean readings, of the degree that was asked for, else of the better degree.
+        scatter_mV: standard deviation of single displayed values; None: not known.
         sensitivity: slope at no load with its uncertainty [mV/N].
-        span: of a line between the least and the greatest load [mV].
+        span: change of the straight line between the least and the greatest load [mV].
         linearity: largest deviation of a mean from that line, as a fraction of the span.
     """
 
@@ -51,12 +51,18 @@ class LoadCellCurve:
 def load_cell_curve(
     load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: float, degree: int | None
 ) -> LoadCellCurve:
-    """Least squares through the means of the runs at loads (k,) [N].
+    """Fit the means of the runs by least squares.
+
+    Args:
+        load: (k,) N, increasing.
+        runs: runs with (k,) readings each.
+        resolution_mV: smallest step of the indicator.
+        degree: degree of the curve; None: the better one.
 
     Raises:
-        EstimateError: as `interpolate`; loads that do not increase; shapes that do not match; no run; a sensitivity
-            not above three of its standard uncertainties.
-        RangeError: resolution not positive.
+        EstimateError: as in `interpolate`, or loads do not increase, shapes do not match, there is no run, or the
+            sensitivity is not above three of its standard uncertainties.
+        RangeError: the resolution is not positive.
     """
     _check(load, runs, resolution_mV)
     mean = np.mean([run.mean_mV() for run in runs], axis=0)
@@ -97,6 +103,6 @@ def _check(load: npt.NDArray[np.float64], runs: Sequence[Run], resolution_mV: fl
 
 
 def _scatter(runs: Sequence[Run]) -> float | None:
-    """Of single displays, pooled over the runs; None where one does not know its own."""
+    """Standard deviation of single displayed values, pooled over the runs; None where a run does not tell its own."""
     known = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
     return float(np.linalg.norm(known)) / math.sqrt(len(runs)) if len(known) == len(runs) else None

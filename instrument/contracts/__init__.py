@@ -1,4 +1,4 @@
-"""The six contracts. They are ours, and labelled so; each module names the real maps it imitates."""
+"""The contracts of the bench's six devices. The maps are our own; each module names the real maps that it imitates."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ CONTRACTS: dict[str, Contract] = {
 
 
 def contracts_digest() -> str:
-    """SHA-256 over all contracts, kept with each run."""
+    """SHA-256 over all contracts. Each run keeps it."""
     return hashlib.sha256("".join(c.digest() for c in CONTRACTS.values()).encode()).hexdigest()

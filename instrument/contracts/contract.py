@@ -1,8 +1,8 @@
-"""What a device's registers or objects are, declared once and used at both ends of the wire.
+"""Registers or objects of a device, declared once and used at both ends of the wire.
 
-A driver encodes and decodes with the contract, a simulator validates with the same one, and the
-tables for people, the EDS and the DBC are generated from it. A wrong scale would pass every
-round-trip test, so each field also has a golden frame written by hand in `tests/golden`.
+A driver encodes and decodes with the contract, and a simulator validates with the same contract. Register tables, the
+EDS and the DBC are generated from it. A wrong scale would pass every round-trip test, so each field also has a golden
+frame that was written by hand (`tests/golden`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Pdo:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a device says it is (Modbus function 43/14, CANopen object 0x1018)."""
+    """Identity that a device reports (Modbus function 43/14, CANopen object 0x1018)."""
 
     vendor: str
     product: str
@@ -59,7 +59,7 @@ class Contract:
     _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Raises ConfigError: its fields cannot stand on its bus, or beside each other."""
+        """Check that the fields are possible on this bus and do not overlap. Raises ConfigError."""
         for f in self.fields:
             if self.bus == "modbus" and (f.size % 2 or not f.size):
                 wide = ", ".join([*(name for name, size in SIZE.items() if size % 2 == 0), "text of an even length"])
@@ -86,13 +86,13 @@ class Contract:
             raise UnknownName(f"field of the {self.title}", name, self._by_name) from None
 
     def raw(self, name: str, value: Value) -> float:
-        """The raw value of `value`, checked against the field's limits.
+        """Raw value that belongs to `value`, which is checked against the field's limits.
 
         Args:
             value: physical value in the field's unit, or the name of a choice.
 
         Raises:
-            RangeError: outside the limits, not finite, or no such choice; names device, field,
+            RangeError: the value is outside the limits, not finite, or no such choice; the message names device, field,
                 value and limit.
         """
         f = self[name]
@@ -105,10 +105,10 @@ class Contract:
         return f.to_raw(value)
 
     def misread(self, name: str, value: float) -> str:
-        """What is wrong with a value that a device gave; empty: nothing.
+        """What is wrong with a value that a device gave; "" where nothing is.
 
-        Limits and choices hold for it as for what is written. Where a field has neither, a float may be NaN: the device
-        has no reading.
+        Values that are read are held to the same limits and choices as values that are written. A float of a field
+        without limits may be NaN, which says that the device has no reading.
         """
         f = self[name]
         bounded = f.choices or f.minimum is not None or f.maximum is not None
@@ -124,7 +124,7 @@ class Contract:
         return f"{given} is outside {low:g} to {high:g} {f.unit}".rstrip()
 
     def described(self, name: str, value: Value) -> str:
-        """A setting with its unit and limits or choices, for messages."""
+        """Text of a setting with its unit and its limits or choices, for messages."""
         f = self[name]
         if f.type == "text":
             return f"{name} = {value!r} (text of up to {f.length} bytes)"
@@ -132,7 +132,7 @@ class Contract:
         return f"{name} = {value} {f.unit}".rstrip() + f" ({limits})"
 
     def allows(self, name: str, value: float) -> bool:
-        """Whether a physical value is, to the field's resolution, within its limits and choices; NaN never is."""
+        """Whether a physical value, rounded to the field's resolution, is within limits and choices. NaN never is."""
         f = self[name]
         if not math.isfinite(value / f.scale):
             return False
@@ -140,26 +140,26 @@ class Contract:
         return low <= f.to_raw(value) <= high and (not f.choices or value in f.choices.values())
 
     def pack(self, name: str, value: float) -> bytes:
-        """Wire bytes of a reading, without limits. Raises struct.error where it does not fit the type."""
+        """Wire bytes of a reading, without a check of limits. Raises struct.error: the value does not fit the type."""
         return self._codec[name].pack(self._by_name[name].to_raw(value))
 
     def encode(self, name: str, value: Value) -> bytes:
-        """Wire bytes of `value`. Raises RangeError as `raw` does; of a text, as `encode_text`."""
+        """Wire bytes of `value`. Raises RangeError as `raw` does, and for a text as `encode_text` does."""
         if self[name].type == "text":
             return self.encode_text(name, str(value))
         raw = self.raw(name, value)
         return self._codec[name].pack(raw)
 
     def decode(self, name: str, data: bytes) -> float:
-        """Physical value of wire bytes; NaN stays NaN. Raises struct.error on a wrong length."""
+        """Physical value of wire bytes; NaN stays NaN. Raises struct.error: the length is wrong."""
         raw: float = self._codec[name].unpack(data)[0]
         f = self._by_name[name]
         if f.scale >= 1.0:
             return raw * f.scale
-        return raw / (1.0 / f.scale)  # 25000 * 1e-6 falls short of 0.025
+        return raw / (1.0 / f.scale)  # a product would not be exact: 25000 * 1e-6 < 0.025
 
     def encode_text(self, name: str, text: str) -> bytes:
-        """Wire bytes of a text. Raises RangeError: it is longer than the field, or holds what cannot be printed."""
+        """Wire bytes of a text. Raises RangeError: the text is longer than the field, or cannot be printed."""
         f = self[name]
         if not text.isprintable():
             raise RangeError(f"{self.title}: {name} = {text!r} holds characters that cannot be printed; leave them out")
@@ -174,24 +174,24 @@ class Contract:
         return data.ljust(f.length, NUL.encode())
 
     def decode_text(self, name: str, data: bytes) -> str:
-        """The text of wire bytes. Raises ValueError: they are no such text."""
+        """Text of wire bytes. Raises ValueError: they are not the bytes of such a text."""
         text = data.decode().rstrip(NUL)
         if not text.isprintable():
             raise ValueError(f"{text!r} holds characters that cannot be printed")
         return text
 
     def set_bits(self, name: str, value: float) -> frozenset[str]:
-        """Names of the bits that are set in a status word; `bit 9` for one that the contract does not name."""
+        """Names of the bits that are set in a status word. A bit without a name is called by its number, as `bit 9`."""
         names = {number: bit for bit, number in self[name].bits.items()}
         word = int(value)
         return frozenset(names.get(n, f"bit {n}") for n in range(word.bit_length()) if word >> n & 1)
 
     def choice(self, name: str, value: float) -> str:
-        """Name of the choice with raw value `value`; the number itself where it has none."""
+        """Name of the choice with raw value `value`; the number itself where no choice has it."""
         return next((k for k, v in self[name].choices.items() if v == value), f"{value:g}")
 
     def shown(self, name: str, data: bytes) -> str:
-        """A field's wire bytes as people read them, its name before them."""
+        """Name and value of a field, from its wire bytes, as text for people."""
         f = self[name]
         if f.type == "text":
             return f"{name} = {data.decode('utf-8', 'replace').rstrip(NUL)!r}"
@@ -212,20 +212,20 @@ class Contract:
         return start, end - start
 
     def layout(self, names: tuple[str, ...]) -> tuple[int, int, list[slice]]:
-        """As `block`, and where in its bytes each of the named fields stands (Modbus)."""
+        """First register, number of registers, and the place of each named field in their bytes (Modbus)."""
         start, count = self.block(names)
         ends = [(2 * (f.address - start), f.size) for f in (self[name] for name in names)]
         return start, count, [slice(at, at + size) for at, size in ends]
 
     def widened(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The same and a number that stands beside them and can be read as well, where one does (Modbus)."""
+        """These fields and one number field beside them that can be read with them, if there is one (Modbus)."""
         start, count = self.block(names)
         readable = [f for f in self.fields if f.access != "wo" and f.type != "text"]
         beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
         return (*names, *beside[-1:])
 
     def digest(self) -> str:
-        """SHA-256 of the whole declaration, kept with each run."""
+        """SHA-256 of the whole declaration. Each run keeps it."""
         declared = {
             "name": self.name,
             "bus": self.bus,

@@ -1,7 +1,7 @@
-"""The contracts for people and for other tools: register tables, the node's EDS, a DBC for loggers.
+"""Export of the contracts: register tables for people, the node's EDS for CANopen tools, a DBC for loggers.
 
-Nothing here is written by hand twice: a table, an EDS or a DBC that is out of step with the wire cannot
-be. The files hold no date and no path, so two exports of the same contracts are the same bytes.
+All of them are generated from the contracts, so they always agree with the wire. The files hold no date and no path, so
+two exports of the same contracts are the same bytes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NMT_STATES = {0: "boot_up", 4: "stopped", 5: "operational", 127: "pre_operationa
 
 _OURS = "These maps are Palpate's own and no real device's"
 _COLUMNS = ("address", "name", "type", "unit", "scale", "access", "limits", "default", "choices or bits", "meaning")
-# CiA 306 wants dates; the epoch's, because a file that says when it was made differs from its copy.
+# CiA 306 wants dates. All are the epoch, so that two exports are the same bytes.
 _EDS_FILE = {
     "FileName": "sensor_node.eds",
     "FileVersion": 1,
@@ -43,7 +43,7 @@ _EDS_FILE = {
 
 
 def export_contracts(folder: Path) -> list[Path]:
-    """Write `registers.md`, `sensor_node.eds` and `bench.dbc` into `folder`, over files of these names.
+    """Write `registers.md`, `sensor_node.eds` and `bench.dbc` into `folder`; existing files are overwritten.
 
     Returns:
         The three paths, in that order.
@@ -73,7 +73,7 @@ def export_contracts(folder: Path) -> list[Path]:
 
 
 def registers(contracts: Iterable[Contract]) -> str:
-    """Markdown: what the maps are, then each device with its identity and its register table."""
+    """Markdown text: an introduction, then each device with its identity and its register table."""
     parts = ["# Registers and objects", f"{_OURS}; the real maps that one imitates are named with it."]
     for contract in contracts:
         about = importlib.import_module(f"palpate.instrument.contracts.{contract.name}").__doc__
@@ -173,7 +173,7 @@ def node_eds(contract: Contract) -> str:
 
 
 def bench_dbc(contract: Contract) -> str:
-    """A DBC of what nodes 1 to 20 send: TPDOs, heartbeat, emergency; and SYNC."""
+    """DBC of everything that nodes 1 to 20 send (TPDOs, heartbeat, emergency), and of SYNC."""
     from cantools.database.can import Database, Message, Node
 
     messages = [
@@ -191,7 +191,7 @@ def _node(node_id: int) -> str:
 
 
 def _messages(contract: Contract, node_id: int) -> list[Message]:
-    """What one node sends."""
+    """Messages that one node sends."""
     from cantools.database.can import Message
 
     sender = _node(node_id)

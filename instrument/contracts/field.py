@@ -20,7 +20,7 @@ STRUCT: dict[str, str] = {
     "uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f",
 }  # fmt: skip
 SIZE = {name: struct.calcsize(code) for name, code in STRUCT.items()}
-NUL = "\0"  # fills a text up to its length
+NUL = "\0"  # pads a text to its length
 
 
 def sdo(index: int, subindex: int = 0) -> int:
@@ -52,7 +52,7 @@ class Field:
     length: int = 0
 
     def __post_init__(self) -> None:
-        """Raises ConfigError: the field cannot be what it says."""
+        """Check that the declaration makes sense. Raises ConfigError."""
         if self.type not in TYPES:
             raise ConfigError(f"field {self.name}: no type {self.type!r}; valid: {', '.join(TYPES)}")
         if self.access not in ACCESSES:
@@ -71,7 +71,7 @@ class Field:
             raise ConfigError(f"field {self.name}: a {self.type} has no bits {dict(self.bits)}")
 
     def _holds(self, value: float) -> bool:
-        """Whether the type has room for a physical value."""
+        """Whether the type can hold a physical value."""
         try:
             struct.pack(STRUCT[self.type], self.to_raw(value))
         except (struct.error, OverflowError, ValueError):
@@ -80,7 +80,7 @@ class Field:
 
     @property
     def size(self) -> int:
-        """Bytes on the wire."""
+        """Number of bytes on the wire."""
         return self.length if self.type == "text" else SIZE[self.type]
 
     @property
@@ -93,9 +93,9 @@ class Field:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Physical, infinite where there is none."""
+        """Least and greatest physical value; infinite where there is no limit."""
         return (-math.inf if self.minimum is None else self.minimum, math.inf if self.maximum is None else self.maximum)
 
     def to_raw(self, value: float) -> float:
-        """Of a physical value, unchecked: a whole number but for floats."""
+        """Raw value of a physical value, not checked; a whole number except for floats."""
         return value if self.type == "float32" else round(value / self.scale)

@@ -1,4 +1,4 @@
-"""The node's object dictionary, made from its contract: for the simulated node and for the EDS."""
+"""Object dictionary of the node, made from its contract, for the simulated node and for the EDS."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TYPES = {
     "float32": datatypes.REAL32,
     "text": datatypes.VISIBLE_STRING,
 }
-MAPPING = 0x1A00  # of the first TPDO; its COB-ID and type stand 0x200 below
+MAPPING = 0x1A00  # mapping of the first TPDO; its COB-ID and type are 0x200 below
 
 
 def object_dictionary(contract: Contract) -> Any:

@@ -1,5 +1,7 @@
-"""Micro-positioner, Modbus RTU, on the strain indicator's line. Our own map. Target, speed and command
-stand side by side: one FC16 starts a move, and no half-written target can be moved to.
+"""Micro-positioner, Modbus RTU, on the strain indicator's line. Our own map.
+
+Target, speed and command lie side by side, so that one FC16 starts a move and the device never moves to a half-written
+target.
 """
 
 from __future__ import annotations

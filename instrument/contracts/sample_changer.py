@@ -1,5 +1,6 @@
-"""Sample changer, Modbus TCP. Our own map, after laboratory autosamplers: a sample is ordered by its name, and a reader
-tells the tag of what lies under the probe, whoever has laid it there.
+"""Sample changer, Modbus TCP. Our own map, after laboratory autosamplers.
+
+A sample is ordered by its name. A tag reader tells the name of what lies under the probe, whoever laid it there.
 """
 
 from __future__ import annotations

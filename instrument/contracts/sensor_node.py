@@ -16,8 +16,8 @@ SYNC_COB_ID = 0x80
 RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
 EMERGENCY = "emergency_cob_id"
-SILENT = 0x8000_0000  # bit of a COB-ID: it is not used
-WITH_NODE_ID = ("tpdo1_cob_id", "tpdo2_cob_id", EMERGENCY)  # which is added to their defaults, CiA 301
+SILENT = 0x8000_0000  # bit of a COB-ID that says: not used
+WITH_NODE_ID = ("tpdo1_cob_id", "tpdo2_cob_id", EMERGENCY)  # the node id is added to their defaults, CiA 301
 FULL_SCALE_COUNTS = 32768
 CLOCKS_APART = 0.0158
 
@@ -74,10 +74,15 @@ CONTRACT = Contract(
 
 
 def bus_load(nodes: int, rate: float, bitrate: float) -> float:
-    """Share of a classic CAN bus that SYNC and the samples of `nodes` nodes take at `rate` Hz, at worst.
+    """Greatest share of a classic CAN bus that SYNC and the samples of some nodes take.
 
-    A frame of n data bytes has 47 + 8 n bits, stuff bits apart. Above 1 the bus cannot carry it; a simulated one
-    knows of that by its effect `can_timing`.
+    A frame of n data bytes has 47 + 8 n bits and its stuff bits. A real bus cannot carry a share above 1; a simulated
+    bus loses frames then only with the effect `can_timing`.
+
+    Args:
+        nodes: number of nodes.
+        rate: sample rate [Hz].
+        bitrate: bits a second.
     """
     sizes = [0, *nodes * [sum(CONTRACT[name].size for name in pdo.fields) for pdo in CONTRACT.pdos]]
     bits = sum(47 + 8 * n + stuff_bits(n) for n in sizes)
@@ -85,10 +90,10 @@ def bus_load(nodes: int, rate: float, bitrate: float) -> float:
 
 
 def shortest_transfer(bitrate: float) -> float:
-    """What an SDO request and its answer take on a classic bus at least, between the ends of their hosts [s].
+    """Shortest time [s] that an SDO request and its answer take on a classic bus.
 
-    Two frames of eight bytes without a stuffed bit and the gap between them. A controller takes a frame one bit before
-    its end (ISO 11898-1); two clocks differ by 1.58 % at most.
+    These are two frames of eight bytes without a stuffed bit, and the gap between them. A controller takes a frame one
+    bit before its end (ISO 11898-1). Two clocks differ by 1.58 % at most.
     """
     frame, gap = 44 + 8 * 8, 3
     return (1 - CLOCKS_APART) * (2 * frame + gap - 1) / bitrate
@@ -97,14 +102,14 @@ def shortest_transfer(bitrate: float) -> float:
 def stuff_bits(size: int, stuffing: str = "worst") -> float:
     """Bits stuffed into a frame of `size` data bytes: the most there can be, or the "mean" of random data.
 
-    34 + 8 n bits are watched (ISO 11898-1); after five equal ones a sixth is put in. Random bits have been equal five
-    times over after 30 of them in the mean.
+    34 + 8 n bits are watched (ISO 11898-1), and after five equal bits another one is inserted. In random data that
+    happens once in 30 bits, in the mean.
     """
     watched = 34 + 8 * size
     return watched / 30 if stuffing == "mean" else float((watched - 1) // 4)
 
 
 def place(channel: int) -> tuple[int, int]:
-    """Number of the node, from 1, and of its channel, from 1, that a film's channel is wired to."""
+    """Number of the node and number of its channel, each from 1, to which a film's channel is wired."""
     node, own = divmod(channel - 1, CHANNELS)
     return node + 1, own + 1

@@ -1,10 +1,10 @@
 """Shaker amplifier, Modbus TCP. Our own map, after bench supplies (Riden RD6006: enable and protection
 registers) and power amplifiers (Hubert A1230: live and latched fault bits).
 
-Whoever reads a ticket and writes it back as token owns the amplifier, until he releases it or another claims it after
-the watchdog's time. Settings he writes as orders, with the token and a counter that rises: the device refuses what
-comes late or twice, and whatever others write but that the output goes off. While nobody owns it, any request feeds the
-watchdog.
+A client that reads a ticket and writes it back as token owns the amplifier, until it releases it, or until another
+client claims it after the watchdog's time. The owner writes settings as orders, with the token and a rising counter.
+The device refuses orders that come late or twice, and all writes of others except switching the output off. While the
+amplifier has no owner, any request feeds the watchdog.
 """
 
 from __future__ import annotations

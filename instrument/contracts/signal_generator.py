@@ -1,6 +1,7 @@
-"""Signal generator, Modbus TCP. Our own map, after generators that take a u32 frequency with FC16
-(Waveshare) so that a frequency change is atomic: frequency, amplitude and offset stand side by side. It has no owner,
-but counts what it is told, so that a client notices that another one writes.
+"""Signal generator, Modbus TCP. Our own map, after generators that take a u32 frequency with FC16 (Waveshare).
+
+Frequency, amplitude and offset lie side by side, so that one write changes them together. The device has no owner, but
+counts the writes that it takes, so that a client notices when another one writes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Strain indicator, Modbus RTU. Our own map, after load-cell transmitters (Laumas TLB: status bits, net
-reading as a 32-bit pair; Dini Argeo: the command register returns to idle before it can repeat, the last
-command and its result stand in the status).
+"""Strain indicator, Modbus RTU. Our own map, after load-cell transmitters.
+
+Laumas TLB has status bits and the net reading as a 32-bit pair. With Dini Argeo the command register returns to idle
+before a command can be repeated, and the status tells the last command and its result.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A pad compressed step by step: stress, strain and modulus, from what indicator and positioner read (thesis 5.3).
 
-The probe hangs on a suspension, which yields with the load cell and everything else between positioner and bench. A
-run on the bare rigid support gives that compliance, and where the probe meets the support; the run with the pad on
-it then gives the pad's deflection, and by the two contacts its thickness.
+The suspension of the probe, the load cell and everything else between positioner and bench yield under load. A run on
+the bare rigid support gives their compliance and the position at which the probe meets the support. The run with the
+pad on the support then gives the pad's deflection. The two positions of contact give its thickness.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ Floats = npt.NDArray[np.float64]
 Values = Mapping[str, Floats]  # inputs by name, each (n,)
 
 POSITION_STEP = positioner.CONTRACT["target"].scale  # m
-SEED = 5302  # of Monte Carlo trials: any, but the same
+SEED = 5302  # of Monte Carlo trials: any number, but always the same
 LOADING, UNLOADING = "loading", "unloading"
 
 
 @dataclass(frozen=True, slots=True)
 class CompressionPoint:
-    """One step on the pad. Stress [Pa] and strain are positive under compression; `_u` are standard uncertainties.
+    """One step of the compression of a pad.
 
-    `extrapolated`: the load lies outside the calibrated range of the load cell.
+    Stress [Pa] and strain are positive under compression. Names that end in `_u` are standard uncertainties.
+    `extrapolated` says that the load lies outside the calibrated range of the load cell.
     """
 
     direction: str
@@ -52,16 +53,16 @@ class CompressionPoint:
 
 @dataclass(frozen=True, slots=True)
 class Compression:
-    """What the compression of a pad gives.
+    """Result of the compression of a pad.
 
     Attributes:
         tangent: Young modulus by the slope of the loading line [Pa].
-        secant: by stress over strain at the largest strain [Pa].
-        unloading: by the slope of the unloading line [Pa].
-        thickness: of the pad, by the two contacts [m].
-        compliance: of the bench [m/N].
+        secant: Young modulus as stress over strain at the largest strain [Pa].
+        unloading: Young modulus by the slope of the unloading line [Pa].
+        thickness: thickness of the pad by the two contacts [m].
+        compliance: compliance of the bench [m/N].
         linearity: greatest deviation of a load from the loading line, as a fraction of the span.
-        energy_loss: share of the work of loading that unloading does not give back.
+        energy_loss: share of the loading work that unloading does not return.
     """
 
     tangent: Propagated
@@ -80,11 +81,13 @@ def compress(
     """Stress, strain and moduli of a pad.
 
     Args:
-        bare: on the rigid support alone. loading, unloading: of the pad.
-        area: of the pad's face [m2], with its standard uncertainty.
+        bare: series on the rigid support alone.
+        loading, unloading: series on the pad.
+        calibration: calibration of the load cell.
+        area, area_u: area of the pad's face with its standard uncertainty [m2].
 
     Raises:
-        EstimateError: a series has fewer than three points that surely touch, or the pad is no softer than the bench.
+        EstimateError: a series has fewer than three points that surely touch, or the pad is not softer than the bench.
     """
     support = LoadLine.through("bare", bare, calibration)
     lines = {
@@ -104,7 +107,7 @@ def compress(
         Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N),
         Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N),
         Input("area", area, area_u),
-        Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contacts
+        Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contacts, each rounded to a step
     )
     related = {("sensitivity", "zero"): calibration.covariance / (calibration.sensitivity_u * calibration.zero_u)}
 
@@ -174,7 +177,9 @@ def compress(
 
 @dataclass(frozen=True, slots=True)
 class _Pad:
-    """What follows from the lines, whose mean positions these are [m]. A load is (read - zero) / sensitivity."""
+    """The pad's quantities as functions of the fitted lines, whose mean positions these are [m].
+
+    A load is (reading - zero) / sensitivity."""
 
     at_bare: float
     at_pad: float
@@ -206,7 +211,7 @@ class _Pad:
         return self.stress(v) / self.strain(v, position)
 
     def work(self, v: Values, line: LoadLine) -> Floats:
-        """Of one way, by volume: trapezoids from no strain on [J/m3]."""
+        """Work per volume [J/m3] of loading or unloading: the area under stress over strain, by trapezoids."""
         stress, strain = [np.zeros_like(v["zero"])], [np.zeros_like(v["zero"])]
         for index in np.argsort(line.positions):
             at = {**v, "load": v[f"{line.name} load {index}"]}

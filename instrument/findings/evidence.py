@@ -1,8 +1,8 @@
-"""What a match with the thesis is worth: whether the number went in, was fitted to, or is predicted.
+"""What agreement with the thesis is worth: whether our number is the thesis' own, was fitted to it, or is predicted.
 
 A number of ours is made of parts: a mean ratio that the thesis measured, the sensitivity of a film, a model with its
-parameters. Each part says what of the thesis went into it. A number is worth as much as the best of its parts: with
-one part that knows nothing of a table, the table tests it.
+parameters. Each part says which numbers of the thesis went into it. If one part knows nothing of a table, the number is
+a prediction of that table: agreement then tests that part.
 
     of_experiment("force_rigid_N", ratio_by("experiment"), "A2.9")              # Evidence.INPUT
     of_model("force_rigid_N", ratio_by("axisymmetric", "identified"), "4.1")    # Evidence.FITTED
@@ -20,7 +20,7 @@ from palpate.instrument.models.parameter_sets import get_parameter_set
 
 
 class Evidence(Enum):
-    """What a match is worth, the least first."""
+    """What agreement is worth, in rising order."""
 
     INPUT = "input"
     FITTED = "fitted"
@@ -28,7 +28,7 @@ class Evidence(Enum):
 
     @property
     def meaning(self) -> str:
-        """One sentence for people."""
+        """One sentence that explains it."""
         return _MEANINGS[self]
 
 
@@ -43,16 +43,16 @@ _MEANINGS: Mapping[Evidence, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Something that a number of ours is made of.
+    """One part of a number of ours.
 
     Attributes:
-        fitted_to: tables of the thesis that its parameters were fitted to; None: it is a number of the thesis itself.
+        fitted_to: tables of the thesis to which the part was fitted; None: it is a number of the thesis itself.
     """
 
     fitted_to: frozenset[str] | None
 
     def evidence(self, tables: Iterable[str]) -> Evidence:
-        """Of a number that is compared with these tables of the thesis."""
+        """Evidence of this part where it is compared with these tables of the thesis."""
         if self.fitted_to is None:
             return Evidence.INPUT
         return Evidence.FITTED if self.fitted_to.intersection(tables) else Evidence.PREDICTED
@@ -60,21 +60,22 @@ class Part:
 
 # Loads, film sensitivities, the load cell's line, moduli of the samples, and the scatter of all of them.
 GIVEN = Part(None)
-# Voltages of films by their material's constants.
+# Voltages of films, computed from their material's constants.
 FILM_MATERIAL = Part(frozenset())
-# What no parameter set says: two lengths of the corrected beam were chosen to meet the two-dimensional errors, and two
-# numbers of the fitted column to meet the tables for the softer ring.
+# Models that are fits with any parameter set: two lengths of the corrected beam were chosen to meet the errors of two
+# dimensions, and two numbers of the fitted column to meet the tables for the softer ring.
 FITTED_MODELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"beam": ("5.8",), "beam_exact": ("5.8",), "column_fitted": ("A2.1", "A2.3")}
 )
-# Tables that print numbers of another one again: rows of it, or a copy.
+# Tables that repeat numbers of another table.
 REPEATS: Mapping[str, str] = MappingProxyType(
     {
         "4.1": "A2.1", "4.2": "A2.2", "4.3": "A2.3", "4.4": "A2.4", "4.5": "A2.3", "4.6": "A2.4", "A2.5": "A2.3",
         "A2.6": "A2.4",
     }
 )  # fmt: skip
-# Table for the stiffer ring -> that of the same sensor on the other, which has its ratios at the same ratio of moduli.
+# Table for the stiffer ring -> table of the same sensor with the softer ring; both have the same force ratio at the
+# same ratio of moduli.
 OTHER_RING: Mapping[str, str] = MappingProxyType({"A2.2": "A2.1", "A2.4": "A2.3"})
 
 
@@ -91,22 +92,22 @@ def ratio_by(model: str, parameters: str = "physical") -> Part:
 
 
 def of_experiment(quantity: str, ratio: Part, *tables: str) -> Evidence:
-    """Of a column of the thesis' experiments, where the bench takes its force ratios from `ratio`.
+    """Evidence of a column of the thesis' experiments, where the bench takes its force ratios from `ratio`.
 
-    The force below the base is the load, and the meter shows it by the load cell's line: nothing of the sensor's model
-    is in them.
+    The force below the base is the load, and the meter shows it by the load cell's line. No sensor model goes into
+    them.
     """
     on_a_tooth = quantity.startswith(("force", "pvdf")) and "total" not in quantity
     return _evidence(tables, [GIVEN, ratio] if on_a_tooth else [GIVEN])
 
 
 def of_model(quantity: str, ratio: Part, *tables: str) -> Evidence:
-    """Of a column of the thesis' theory: forces are the ratio's, voltages the film material's as well."""
+    """Evidence of a column of the thesis' theory. Forces rest on the ratio, voltages also on the film's material."""
     return _evidence(tables, [ratio, FILM_MATERIAL] if quantity.startswith("voltage") else [ratio])
 
 
 def _evidence(tables: Iterable[str], parts: Iterable[Part]) -> Evidence:
-    """Of a number of these parts that is compared with numbers of these tables."""
+    """Evidence of a number that is made of these parts and is compared with these tables."""
     held = {*tables, *(REPEATS[table] for table in tables if table in REPEATS)}
     ranks = list(Evidence)
     return max((part.evidence(held) for part in parts), key=ranks.index)

@@ -1,4 +1,4 @@
-"""From the films' sines to forces and force ratio, with uncertainty, for any design."""
+"""Forces and force ratio, with uncertainty, from the fitted sines of the films of any design."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.instrument.signals.estimate import SineFit, quotient_bias
 
 Floats = npt.NDArray[np.float64]
 LEAST_SIGNAL = 3.0
-"""Standard uncertainties of noise that a base film's signal needs to be a denominator."""
+"""Least signal of a base film, in standard uncertainties by noise: a smaller one is no denominator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +23,15 @@ class ToothPoint:
     """One tooth under a load. Voltages and forces are peak to peak.
 
     Attributes:
-        tooth: number, from 1.
-        voltage_V, force_N: of its own film.
-        base_voltage_V, base_force_N: of the film under its base, which other teeth may share.
-        force_ratio: of its force to the base's, so that those of one base add up; `force_ratio_u` with the scatter
-            of both films' gains, their calibration and their cables' pick-up.
-        noise_u: what noise has in it.
-        force_u, base_force_u: of the forces, with the scatter of the film's gain, its calibration and its pick-up;
-            None: a record of before they were known.
+        tooth: number of the tooth, from 1.
+        voltage_V, force_N: voltage of the tooth's own film, and the force on it.
+        base_voltage_V, base_force_N: the same of the film under its base, which other teeth may share.
+        force_ratio: force on the tooth over force on its base, so that the ratios of one base add up.
+        force_ratio_u: standard uncertainty of the ratio, with the scatter of both films' gains, their calibration and
+            their cables' pick-up.
+        noise_u: part of that uncertainty that comes from noise.
+        force_u, base_force_u: standard uncertainties of the forces, with the scatter of the film's gain, its
+            calibration and its pick-up; None: the record was written before palpate computed them.
     """
 
     tooth: int
@@ -50,12 +51,16 @@ class FilmForces:
     """A whole sensor under a load: sums over teeth and bases, peak to peak.
 
     Attributes:
-        force_ratio: mean over the bases of the force on a base's teeth to the force on the base, as in Tables 5.7 and
-            A2.9 to A2.20; `force_ratio_u` with the scatter of the gains and the films' calibration.
-        noise_u, calibration_u, pickup_u: what noise, the films' calibration and the cables' pick-up have in it.
-        degrees_of_freedom: of `noise_u`, and of `force_total_noise_u`.
-        force_rigid_u, force_total_u: of the sums, with noise, scatter, calibration and pick-up, all as they hang
-            together; `force_total_noise_u` is what noise has in it.
+        force_ratio: for each base the force on its teeth over the force on the base, and of these the mean over the
+            bases, as in Tables 5.7 and A2.9 to A2.20.
+        force_ratio_u: standard uncertainty of the ratio, with the scatter of the gains, noise, the films' calibration
+            and pick-up.
+        noise_u, calibration_u, pickup_u: parts of it that come from noise, the films' calibration and the cables'
+            pick-up.
+        degrees_of_freedom: degrees of freedom of `noise_u` and `force_total_noise_u`.
+        force_rigid_u, force_total_u: standard uncertainties of the sums, with noise, scatter, calibration and pick-up
+            and their correlations.
+        force_total_noise_u: part of `force_total_u` that comes from noise.
     """
 
     voltage_rigid_V: float
@@ -75,10 +80,11 @@ class FilmForces:
 
 
 def film_forces(design: Design, fit: SineFit) -> FilmForces:
-    """Forces by the films' sensitivities, and the ratios of teeth and sensor, free of the bias that noise gives them.
+    """Forces by the films' sensitivities, and the force ratios of teeth and sensor, with the bias by noise subtracted.
 
     Args:
-        fit: of all films, in the design's order.
+        design: the sensor.
+        fit: fit of all films, in the design's order.
 
     Raises:
         EstimateError: a base film's amplitude is below three of its standard uncertainties.
@@ -159,21 +165,22 @@ def film_forces(design: Design, fit: SineFit) -> FilmForces:
 def pickup_u(design: Design) -> float:
     """Standard uncertainty of each film's force by its cable's pick-up, as a share of the load on the sensor.
 
-    It is known not to exceed a bound, and its phase against the load is not known: what of it lies along the load has
-    the arc sine distribution (JCGM 101, 6.4.6). Each film has a cable of its own.
+    A bound of the pick-up is known, its phase against the load is not. So its component in phase with the load has the
+    arc sine distribution (JCGM 101, 6.4.6). Each film has a cable of its own.
     """
     return (design.pickup or 0.0) / math.sqrt(2)
 
 
 def ratio_scatter(design: Design, film: Film, base: Film) -> float:
-    """Relative standard deviation from one load set to the next of the ratio of two films' forces, to first order."""
+    """Relative standard deviation of the ratio of two films' forces from one load set to the next, to first order."""
     common = 2 * design.film_correlation * film.scatter * base.scatter
     return math.sqrt(max(film.scatter**2 + base.scatter**2 - common, 0.0))
 
 
 def scatter_covariance(design: Design) -> Floats:
-    """Relative, (films, films), of the scatter from one load set to the next: the correlation of a tooth's film and its
-    base's is taken for that of any two."""
+    """Relative covariance (films, films) of the gains' scatter from one load set to the next.
+
+    Any two films are taken to correlate as a tooth's film and its base's film do."""
     scatter = np.array([film.scatter for film in design.films])
     correlation = np.full((scatter.size, scatter.size), design.film_correlation)
     np.fill_diagonal(correlation, 1.0)

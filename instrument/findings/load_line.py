@@ -1,4 +1,4 @@
-"""Load against position while a probe presses: the line through a series, and the independent errors that it has."""
+"""Straight line through load against position while a probe presses, with its independent errors."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from palpate.instrument.uncertainty.propagation import Input
 Floats = npt.NDArray[np.float64]
 
 LEAST_POINTS = 3
-SURE = 2.0  # steps of the indicator: above them the probe touches
+SURE = 2.0  # steps of the indicator: a greater load says that the probe touches
 SIGNIFICANCE = 0.01
-BY_RESOLUTION = 1e6  # degrees of freedom where the display's step is all there is: as good as known
+BY_RESOLUTION = 1e6  # degrees of freedom of an uncertainty by the display's step alone: practically infinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Displays of the indicator (n, m) mV, m at each of the positions (n,) m, which count downwards."""
+    """Displayed values (n, m) [mV] of the indicator, m at each of the positions (n,) [m]. Positions count downwards."""
 
     positions: Floats
     displays: Floats
@@ -35,11 +35,14 @@ class Series:
 class LoadLine:
     """Load against position while the probe touches.
 
-    Its errors are given for the mean, at the mean `position`: there slope and mean have independent ones.
+    Errors are given at the mean position, because slope and mean load have independent errors there.
 
     Attributes:
-        slope, slope_u: [N/m]. mean, mean_u, scatter: [N], the last of one load.
-        deviation: greatest from the line [N].
+        position: mean position [m].
+        slope, slope_u: slope with its standard uncertainty [N/m].
+        mean, mean_u: mean load with its standard uncertainty [N].
+        scatter: standard deviation of one load [N].
+        deviation: greatest deviation of a load from the line [N].
     """
 
     name: str
@@ -54,7 +57,7 @@ class LoadLine:
 
     @classmethod
     def through(cls, name: str, series: Series, calibration: LoadCellCalibration) -> Self:
-        """Raises EstimateError: fewer than three points surely touch."""
+        """Fit the line to the points that surely touch. Raises EstimateError: they are fewer than three."""
         from scipy.special import fdtrc
 
         loads = np.array([calibration.load(float(reading))[0] for reading in series.displays.mean(axis=1)])
@@ -91,7 +94,7 @@ class LoadLine:
         return float(self.positions.mean())
 
     def shares(self, index: int, load: str = "load") -> Correlations:
-        """Correlations of the error of a load, under that name, with those of the line: it is one point of n."""
+        """Correlations of the error of one of the line's loads, under that name, with the errors of the line."""
         away = self.positions - self.positions.mean()
         return {
             (load, f"{self.name} mean"): 1 / math.sqrt(len(away)),
@@ -107,11 +110,11 @@ class LoadLine:
 
 
 def _reading_u(displays: Floats, calibration: LoadCellCalibration) -> tuple[float, float]:
-    """Standard uncertainty of a mean of displays [N], and its degrees of freedom.
+    """Standard uncertainty [N] of a mean of displayed values, and its degrees of freedom.
 
-    Where the displays scatter by a step or so they dither the steps away, all but the first term of the steps' Fourier
-    series, which Gaussian noise of a deviation s leaves exp(-2 (pi s / step)^2) of (Widrow and Kollar 2008); where
-    they stand still, a step hides what lies within it.
+    Where the values scatter by about a step, the scatter dithers the rounding: of the first term of its Fourier series
+        Gaussian noise of deviation s leaves exp(-2 (pi s / step)^2) (Widrow and Kollar 2008), of higher terms next to
+        nothing. Where the values stand still, the true value may be anywhere within a step.
     """
     points, count = displays.shape
     step = calibration.resolution_mV

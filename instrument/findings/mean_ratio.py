@@ -1,7 +1,7 @@
-"""The mean force ratio of an object over its load sets, with what its points share and what each has alone.
+"""Mean force ratio of an object over its load sets, with its uncertainty.
 
-The gains scatter anew with each load set, and noise is new in each dwell. The films' calibration and their cables'
-pick-up are the same in all: they do not average out.
+The gains scatter anew with each load set, and noise is new in each dwell: both average out. The films' calibration and
+their cables' pick-up are the same in all points and do not average out.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ SCATTER, NOISE, CALIBRATION, PICKUP = "gain scatter", "noise", "films' calibrati
 
 
 class RatioPoint(Protocol):
-    """A load set, as the procedures record it; no degrees of freedom: a record of before they were known."""
+    """One point of a run, as the procedures record it. Records of earlier versions hold no degrees of freedom."""
 
     @property
     def force_ratio(self) -> float: ...
@@ -33,14 +33,19 @@ class RatioPoint(Protocol):
 
 
 def mean_ratio(quantity: str, points: Sequence[RatioPoint], film_freedom: float | None) -> Budget:
-    """Of the points, which must be one at least; `film_freedom`: of the films' calibration, None where it is known."""
+    """Budget of the mean ratio of one point or more.
+
+    Args:
+        quantity: name of the result, for people.
+        points: the points.
+        film_freedom: degrees of freedom of the films' calibration; None: infinitely many."""
     n = len(points)
     shared = [(p.noise_u, p.calibration_u, p.pickup_u) for p in points]
     scatter = math.fsum(
         max(p.force_ratio_u**2 - math.hypot(*parts) ** 2, 0.0) for p, parts in zip(points, shared, strict=True)
     )
     noise = math.fsum(p.noise_u**2 for p in points)
-    # Welch and Satterthwaite, of noise that was estimated in each point alone.
+    # Welch and Satterthwaite: each point estimated its noise by itself.
     spent = math.fsum(p.noise_u**4 / (p.degrees_of_freedom or math.inf) for p in points)
     freedom = noise**2 / spent if spent > 0 else math.inf
     components = [
@@ -58,10 +63,10 @@ def mean_ratio(quantity: str, points: Sequence[RatioPoint], film_freedom: float 
 
 
 def apart(one: Budget, other: Budget) -> bool:
-    """Whether two means differ by more than their uncertainties explain, by 95 %.
+    """Whether two means differ by more than their uncertainties explain, at 95 %.
 
-    Calibration and pick-up are nearly the same in both; they are counted as if they were not, which errs to the safe
-    side.
+    Calibration and pick-up are nearly the same in both means. They are counted as if they were independent, which makes
+    a difference harder to prove.
     """
     least = min(one.degrees_of_freedom, other.degrees_of_freedom)
     return abs(one.value - other.value) >= coverage_factor(least) * math.hypot(one.u, other.u)

@@ -1,11 +1,11 @@
-"""How hard the touched object is: its Young modulus from the force ratio, by any model of any design.
+"""Young modulus of the touched object from the force ratio, by any model of any design.
 
     curve = ratio_curve(get_design("single"), load, "axisymmetric")
     modulus_of_ratio(curve, [0.31, 0.99], u=0.005).low
 
-The uncertainty goes through by the ends of its coverage interval. A monotone map carries quantiles over as they
-are, so that the Monte Carlo method of JCGM 101 would find the same interval, plus its own noise. Where ratio and
-modulus hardly hang together any more, next to the ratios of very soft and very hard objects, a bound is all there is.
+The ends of the ratio's coverage interval are turned into moduli. A monotone map keeps quantiles, so the Monte Carlo
+method of JCGM 101 would find the same interval, plus its own noise. Near the ratios of very soft and very hard objects
+the ratio hardly depends on the modulus; there only a bound is given.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from palpate.instrument.uncertainty.budget import coverage_factor
 Array = NDArray[np.float64]
 
 INTERVAL, AT_LEAST, AT_MOST, ANY = "interval", "at least", "at most", "any"
-# Relative error of the modulus over that of the ratio. The column model gets here at a ratio of 0.97: from there
-# on, a model that is wrong by 1 % answers with moduli that are wrong by a third.
+# Greatest relative error of the modulus over that of the ratio. The column model reaches it at a ratio of 0.97: above
+# that, an error of 1 % of the ratio is an error of a third of the modulus.
 MOST_SENSITIVE = 30.0
-NEAR = 0.1  # to the ratio at an end of the curve, over the ratio: elsewhere level ground has two sides
+NEAR = 0.1  # relative distance to the ratio at an end of the curve; a flat part farther inside has two sides
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +37,13 @@ class ModulusEstimate:
 
     Attributes:
         modulus: nan where only a bound is known, or where several moduli give the ratio.
-        low, high: coverage interval; 0 and inf where it has no bound. Where several moduli give a ratio, from the
-            least to the greatest of them.
-        sensitivity: relative error of the modulus over that of the ratio, d ln E / d ln R; nan where the ratio is
-            outside the model's, or belongs to several moduli.
+        low, high: coverage interval; 0 and inf where there is no bound. Where several moduli give the ratio, the
+            interval holds all of them.
+        sensitivity: relative error of the modulus over that of the ratio, d ln E / d ln R; nan where no modulus or
+            several moduli give the ratio.
         kind: "interval", "at least" `low`, "at most" `high`, or "any" where every modulus agrees with the ratio.
-        outside: the ratio is one that the model gives for no modulus.
-        ambiguous: several moduli give the ratio.
+        outside: whether the model gives this ratio for no modulus.
+        ambiguous: whether several moduli give the ratio.
     """
 
     modulus: Array
@@ -65,19 +65,20 @@ def modulus_of_ratio(
 ) -> ModulusEstimate:
     """Modulus of the sensed object for each force ratio.
 
-    Where the sensitivity is above 30 next to an end of the curve, the answer is one-sided, and keeps the bound of the
-    two-sided interval: it covers more than was asked for.
+    Where the sensitivity is above 30 next to an end of the curve, the answer is a bound on one side. It is the bound of
+    the two-sided interval, so it covers more than was asked for.
 
     Args:
+        curve: force ratio over modulus, by a model.
         ratio: force ratios, any shape.
-        u: standard uncertainty of each, or of all; the curve's own error is added to its interval.
+        u: standard uncertainty of each ratio, or one for all; the curve's own error is added to the interval.
         coverage: probability that the interval covers the modulus, if the ratio's error is normal.
-        error: bound on what else may be wrong with the curve there, for each or for all; it is added as well.
-        degrees_of_freedom: of the uncertainties, of each or of all; above 0.
+        error: bound on any other error of the curve, for each ratio or one for all; it is added as well.
+        degrees_of_freedom: degrees of freedom of the uncertainties, for each or one for all; above 0.
 
     Raises:
-        RangeError: a ratio is not between 0 and 1, an uncertainty is negative or not finite, their shapes do not
-            go together, or the coverage is not between 0 and 1. There must be at least one ratio.
+        RangeError: there is no ratio, a ratio is not between 0 and 1, an uncertainty is negative or not finite, shapes
+            do not match, or the coverage is not between 0 and 1.
     """
     given, uncertainty = check_ratios(ratio, u, coverage)
     factors = [coverage_factor(float(each), coverage) for each in np.atleast_1d(np.asarray(degrees_of_freedom))]
@@ -87,7 +88,7 @@ def modulus_of_ratio(
     left, right = _moduli_between(curve, given, given)
     outside = (given < least) | (given > greatest)
     ambiguous = right - left > 1e-9
-    # A ratio outside has no modulus; the interval is that of the nearest one which has.
+    # A ratio outside the curve has no modulus; its interval is that of the nearest ratio on the curve.
     low, high = _moduli_between(curve, np.minimum(given - spread, greatest), np.maximum(given + spread, least))
     misfit = ((given + spread < least) | (given - spread > greatest)) & np.isfinite(low) & np.isfinite(high)
     low, high = np.where(misfit, -np.inf, low), np.where(misfit, np.inf, high)
@@ -96,7 +97,7 @@ def modulus_of_ratio(
         slope = curve.polynomial(np.where(np.isfinite(left), left, curve.turns[0]), 1)
         sensitivity = np.where(outside | ambiguous, np.nan, given / np.abs(slope))
     soft, hard = (np.abs(given - curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))
-    # A model's rounding and meshes make its ends wavy.
+    # Rounding and meshes make the ends of a model's curve wavy.
     flat = (np.minimum(soft, hard) < NEAR * given) & (ambiguous | (sensitivity > MOST_SENSITIVE))
     low, high = np.where(flat & (soft < hard), -np.inf, low), np.where(flat & (soft >= hard), np.inf, high)
     kind = np.select(
@@ -115,9 +116,9 @@ def modulus_of_ratio(
 
 
 def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, Array]:
-    """ln of the least and the greatest modulus whose ratio is between `low` and `high`.
+    """Logarithms of the least and the greatest modulus whose ratio is between `low` and `high`.
 
-    They are infinite where an end of the curve is among them: what lies beyond was not asked for.
+    They are infinite where an end of the curve lies between: the curve tells nothing of moduli beyond its end.
     """
     first, last = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
     for start, end in zip(curve.turns[:-1], curve.turns[1:], strict=True):
@@ -128,7 +129,7 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
             nodes, ratios = nodes[::-1], ratios[::-1]
         hit = (high >= ratios[0]) & (low <= ratios[-1])
         sides: list[tuple[Array, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
-        for ends, side in sides[: 1 if low is high else 2]:  # a ratio alone has one modulus here
+        for ends, side in sides[: 1 if low is high else 2]:  # a single ratio has one modulus here
             modulus = _inverse(curve, nodes, ratios, np.clip(ends[hit], ratios[0], ratios[-1]), side)
             first[hit], last[hit] = np.minimum(first[hit], modulus), np.maximum(last[hit], modulus)
     soft, hard = (float(curve.polynomial(end)) for end in (curve.turns[0], curve.turns[-1]))
@@ -139,7 +140,9 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
 
 
 def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side: Literal["left", "right"]) -> Array:
-    """ln of the modulus on a stretch where the ratio rises from node to node; on level ground its left or right end."""
+    """Logarithms of the moduli of some ratios, on a stretch of the curve where the ratio rises from node to node.
+
+    Where the curve is level, `side` says which end of the level part is taken."""
     from scipy.optimize import elementwise
 
     find_root: Callable[..., Any] = elementwise.find_root  # its stubs know no arguments
@@ -153,10 +156,10 @@ def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side
 
 
 def check_ratios(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Array, Array]:
-    """Ratios and uncertainties of one shape, if `modulus_of_ratio` takes them: before a curve is solved for.
+    """Check ratios and uncertainties before a curve is computed, and return them as arrays of one shape.
 
     Raises:
-        RangeError: it does not.
+        RangeError: `modulus_of_ratio` would refuse them.
     """
     given, uncertainty = np.asarray(ratio, dtype=np.float64), np.asarray(u, dtype=np.float64)
     if given.size == 0:

@@ -32,13 +32,15 @@ def estimate(
     u: float | Sequence[float] | None,
     degrees_of_freedom: float | Sequence[float] = math.inf,
 ) -> list[dict[str, Any]]:
-    """A row a ratio: modulus (None where only a bound is known) and coverage interval (None: no bound) [Pa].
+    """One row for each ratio: modulus (None: only a bound is known) and coverage interval (None: no bound) [Pa].
 
-    The interval holds what the model leaves out, `model_error`, as far as it is priced.
+    The interval holds the model's own error (`model_error`) where it is known.
 
     Args:
-        u: standard uncertainty of the ratios, or of each; None: that by which the design's ratios repeat.
-        degrees_of_freedom: of that, or of each.
+        question: sensor, load and model.
+        ratios: force ratios.
+        u: standard uncertainty of each ratio, or one for all; None: the scatter with which the design's ratios repeat.
+        degrees_of_freedom: degrees of freedom of these uncertainties, for each or one for all.
 
     Raises:
         RangeError: a ratio is not between 0 and 1, the uncertainty is negative or not finite, or the model does not

@@ -1,4 +1,4 @@
-"""Where a point load stands on the common base, from the shares that its teeth take.
+"""Position of a point load on the common base, from the shares of the force that its teeth take.
 
 located = locate(get_design("common_base"), get_sample("1"), (0.6, 0.02), (0.002, 0.001), (0.06, 0.03))
 located.position, located.u, located.low, located.high
@@ -22,9 +22,14 @@ TAILS = (0.025, 0.975)  # of a 95 % interval
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """The likeliest place [m], the root mean square distance of the others from it, and a 95 % interval.
+    """A located load.
 
-    Beside a tooth two places give nearly the same: then `u` and the interval are wide.
+    Attributes:
+        position: most likely position along x [m].
+        u: root mean square distance of all likely positions from it [m].
+        low, high: ends of the 95 % interval [m].
+
+    Two positions on both sides of a tooth give nearly the same shares. Then `u` and the interval are wide.
     """
 
     position: float
@@ -36,15 +41,17 @@ class Located:
 def locate(
     design: Design, sample: Sample, shares: Sequence[float], noise_u: Sequence[float], scatter: Sequence[float]
 ) -> Located:
-    """The place along x, every place being as likely before.
+    """Locate a load along x. Before the measurement, every position is taken to be equally likely.
 
     Args:
-        shares: of the whole force, of each tooth.
-        noise_u: their standard uncertainties by noise.
+        design: the sensor.
+        sample: the object on it.
+        shares: share of the whole force that each tooth takes.
+        noise_u: standard uncertainties of the shares by noise.
         scatter: relative standard deviation of each share by the gains.
 
     Raises:
-        RangeError: no table of point loads for this design and object.
+        RangeError: there is no table of point loads for this design and object.
     """
     x = np.linspace(0.0, design.plate.length, round(design.plate.length / GRID) + 1)
     expected = shares_along(design, sample, x)

@@ -1,7 +1,7 @@
-"""What a tactile sensor is: rigid teeth, each in a compliant ring, on plates, with films below.
+"""Description of a tactile sensor: rigid teeth, each in a compliant ring, on plates, with films below.
 
-One film lies under each tooth, one under each base; the ratio of the forces on teeth and bases tells how soft
-the touched object is. Lengths in metres; forces and voltages of the thesis are peak to peak.
+One film lies under each tooth and one under each base. The ratio of the forces on teeth and bases tells how soft the
+touched object is. Lengths are in metres; forces and voltages of the thesis are peak to peak.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.limits import require_nested
 from palpate.instrument.sensor.material import Material
 
-# How the names of films begin: under a tooth, under a base.
+# First words of films' names: a film under a tooth, a film under a base.
 FILM_KINDS = ("rigid", "total")
 OUTLINES = ("square", "round")
 SUPPORTS = ("elastic", "rigid")
@@ -23,7 +23,7 @@ SUPPORTS = ("elastic", "rigid")
 
 @dataclass(frozen=True, slots=True)
 class Tooth:
-    """The rigid cylinder."""
+    """A rigid cylinder, through which the sensor is pressed at its middle."""
 
     radius: float
     height: float
@@ -80,8 +80,8 @@ class Film:
         channel: channel of the sensor node, from 1.
         sensitivity: voltage per force on the film [V/N].
         scatter: relative standard deviation of the sensitivity from one load set to the next.
-        teeth: numbers of the teeth, from 0, whose force the film takes, alone ("rigid") or with all that stands
-            beside them ("total").
+        teeth: numbers, from 0, of the teeth whose force the film takes: the teeth's force alone ("rigid"), or together
+            with the force on everything beside them ("total").
     """
 
     name: str
@@ -92,7 +92,7 @@ class Film:
 
     @property
     def kind(self) -> str:
-        """Of FILM_KINDS."""
+        """Kind of the film, one of FILM_KINDS: where it lies."""
         return next(kind for kind in FILM_KINDS if self.name.startswith(kind))
 
 
@@ -101,23 +101,24 @@ class Design:
     """One sensor: dimensions, materials, films, and what the thesis measured with it.
 
     Attributes:
-        tooth, ring: of every tooth.
-        plate: of every base.
-        plate_count: base plates below a tooth, with the base film between them.
+        tooth, ring: dimensions and materials that all teeth share.
+        plate: dimensions and material that all base plates share.
+        plate_count: number of base plates below a tooth; the base film lies between them.
         teeth: positions (x, y) of the teeth's axes from the corner of the sensor [m]: a lattice, row by row.
-        separate_bases: each tooth has a base of its own.
-        outline: of plates and sensed object: "square", or "round" for one tooth on a disc.
-        disc_radius: of the round object that stands for a square one where a model knows round ones only [m].
+        separate_bases: whether each tooth has a base of its own.
+        outline: outline of plates and sensed object: "square", or "round" for one tooth on a disc.
+        disc_radius: radius [m] of the disc that replaces a square object in a model that knows only round ones.
         support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
-        films: by channel.
+        films: the films in the order of their channels.
         ratio_scatter: relative standard deviation of the force ratio from one load set to the next.
         thesis_force_ratio: sample name -> mean force ratio over the load sets, as printed.
         thesis_softness_order: sample names, hard to soft.
         source: where dimensions and figures come from.
-        film_covariance: (films, films), relative, of the sensitivities; None: they were not calibrated here, and their
-            scatter is all that is known. `film_freedom`: its degrees of freedom; None: it is known.
-        pickup: what moving cables add to a film's force in step with the drive, at most, as a share of the load on the
-            sensor (bench file); None: none is known.
+        film_covariance: relative covariance (films, films) of the sensitivities; None: the films were not calibrated on
+            this bench, and only their scatter is known.
+        film_freedom: degrees of freedom of that covariance; None: infinitely many.
+        pickup: greatest force that moving cables add to a film's in step with the drive, as a share of the load on the
+            sensor (from the bench file); None: not known.
 
     Raises:
         RangeError: a dimension is not positive and finite, or parts overlap.
@@ -170,22 +171,22 @@ class Design:
         )
 
     def with_pickup(self, share: float) -> Design:
-        """On a bench that says so of its cables; 0: it says nothing."""
+        """The design with the pick-up that a bench file states for its cables; 0: the file states none."""
         return replace(self, pickup=share or None)
 
     @property
     def columns(self) -> int:
-        """Teeth along the length."""
+        """Number of teeth along the length."""
         return len({x for x, _ in self.teeth})
 
     @property
     def rows(self) -> int:
-        """Teeth along the width."""
+        """Number of teeth along the width."""
         return len({y for _, y in self.teeth})
 
     @property
     def cell(self) -> tuple[float, float]:
-        """Length and width of the plan for each tooth [m]: each stands in the middle of its own."""
+        """Length and width [m] of the part of the plan that belongs to one tooth, which stands in its middle."""
         x, y = self.teeth[0]
         return 2 * x, 2 * y
 
@@ -196,16 +197,17 @@ class Design:
 
     @property
     def film_correlation(self) -> float:
-        """Correlation of the scatter of a tooth's film and its base's that gives the ratio its own scatter.
+        """Correlation between the scatter of a tooth's film and that of its base's film.
 
-        The ratio of two quantities of relative scatter a and b and correlation r scatters by
-        sqrt(a^2 + b^2 - 2 r a b), to first order. Where the printed scatters leave none (common base), 1 comes nearest.
+        It is the one that gives the force ratio its printed scatter: the ratio of two quantities of relative scatter a
+            and b and correlation r scatters by sqrt(a^2 + b^2 - 2 r a b), to first order. Where no correlation does
+            (common base), 1 comes nearest.
         """
         a, b = (next(film for film in self.films if film.kind == kind).scatter for kind in FILM_KINDS)
         return min(1.0, (a**2 + b**2 - self.ratio_scatter**2) / (2 * a * b))
 
     def film_area(self, film: Film) -> float:
-        """Of its electrodes [m2]."""
+        """Area of the film's electrodes [m2]."""
         sheet = self.film_sheet
         if film.kind == FILM_KINDS[0]:
             return math.pi * sheet.disc_radius**2

@@ -1,4 +1,4 @@
-"""What PVDF films are made of, for mechanics and electricity alike.
+"""Material of PVDF films, for mechanics and electricity alike.
 
 Axes: 1 along the stretching direction of the film, 2 across it, 3 through the thickness.
 """
@@ -30,7 +30,7 @@ class FilmMaterial:
         source: where the numbers come from.
 
     Raises:
-        RangeError: the film would give energy away when it is strained or charged.
+        RangeError: straining or charging such a film would set energy free.
     """
 
     name: str = field(repr=False)
@@ -51,7 +51,7 @@ class FilmMaterial:
 
     @classmethod
     def isotropic(cls, modulus: float, poisson: float) -> Self:
-        """A film of that Young modulus [Pa] and Poisson ratio that gives no charge."""
+        """An isotropic film with that Young modulus [Pa] and Poisson ratio, which gives no charge."""
         along, across, shear = 1 / modulus, -poisson / modulus, 2 * (1 + poisson) / modulus
         return cls(
             name="isotropic, without charge",
@@ -68,12 +68,12 @@ class FilmMaterial:
 
     @property
     def poisson(self) -> float:
-        """Poisson ratio, of a pull along axis 1 that narrows axis 2."""
+        """Poisson ratio by which a pull along axis 1 narrows the film along axis 2."""
         return -self.compliance[5] / self.compliance[0]
 
     @property
     def shear(self) -> tuple[float, float, float]:
-        """Moduli c44, c55, c66 [Pa]."""
+        """Shear moduli c44, c55 and c66 [Pa]."""
         s44, s55, s66 = self.compliance[6:]
         return 1 / s44, 1 / s55, 1 / s66
 
@@ -85,7 +85,7 @@ class FilmMaterial:
         return stiffness, stress, self.permittivity - float(stress @ strain)
 
     def round(self) -> Self:
-        """The same in every direction of its plane: what a model of revolution can have, axes 1 and 2 averaged."""
+        """The material with axes 1 and 2 averaged, as a model of revolution needs it."""
         s11, s22, s33, s23, s13, s12, s44, s55, _ = self.compliance
         d31, d32, d33 = self.strain
         along, through, shear = (s11 + s22) / 2, (s13 + s23) / 2, (s44 + s55) / 2

@@ -1,4 +1,4 @@
-"""What designs and models refuse, said in one way."""
+"""Checks of numbers that designs and models share, with their messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.instrument.errors import RangeError
 
 
 def require_positive(value: ArrayLike, label: str, unit: str, of: str = "") -> None:
-    """Raises RangeError: a number, or one of an array, is not above 0 and finite."""
+    """Check that a number, or each number of an array, is above 0 and finite. Raises RangeError."""
     values = np.atleast_1d(np.asarray(value, dtype=np.float64))
     bad = ~((values > 0) & np.isfinite(values))
     if bad.any():
@@ -21,10 +21,9 @@ def require_positive(value: ArrayLike, label: str, unit: str, of: str = "") -> N
 
 
 def require_nested(radii: Mapping[str, float], where: str = "") -> None:
-    """Raises RangeError: of tooth, ring's inside, ring's outside and what holds them [m], one does not fit the next.
+    """Check that each radius [m] fits into the next: tooth, ring's inside and outside, cell. Raises RangeError.
 
-    Between tooth and ring there may be no gap; a ring has some width. A cell may be as wide as its ring, but for
-    rounding.
+    A gap between tooth and ring is not needed, but a ring needs some width. A cell may be just as wide as its ring.
     """
     for place, ((inner, low), (outer, high)) in enumerate(pairwise(radii.items())):
         if not (low <= high * (1 + 1e-12)) or (place == 1 and low == high):

@@ -1,4 +1,4 @@
-"""What presses on a sensor: a force through a sensed object."""
+"""Load on a sensor: a force through a sensed object."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.sample import Sample
 
 INTERFACES = ("bonded", "frictionless", "capped")
-LEAST, GREATEST = 1e-6, 1e6  # N; beyond them forces of a chain are lost beside round-off, or are no numbers at all
+LEAST, GREATEST = 1e-6, 1e6  # N; beyond them forces vanish in round-off or overflow
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,13 +17,15 @@ class Load:
     """A force on the sensor [N], peak to peak, through a sensed object that covers it.
 
     Attributes:
+        force: peak to peak [N].
+        sensed: the object that the force goes through.
         interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both; "capped": it slides
             on both, and a rigid cap that cannot tilt keeps the ring's top level.
-        at: the force acts in one point of the object, (x, y) from its corner [m]; None: a uniform pressure.
+        at: point of the object in which the force acts, (x, y) from its corner [m]; None: a uniform pressure.
 
     Raises:
-        RangeError: as `check_force`.
-        UnknownName: no such interface.
+        RangeError: as in `check_force`.
+        UnknownName: there is no such interface.
     """
 
     force: float
@@ -38,7 +40,7 @@ class Load:
 
 
 def check_force(force: float) -> None:
-    """Refuse a load [N] that is none, or that no sensor feels or survives. Raises RangeError."""
+    """Refuse a load [N] that is not positive, or that no sensor feels or survives. Raises RangeError."""
     if not (0 < force < math.inf):
         raise RangeError(f"load {force:g} N is not above 0 and finite; give a positive force")
     if not LEAST <= force <= GREATEST:
@@ -46,5 +48,5 @@ def check_force(force: float) -> None:
 
 
 def through(load: Load, modulus: float) -> Load:
-    """The load through an object of that modulus [Pa]."""
+    """The same load through an object of another modulus [Pa]."""
     return replace(load, sensed=replace(load.sensed, modulus=modulus))

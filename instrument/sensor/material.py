@@ -1,4 +1,4 @@
-"""What the sensors are made of.
+"""Materials of the sensors.
 
 Marks in the sources: [T] the thesis, [S] published elsewhere, [A] an assumption.
 """
@@ -22,7 +22,7 @@ class Material:
         source: where the numbers come from.
 
     Raises:
-        RangeError: the modulus is not positive and finite, or the Poisson ratio is out of its limits.
+        RangeError: the modulus is not positive and finite, or the Poisson ratio is outside its limits.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The rubber samples that the sensor touches, by the numbers that the thesis gives them.
+"""The rubber samples that the sensor touches, named by the thesis' numbers.
 
     parse_samples("1-3,6")          # ("1", "2", "3", "6")
     get_sample("2").modulus         # 24131.65 Pa
@@ -21,14 +21,13 @@ class Sample:
 
     Attributes:
         modulus: Young modulus [Pa].
-        thickness: [m].
-        area: face that is loaded [m2].
+        thickness: thickness of the pad [m].
+        area: area of the loaded face [m2].
         poisson: Poisson ratio, above -1 and at most 0.5.
         source: where the numbers come from.
 
     Raises:
-        RangeError: a dimension or the modulus is not positive and finite, or the Poisson ratio is out of
-            its limits.
+        RangeError: a dimension or the modulus is not positive and finite, or the Poisson ratio is outside its limits.
     """
 
     name: str
@@ -91,11 +90,11 @@ def get_sample(name: str) -> Sample:
 
 
 def parse_samples(text: str) -> tuple[str, ...]:
-    """Names of samples, in the order written: "1-6", "2" or "1,3,5-6".
+    """Names of samples in a text such as "1-6", "2" or "1,3,5-6", in the order of the text.
 
     Raises:
-        UnknownName: a name that is no sample's.
-        RangeError: a sample named twice, or a range that runs backwards.
+        UnknownName: there is no sample of that name.
+        RangeError: a sample is named twice, or a range runs backwards.
     """
     names: list[str] = []
     for item in text.split(","):

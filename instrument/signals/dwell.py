@@ -1,10 +1,10 @@
-"""How long to measure for a force ratio of the uncertainty asked for.
+"""Choice of the dwell that gives a force ratio with a wanted uncertainty.
 
     floor = (Floor("gain scatter", design.ratio_scatter),)
     dwell_for(0.05, fit, rigid, total, floor).dwell
 
-What noise makes of the ratio falls with the dwell T, u² = S (1/A₁² + 1/A₂² − 2 r/(A₁A₂))/T, and S is measured at the
-point itself. What does not fall is the floor, and no dwell beats it.
+The part of the uncertainty that noise causes falls with the dwell T: u² = S (1/A₁² + 1/A₂² − 2 r/(A₁A₂))/T. S is
+measured at the point itself. The rest, called the floor, does not fall with the dwell.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.signals.estimate import SineFit
 
 STEP = 0.1
-"""s. Over whole steps 50 and 60 Hz are orthogonal to the drive's 10 Hz."""
+"""Step of a dwell [s]. Over whole steps 50 and 60 Hz are orthogonal to a drive of 10 Hz."""
 LONGEST = 3600.0  # s
 
 
@@ -32,12 +32,12 @@ class Floor:
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """What a target asks for.
+    """The dwell that a wanted uncertainty needs.
 
     Attributes:
-        dwell: s, whole 0.1 s, a cycle or more.
-        asked: s, by the noise alone, before it was rounded up.
-        u: relative standard uncertainty of the ratio that the dwell should give, floor and noise.
+        dwell: dwell in whole steps of 0.1 s, at least one cycle [s].
+        asked: dwell before it was rounded up [s].
+        u: relative standard uncertainty of the ratio that the dwell should give, from floor and noise.
     """
 
     dwell: float
@@ -46,7 +46,7 @@ class Dwell:
 
 
 def ratio_noise(fit: SineFit, numerator: int, denominator: int) -> float:
-    """Relative standard uncertainty of the ratio of two channels' amplitudes after one second, by noise [√s].
+    """Relative standard uncertainty that noise leaves in the ratio of two channels' amplitudes after one second [√s].
 
     Raises:
         EstimateError: an amplitude is zero.
@@ -61,7 +61,7 @@ def ratio_noise(fit: SineFit, numerator: int, denominator: int) -> float:
 
 
 def floor_u(floor: Sequence[Floor]) -> float:
-    """Relative standard uncertainty that no dwell beats."""
+    """Relative standard uncertainty below which no dwell comes."""
     return math.hypot(*(part.u for part in floor))
 
 
@@ -73,16 +73,18 @@ def dwell_for(
     floor: Sequence[Floor] = (),
     longest: float = LONGEST,
 ) -> Dwell:
-    """The shortest dwell that gives a ratio of the relative standard uncertainty `target`.
+    """The shortest dwell that gives a ratio with the relative standard uncertainty `target`.
 
     Args:
-        fit: of a record under the same load. Its noise is known to 1/√(2 degrees of freedom) of itself, the dwell
+        target: relative standard uncertainty.
+        fit: fit of a record under the same load. Its noise is known to 1/√(2 degrees of freedom) of itself, the dwell
             to twice that.
         numerator, denominator: channel numbers.
-        longest: s, above which a dwell is refused.
+        floor: parts of the uncertainty that do not fall with the dwell.
+        longest: greatest dwell that is accepted [s].
 
     Raises:
-        RangeError: a target that is not positive, is at the floor or below, or takes longer than `longest`.
+        RangeError: the target is not positive, is not above the floor, or takes longer than `longest`.
         EstimateError: an amplitude is zero.
     """
     noise = ratio_noise(fit, numerator, denominator)
@@ -92,7 +94,7 @@ def dwell_for(
 def dwell_of(
     target: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
 ) -> Dwell:
-    """As `dwell_for`, of a noise as `ratio_noise` gives it."""
+    """The same as `dwell_for`, with the noise as `ratio_noise` gives it [√s] and the frequency of the drive [Hz]."""
     check_target(target, floor)
     lowest = floor_u(floor)
     asked = noise**2 / ((target - lowest) * (target + lowest))
@@ -133,5 +135,5 @@ def check_dwell(dwell: float, frequency: float, rate: float) -> None:
 
 
 def whole_steps(dwell: float) -> float:
-    """Rounded up to whole 0.1 s; what is whole but for round-off stays."""
+    """Round a dwell [s] up to whole steps of 0.1 s. A dwell that is whole except for round-off stays as it is."""
     return round(math.ceil(dwell / STEP * (1 - 1e-9)) * STEP, 1)

@@ -1,9 +1,10 @@
 """Amplitude and phase of a sine of known frequency, in all channels at once, with standard uncertainty.
 
-Least squares with the frequency known (IEEE 1057, three parameters), a linear trend beside the offset, because a PVDF
-film is pyroelectric and drifts with temperature [S], and the mains' hum, because over few cycles the trend takes it up
-and hands it on to the drive. Time and signals are centred and the columns scaled before one QR factorization: normal
-equations of the plain columns square the condition number and lose the amplitude beneath a large offset.
+The sine is fitted by least squares with its frequency known (IEEE 1057, three parameters). Two more terms are fitted
+with it. One is a linear trend, because a PVDF film is pyroelectric and drifts with temperature [S]. The other is the
+mains' hum, because over few cycles the trend would follow the hum and change the fitted drive. Time and signals are
+centred and the columns scaled before one QR factorization. Normal equations of the plain columns would square the
+condition number and lose the amplitude beneath a large offset.
 """
 
 from __future__ import annotations
@@ -23,21 +24,25 @@ from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineCo
 Floats = npt.NDArray[np.float64]
 
 SHORTEST_RECORD = 0.25
-"""Cycles. Below it sine and cosine cannot be told from offset and trend: the amplitude scatters by 0.8 of itself.
+"""Shortest record [cycles].
 
-Measured by trial.
+In a shorter one sine and cosine cannot be told from offset and trend: the amplitude scatters by 0.8 of itself, as
+trials showed.
 """
 FEW_DEGREES = 50.0
-"""Of freedom, below which noise is known to worse than a tenth: a record too short to tell white from 1/f noise.
+"""Degrees of freedom below which noise is known to no better than a tenth of itself.
 
-Where noise prevails its intervals may then be a fifth wider than they need to be.
+A record with so few is too short to tell white from 1/f noise. Where noise prevails, its intervals may be a fifth wider
+than they need to be.
 """
-LEAST_SHARE = 1e-3  # of noise in an uncertainty, whose degrees of freedom still count
+LEAST_SHARE = 1e-3  # of an uncertainty: a smaller part that noise has in it does not count for degrees of freedom
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineFit:
-    """`signal = offset + trend·(t − middle of the record) + amplitude·cos(2π·frequency·t + phase)` in each channel.
+    """Fit of a sine in each channel.
+
+    `signal = offset + trend·(t − middle of the record) + amplitude·cos(2π·frequency·t + phase)`
 
     Args:
         frequency: Hz, as given.
@@ -45,22 +50,28 @@ class SineFit:
         phase: (channels,) rad, −π to π, at time zero of the record's own time axis.
         offset: (channels,) V, at the middle of the record.
         trend: (channels,) V/s.
-        amplitude_u: (channels,) V, standard uncertainty from `noise` and `hum_u`, with `degrees_of_freedom`.
-            No gain, no coherent pick-up. Linear, so for amplitudes well above it.
+        amplitude_u: (channels,) V, standard uncertainty from `noise` and `hum_u`, with `degrees_of_freedom`. It holds
+            neither a gain's uncertainty nor pick-up in step with the drive. It is linear, so it holds for amplitudes
+            well above it.
         phase_u: (channels,) rad, standard uncertainty from `noise` and `hum_u`; infinite where the amplitude is zero.
-        amplitude_bias: (channels,) V, what noise adds to an amplitude in the mean: it is a length.
-        hum_u: (channels,) V, what hum may have in an amplitude that shows but wanders unseen in so short a record.
-        residual: (channels,) V, rms with `samples` less columns degrees of freedom; of hum what was not told apart.
-        residual_peak: (channels,) V, the greatest, without its sign.
-        noise: (channels,) V, of one sample, of its density around the drive (`signals/noise.py`).
-        correlation: (channels, channels), of the noise.
-        degrees_of_freedom: of `amplitude_u`.
-        amplitude_correlation: (channels, channels), of the errors of `amplitude`.
-        condition: condition number of the scaled columns; 1 is the best there is.
-        hum: what a volt of mains hum may add to an amplitude, at its worst phase [V]; 0 where it is told apart.
-        most_hum: as `hum`, the wander of hum that has columns but no slopes counted.
-        mains: their frequencies, as they were fitted [Hz].
-        samples: in each channel.
+        amplitude_bias: (channels,) V, mean error that noise adds to an amplitude, because an amplitude is the length of
+            a vector.
+        hum_u: (channels,) V, standard uncertainty of an amplitude by hum that was fitted, but whose frequency so short
+            a record does not tell.
+        residual: (channels,) V, rms of the residuals, with `samples` less the number of columns as degrees of freedom.
+            Hum that was not fitted is in it.
+        residual_peak: (channels,) V, greatest absolute residual.
+        noise: (channels,) V, standard deviation of one sample of white noise that has the density of the noise around
+            the drive (see `noise_at`).
+        correlation: (channels, channels), correlation of the noise.
+        degrees_of_freedom: degrees of freedom of `amplitude_u`.
+        amplitude_correlation: (channels, channels), correlation of the errors of `amplitude`.
+        condition: condition number of the scaled columns; 1 is the least.
+        hum: what 1 V of mains hum that was not fitted may add to an amplitude, at its worst phase [V]; 0 where hum was
+            fitted.
+        most_hum: the same, together with what the wandering frequency of fitted hum may add [V].
+        mains: frequencies of the mains as they were fitted [Hz].
+        samples: number of samples in each channel.
         rate: samples a second.
     """
 
@@ -88,7 +99,7 @@ class SineFit:
 
     @property
     def beside_mains(self) -> bool:
-        """Whether the drive is so near to the mains that they turn less than once against it in the record."""
+        """Whether the mains turn by less than one turn against the drive in the record."""
         beat = min(abs(self.frequency - mains) for mains in (*MAINS, *self.mains))
         return beat * self.samples < self.rate or any(abs(self.frequency - mains) < WANDER for mains in MAINS)
 
@@ -108,9 +119,9 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
         frequency: Hz.
 
     Raises:
-        EstimateError: the shapes do not match, fewer than 5 samples, a sample or time that is not finite,
-            time that does not increase, a frequency that is not positive or above half the sample rate
-            (of the median step), a record below a quarter cycle, a condition number above 100.
+        EstimateError: the shapes do not match, there are fewer than 5 samples, a sample or time is not finite, time
+            does not increase, the frequency is not positive or is above half the sample rate (of the median step), the
+            record is shorter than a quarter cycle, or the condition number is above 100.
     """
     t = np.asarray(time, dtype=np.float64)
     y = np.asarray(signals, dtype=np.float64)
@@ -165,10 +176,15 @@ def fit_sine(time: npt.ArrayLike, signals: npt.ArrayLike, frequency: float) -> S
 
 
 def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
-    """As `fit_sine`, the amplitudes (channels,) alone, in V: for thousands of records of the same times at once.
+    """Amplitudes (channels,) [V] by the fit of `fit_sine`, for thousands of records at the same times.
+
+    Args:
+        time: (n,) s.
+        signals: (channels, n) V.
+        frequency: Hz.
 
     Raises:
-        EstimateError: as `fit_sine`.
+        EstimateError: as in `fit_sine`.
     """
     _check_samples(time, signals)
     _check_frequency(time, frequency)
@@ -181,13 +197,12 @@ def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
 def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[float, float]:
     """Ratio of the amplitudes of two channels and its standard uncertainty from noise.
 
-    (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), r the correlation of the two amplitudes: noise common to
-    both channels cancels only as far as they move in phase. In phase over whole cycles this is
-    (2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The ratio's bias is taken off: that of both
-    amplitudes, which are lengths, and that of the quotient.
+    (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), where r is the correlation of the two amplitudes: noise that both
+    channels share cancels only as far as they move in phase. In phase over whole cycles this is (2/n)(σ₁²/A₁² + σ₂²/A₂²
+    − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The biases of both amplitudes and of their quotient are subtracted.
 
     Args:
-        fit: of both channels together.
+        fit: fit of both channels together.
         numerator, denominator: channel numbers.
 
     Raises:
@@ -207,21 +222,25 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
 
 
 def quotient_bias(ratio: float, bottom: float, variance: float, covariance: float) -> float:
-    """What noise adds to a quotient in the mean, to second order: a bottom that is too small counts for more.
+    """Mean error that noise adds to a quotient, to second order.
+
+    A denominator that is too small has a greater effect than one that is too large by as much.
 
     Args:
-        ratio: top over bottom.
-        variance: of the bottom.
-        covariance: of top and bottom.
+        ratio: numerator over denominator.
+        bottom: denominator.
+        variance: variance of the denominator.
+        covariance: covariance of numerator and denominator.
     """
     return (ratio * variance - covariance) / bottom**2
 
 
 def _wandering(basis: SineColumns, scaled: Floats) -> Floats:
-    """Standard uncertainty (channels,) of amplitudes by hum that is fitted at the mains' rated frequency alone [V].
+    """Standard uncertainty (channels,) [V] of amplitudes by hum that is fitted at the mains' rated frequency alone.
 
-    The frequency is as likely anywhere within its wander, and so is the phase: the greatest leak over √3 and √2. Where
-    the mains turn less than once against the drive, the greatest leak is taken for two standard uncertainties.
+    Every frequency within the wander of the mains is as likely as any other, and so is every phase. So it is the
+    greatest leak divided by √3 and √2. Where the mains turn less than once against the drive, the greatest leak counts
+    as two standard uncertainties.
     """
     if not basis.strays:
         return np.zeros(scaled.shape[1])
@@ -259,7 +278,7 @@ def _check_samples(time: Floats, signals: Floats) -> None:
 
 
 def _check_frequency(time: Floats, frequency: float) -> float:
-    """The median step of the times [s]."""
+    """Check a frequency [Hz] against the times (n,) [s]; returns the median step of the times [s]."""
     if not frequency > 0:
         raise EstimateError(f"frequency {frequency} Hz must be positive; give that of the drive")
     step = float(np.median(np.diff(time)))

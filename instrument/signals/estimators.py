@@ -1,7 +1,7 @@
-"""Ways to read an amplitude off a record, side by side, and the Cramér–Rao bound that none of them beats.
+"""Estimators of an amplitude, to be compared with each other and with the Cramér–Rao bound.
 
-Least squares is what palpate measures by (`signals/estimate.py`). The others are what a lock-in amplifier, a voltmeter
-and an oscilloscope would have shown; each has its own bias, in hum, drift and noise.
+Palpate measures by least squares (`fit_sine`). The others show what a lock-in amplifier, a voltmeter and an
+oscilloscope would have shown. Each has a bias of its own by hum, drift and noise.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from palpate.instrument.signals.sine_columns import sine_columns
 
 Floats = npt.NDArray[np.float64]
 Estimator = Callable[[Floats, Floats, float], Floats]
-"""From time (n,) [s], signals (channels, n) [V] and frequency [Hz] to amplitudes (channels,) [V]."""
+"""Function of time (n,) [s], signals (channels, n) [V] and frequency [Hz] that gives amplitudes (channels,) [V]."""
 
 
 def boxcar(time: Floats, signals: Floats, frequency: float) -> Floats:
-    """Lock-in amplifier that averages over the record as it is: exact over whole cycles."""
+    """Lock-in amplifier that averages over the record without a window. It is exact over whole cycles."""
     return _lock_in(time, signals, frequency, np.ones_like(time))
 
 
 def hann(time: Floats, signals: Floats, frequency: float) -> Floats:
-    """Lock-in amplifier that averages by a Hann window: hardly minds other tones, for half as much noise again."""
+    """Lock-in amplifier with a Hann window. Other tones hardly change it, but it has half as much noise again."""
     middle = (np.arange(time.size) + 0.5) / time.size
     return _lock_in(time, signals, frequency, np.sin(np.pi * middle) ** 2)
 
 
 def rms(time: Floats, signals: Floats, frequency: float) -> Floats:
-    """Voltmeter, AC coupled: √2 times the rms. Hum, drift and noise count as signal."""
+    """Voltmeter, AC coupled: √2 times the rms. Hum, drift and noise make it greater."""
     deviation: Floats = signals.std(axis=1)
     return math.sqrt(2) * deviation
 
 
 def peak_to_peak(time: Floats, signals: Floats, frequency: float) -> Floats:
-    """Oscilloscope: half of greatest less least sample. It grows with the noise, and with the record."""
+    """Oscilloscope: half the difference of greatest and least sample. It grows with noise and record length."""
     extent: Floats = np.ptp(signals, axis=1)
     return extent / 2
 
@@ -58,8 +58,8 @@ def amplitude_ratios(estimator: str, time: Floats, records: Floats, frequency: f
     """Ratios (repeats,) of the amplitudes of two channels: the first over the second.
 
     Args:
-        estimator: of ESTIMATORS.
-        time: (n,) s, of every record.
+        estimator: name of one of ESTIMATORS.
+        time: (n,) s, times that all records share.
         records: (repeats, 2, n) V.
         frequency: Hz.
 
@@ -82,13 +82,17 @@ def ratio_bound(
 ) -> float:
     """Cramér–Rao bound of the relative standard uncertainty of a ratio of two amplitudes.
 
-    White noise; amplitudes, phases, offsets, trends and hum all unknown. Of whole cycles, many, it is
-    √((2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂))) in phase; over one cycle trend and hum cost up to 1.6 times that.
+    The noise is white; amplitudes, phases, offsets, trends and hum are unknown. Over many whole cycles the bound in
+    phase is √((2/n)(σ₁²/A₁² + σ₂²/A₂² − 2ρσ₁σ₂/(A₁A₂))). Over one cycle, trend and hum make it up to 1.6 times as
+    large.
 
     Args:
         time: (n,) s.
-        amplitude, phase, sigma: (2,) V, rad at time zero, V for a sample.
-        correlation: of the noise of the two channels in a sample.
+        frequency: Hz.
+        amplitude: (2,) V.
+        phase: (2,) rad, at time zero.
+        sigma: (2,) V, standard deviation of the noise of one sample.
+        correlation: correlation of the two channels' noise in one sample.
 
     Raises:
         EstimateError: the times do not determine the sine.

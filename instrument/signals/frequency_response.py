@@ -1,4 +1,4 @@
-"""What a film's gain over frequency tells: the charge amplifier's corner, and a resonance of the drive."""
+"""Fits to a film's gain over frequency: the charge amplifier's corner, and a resonance of the drive."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from palpate.instrument.errors import EstimateError
 
 Floats = npt.NDArray[np.float64]
 TACTILE = 20.0
-"""Hz. Touch lives below it (thesis 5.1)."""
+"""Frequency [Hz] below which touch takes place (thesis 5.1)."""
 DETERMINED = 3.0
-"""A frequency that is not so many of its standard uncertainties above zero is not determined."""
+"""A fitted frequency that is fewer of its standard uncertainties above zero is not determined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Corner:
 
     @property
     def time_constant(self) -> float:
-        """[s]."""
+        """Time constant of the high-pass [s]."""
         return 1 / (2 * math.pi * self.corner_Hz)
 
 
@@ -44,10 +44,11 @@ class Resonance:
 
 
 def fit_corner(frequency: npt.ArrayLike, gain: npt.ArrayLike, gain_u: npt.ArrayLike) -> Corner | None:
-    """The high-pass through gains with their standard uncertainties; None where they show no corner.
+    """Fit a high-pass to gains with their standard uncertainties. None: they show no corner.
 
     Args:
         frequency: (n,) Hz, three or more.
+        gain, gain_u: (n,), gains and their standard uncertainties, in any unit.
 
     Raises:
         EstimateError: fewer than three frequencies.
@@ -64,7 +65,11 @@ def fit_corner(frequency: npt.ArrayLike, gain: npt.ArrayLike, gain_u: npt.ArrayL
 
 
 def fit_resonance(frequency: npt.ArrayLike, response: npt.ArrayLike, response_u: npt.ArrayLike) -> Resonance | None:
-    """The resonance of a response to a force, with standard uncertainties; None where none lies within the sweep.
+    """Fit the resonance of a response to a force. None: no resonance lies within the sweep.
+
+    Args:
+        frequency: (n,) Hz, four or more.
+        response, response_u: (n,), responses and their standard uncertainties, in any unit.
 
     Raises:
         EstimateError: fewer than four frequencies.
@@ -82,13 +87,13 @@ def fit_resonance(frequency: npt.ArrayLike, response: npt.ArrayLike, response_u:
 
 
 def high_pass(frequency: Floats, level: float, corner: float) -> Floats:
-    """Logarithm of a gain of e^level far above the corner."""
+    """Logarithm of the gain of a high-pass with a corner [Hz]; `level` is its value far above the corner."""
     value: Floats = level - 0.5 * np.log1p((corner / frequency) ** 2)
     return value
 
 
 def mass_on_spring(frequency: Floats, level: float, natural: float, damping: float) -> Floats:
-    """Logarithm of the response to a force, e^level far below the natural frequency."""
+    """Logarithm of the response of a mass on a spring to a force; `level` is its value far below resonance."""
     r = frequency / natural
     value: Floats = level - 0.5 * np.log((1 - r**2) ** 2 + (2 * damping * r) ** 2)
     return value

@@ -1,7 +1,7 @@
-"""The mains' own frequency, found where their hum shows in a record, and the record fitted at it.
+"""Search for the mains' true frequency where hum shows in a record, and the fit of the record at that frequency.
 
-The columns' slopes tell how far off the mains are (Gauss and Newton's step). That step finds home from half a turn over
-the record; beyond, the hum is looked for among the frequencies around first.
+The fitted slopes tell how far off the mains are (a step of Gauss and Newton). That step converges if the mains are off
+by less than half a turn over the record. If they may be off by more, frequencies around the rated one are tried first.
 """
 
 from __future__ import annotations
@@ -14,23 +14,26 @@ from palpate.instrument.signals.sine_columns import COEFFICIENTS, SineColumns, c
 
 Floats = npt.NDArray[np.float64]
 
-SEEN = 5.0  # standard deviations of an amplitude, from which hum shows; what is less does no harm where it is off
-SURE = 3.0  # standard uncertainties of a frequency, by which it is off
-CENTRED = 0.05  # rad at the ends of the record: what slopes stand for as they are
-FARTHEST = 0.5  # Hz, EN 50160; what is farther is no mains
+SEEN = 5.0  # standard deviations of an amplitude: hum above them shows; smaller hum does no harm
+SURE = 3.0  # standard uncertainties of a frequency: mains that are farther off are tuned
+CENTRED = 0.05  # rad at the ends of the record: so small a phase error the slopes take up by themselves
+FARTHEST = 0.5  # Hz, EN 50160: the mains are never farther off
 STEPS = 8
-LONG = 2.0  # s, from which on 0.25 Hz are half a turn
-BLOCK = 0.5  # s, averaged in the search
+LONG = 2.0  # s: in longer records 0.25 Hz are more than half a turn
+BLOCK = 0.5  # s that the search averages
 ROUND_OFF = 1e-12  # of a signal
-PADDED = 4  # times as many frequencies as there are blocks
+PADDED = 4  # frequencies that are tried for each block
 
 
 def tuned(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColumns, Floats]:
-    """Columns with the mains where they are, and the coefficients with them; as given where no hum shows.
+    """Columns with the mains at their true frequency, and the coefficients of a fit with them.
+
+    Where no hum shows, both are returned as they were given.
 
     Args:
+        basis: columns with the mains at their rated frequency.
         signals: (channels, n) V, centred.
-        scaled: their coefficients by `basis`.
+        scaled: coefficients of the signals by `basis`.
     """
     if not (basis.mains and basis.slopes):
         return basis, scaled
@@ -51,13 +54,13 @@ def tuned(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColu
 
 
 def _off(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
-    """How far each of the mains is from its columns [Hz]; 0: where it should be, as far as can be told."""
+    """Difference [Hz] of each of the mains from the frequency of its columns; 0: no difference can be told."""
     hum, slope = basis.phasors(scaled)
     deviation = _deviation(basis, signals, scaled)
     power = (np.abs(hum / deviation) ** 2).sum(axis=1)
     shown = power > SEEN**2 * signals.shape[0]
     half = basis.time[-1]
-    # hum (1 + i δ t) turns with δ; all channels have the mains' one frequency.
+    # hum (1 + i δ t) turns by δ; all channels share the frequency of the mains.
     turned = ((slope / deviation) * (hum / deviation).conj()).imag.sum(axis=1)
     rate = np.divide(turned, power, out=np.zeros_like(power), where=shown)
     turned_u = np.sqrt(np.divide(3.0, power, out=np.zeros_like(power), where=shown)) / half
@@ -66,7 +69,7 @@ def _off(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
 
 
 def _deviation(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
-    """Standard deviation (channels,) of an amplitude by what is left of the record [V]."""
+    """Standard deviation (channels,) [V] of a fitted amplitude by the residuals of the record."""
     left = signals - (basis.columns @ scaled).T
     free = max(basis.time.size - basis.columns.shape[1], 1)
     found = np.sqrt(2 * (left**2).sum(axis=1) / free / basis.time.size)
@@ -74,7 +77,7 @@ def _deviation(basis: SineColumns, signals: Floats, scaled: Floats) -> Floats:
 
 
 def _above_round_off(deviation: Floats, signals: Floats) -> Floats:
-    """Without noise what is left is round-off, which is no hum."""
+    """The deviation, at least that of round-off: the residuals of a record without noise are no hum."""
     largest: Floats = np.abs(signals).max(axis=1, initial=0.0)
     least = np.where(largest > 0, ROUND_OFF * largest, 1.0)
     found: Floats = np.maximum(deviation, least)
@@ -82,7 +85,7 @@ def _above_round_off(deviation: Floats, signals: Floats) -> Floats:
 
 
 def _searched(basis: SineColumns, signals: Floats, scaled: Floats) -> tuple[SineColumns, Floats]:
-    """With each of the mains at the frequency around it that has the most power, where that is hum."""
+    """Columns and coefficients with each of the mains at the frequency of greatest power, where that is hum."""
     drive = (basis.columns[:, :COEFFICIENTS] @ scaled[:COEFFICIENTS]).T
     left, time = signals - drive, basis.time
     deviation = _above_round_off(left.std(axis=1) * np.sqrt(2 / time.size), signals)

@@ -1,8 +1,8 @@
-"""Noise at the frequency of the drive, from what a fit of the drive leaves over.
+"""Noise at the frequency of the drive, from the residuals of a fit of the drive.
 
-The rms of all residuals is not it: hum lies beside the drive and does it no harm over whole 0.1 s, 1/f noise is
-greater at the drive than above it. So a density white + 1/f is fitted to the whole spectrum of the residuals, without
-the mains and the drive's harmonics. Where that is not the spectrum's shape, the lines around the drive are averaged.
+The rms of all residuals would be wrong: hum beside the drive does no harm over whole steps of 0.1 s, and 1/f noise is
+greater at the drive than above it. So a density white + 1/f is fitted to the spectrum of the residuals, without the
+mains and the drive's harmonics. Where the spectrum has another shape, the lines around the drive are averaged.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ Floats = npt.NDArray[np.float64]
 
 MAINS = (50.0, 60.0)  # Hz
 FEWEST_LINES = 8  # of the spectrum; where a record has fewer, all of its residuals count
-LINES = 24  # that are averaged at least, where the record has them
+LINES = 24  # averaged at least, where the record has so many
 FIRST_LINE = 2  # offset and trend take most of line 1
-SHAPE_LINES = 96  # from which on the spectrum has a shape to fit
-HARMONICS_FROM = 8  # cycles: without the harmonics a record loses an eighth of its lines at most
-BANDS = 12  # of equal ratio, whose means are fitted, and in which the shape must hold
-SURE = 1e-4  # chance that a spectrum of that shape is taken for another
-SCORINGS, SETTLED = 8, 1e-4  # steps at most, and the relative change that ends them
+SHAPE_LINES = 96  # a spectrum of fewer lines has no shape to fit
+HARMONICS_FROM = 8  # cycles: from here on leaving out the harmonics costs at most an eighth of the lines
+BANDS = 12  # of equal ratio of frequencies; their means are fitted, and the shape must hold in each
+SURE = 1e-4  # chance that a spectrum of the fitted shape is rejected
+SCORINGS, SETTLED = 8, 1e-4  # greatest number of steps, and the relative change that ends them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """White noise that does to the drive's amplitude what the noise at the drive's frequency does.
+    """White noise that has the same effect on the drive's amplitude as the real noise.
 
     Args:
-        sigma: (channels,) standard deviation of a sample.
-        correlation: (channels, channels).
-        degrees_of_freedom: of `sigma`.
+        sigma: (channels,) standard deviation of a sample, in the signals' unit.
+        correlation: (channels, channels), correlation of the channels' noise.
+        degrees_of_freedom: degrees of freedom of `sigma`.
     """
 
     sigma: Floats
@@ -41,17 +41,18 @@ class Noise:
 
 
 def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> Noise:
-    """Noise of a sample around a frequency.
+    """White noise that has the effect of the real noise at a frequency.
 
-    By the fit, where the record has 96 lines and its shape holds in every channel: of 40 cycles, 25 samples each, the
-    power is known to 5 %. Else the lines within an octave of the drive are averaged, or the nearest 24 where those are
-    more: of 1/f noise the mean is 8 % low from 16 cycles on, 15 % low with 10. In shorter records the lines reach
-    further up, where there is less of it.
+    Where the record has 96 lines and the fitted shape holds in every channel, the fit is used: over 40 cycles of 25
+        samples the power is known to 5 %. Otherwise the lines within an octave of the drive are averaged, or the
+        nearest 24 where those are more. The mean of 1/f noise is then 8 % too low from 16 cycles on and 15 % too low
+        with 10; in shorter records the lines reach to higher frequencies, where 1/f noise is less.
 
     Args:
-        frequency: Hz.
-        residuals: (channels, n), of samples `step` s apart; a few that are missing do no harm.
-        spent: coefficients of the fit that left the residuals.
+        frequency: frequency of the drive [Hz].
+        residuals: (channels, n), residuals of the fit; a few missing samples do no harm.
+        step: time between samples [s].
+        spent: number of coefficients of the fit.
     """
     n = residuals.shape[1]
     cycles = frequency * n * step
@@ -73,11 +74,11 @@ def noise_at(frequency: float, residuals: Floats, step: float, spent: int) -> No
 
 
 def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
-    """Noise by the density white + 1/f that is likeliest (Whittle), or None where a channel's is of another shape.
+    """Noise by the most likely density white + 1/f (Whittle); None: the spectrum of a channel has another shape.
 
     Args:
-        spectrum: (channels, lines), complex; the squares have the density as their mean.
-        pink: (lines,) of 1/f noise, 1 at the drive, falling.
+        spectrum: (channels, lines), complex; the mean of the squares is the density.
+        pink: (lines,) falling density of 1/f noise, 1 at the drive.
     """
     edges = np.geomspace(pink[0], pink[-1], BANDS + 1)[:-1]
     first = np.unique(np.searchsorted(-pink, -edges))
@@ -94,18 +95,19 @@ def _shaped(spectrum: Floats, pink: Floats) -> Noise | None:
     correlation = moments(np.concatenate([whitened.real, whitened.imag], axis=1), pink.size)[1]
     a, b, c = ((lines / density**2) @ slope**order for order in range(3))
     variance = (a - 2 * b + c) / (a * c - b**2) / (white + rising) ** 2
-    # Far below the first line the density is drawn on so far that it is all but unknown.
+    # A drive far below the first line is out of the data's reach: the density there is practically unknown.
     return Noise(np.sqrt(white + rising), correlation, max(int(2 / variance.mean()), 1))
 
 
 def _whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:
-    """Parts (channels,) of white and of 1/f noise, neither negative, by Fisher scoring.
+    """Power (channels,) of white noise and of 1/f noise, neither negative, by Fisher scoring.
 
     The power of a line is its density times half a chi-squared of two degrees of freedom.
 
     Args:
-        power: (channels, bands), means of `lines` (bands,) lines each.
-        slope: (bands,) means of 1/f noise.
+        power: (channels, bands), mean power in each band.
+        slope: (bands,) mean density of 1/f noise in each band, 1 at the drive.
+        lines: (bands,) number of lines in each band.
     """
     flat, steep = power @ lines / lines.sum(), (power / slope) @ lines / lines.sum()
     white, rising = flat, np.zeros(len(power))
@@ -123,9 +125,9 @@ def _whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Float
 
 
 def _holds(relative: Floats, lines: Floats) -> bool:
-    """Whether the power over its fitted density (channels, bands) is 1 in every band but for chance.
+    """Whether power over fitted density (channels, bands) differs from 1 in no band by more than chance explains.
 
-    The mean of a band is a chi-squared; its cube root is all but normal (Wilson and Hilferty).
+    The mean of a band has a chi-squared distribution; its cube root is nearly normal (Wilson and Hilferty).
     """
     from scipy.special import chdtri
 
@@ -135,7 +137,7 @@ def _holds(relative: Floats, lines: Floats) -> bool:
 
 
 def moments(values: Floats, count: int) -> tuple[Floats, Floats]:
-    """Standard deviation of each row and correlation of the rows."""
+    """Standard deviation of each row, with `count` degrees of freedom, and correlation of the rows."""
     norm = np.linalg.norm(values, axis=1, keepdims=True)
     unit = np.divide(values, norm, out=np.zeros_like(values), where=norm > 0)
     correlation: Floats = unit @ unit.T

@@ -1,15 +1,18 @@
-"""White and 1/f noise of a short record, told apart by all that a fit leaves over, and how well they are known.
+"""White and 1/f noise of a short record, told apart by the residuals of a fit, and how well they are known.
 
-A short record has few lines of a spectrum, and what is below the first leaks into them. So the samples themselves are
-taken: what a fit leaves over has the covariance of white and of 1/f noise, seen through the fit's columns. In the
-directions in which both are diagonal each residual is a normal of its own, of variance v (1 − s + s λ): v is what noise
-does to the drive, and s the share that 1/f noise has in it (restricted likelihood, Patterson and Thompson 1971). How
-large s is a short record hardly knows; so every s counts by its likelihood (Jeffreys' prior), and v with it, by a
-scaled chi-squared of the same mean and variance. 1/f noise is more at the drive than where a short record sees noise
-best: to take the one likeliest s would leave out those that matter.
+The spectrum of a short record has few lines, and noise below the first line leaks into them. So the residuals
+themselves are used. Their covariance is that of white and of 1/f noise, seen through the fit's columns. In the
+directions in which both covariances are diagonal, each residual is an independent normal of variance v (1 − s + s λ).
+Here v is the effect of the noise on the drive, and s is the share of 1/f noise in it (restricted likelihood, Patterson
+and Thompson 1971).
 
-That holds in the mean over all shares; of pure 1/f noise it holds 87 % over one cycle. So the degrees of freedom are
-those with which the 95 % interval is as wide as by a prior that leans to 1/f noise, the more the fewer the cycles.
+A short record hardly tells s. So every s counts by its likelihood (Jeffreys' prior), and v is described by a scaled
+chi-squared of the same mean and variance. The most likely s alone would be too optimistic, because 1/f noise is greater
+at the drive than where a short record measures noise best.
+
+These intervals hold 95 % in the mean over all shares, but 87 % for pure 1/f noise over one cycle. So the degrees of
+freedom are chosen to make the 95 % interval as wide as by a prior that leans to 1/f noise; it leans more in records of
+fewer cycles.
 """
 
 from __future__ import annotations
@@ -23,22 +26,23 @@ from palpate.instrument.uncertainty.budget import COVERAGE
 
 Floats = npt.NDArray[np.float64]
 
-LONGEST = 240  # samples: beyond them the spectrum has a shape to fit; the directions take the cube of it, once
-FEWEST = 6  # residuals, from which on their variance has a variance
-SHARES = np.sin((np.arange(16) + 0.5) * np.pi / 32) ** 2  # of 1/f noise in the power at the drive, alike by Jeffreys
-BEYOND_LAW = 1.15  # power of 1/f noise at the drive over that of the law: amplifiers keep it to a tenth or so
-LEANING = 8.0  # cycles: over these, the power of the share in the prior that leans; by trial
-STEEPER = 0.3  # cycles: over these, what noise that falls as 1/f up to half the sample rate has more at the drive
+LONGEST = 240  # samples: a longer record has a spectrum to fit; the time to find the directions grows as the cube
+FEWEST = 6  # residuals: fewer do not tell how well their variance is known
+SHARES = np.sin((np.arange(16) + 0.5) * np.pi / 32) ** 2  # of 1/f noise at the drive; equally likely by Jeffreys
+BEYOND_LAW = 1.15  # factor on the power of 1/f noise at the drive: amplifiers follow the 1/f law to about a tenth
+LEANING = 8.0  # cycles: this over the record's cycles is the exponent of the share in the leaning prior; by trial
+STEEPER = 0.3  # cycles: this over the record's cycles is the excess at the drive of noise that falls as 1/f throughout
 UPPER = (1 + COVERAGE) / 2
-LOWEST = 0.01  # cycles in a record, of 1/f noise: offset and trend take what is slower
+LOWEST = 0.01  # cycles in a record: offset and trend take up slower 1/f noise
 
 
 def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Noise | None:
-    """White noise of the effect that the noise has on the drive; None: the record is too long, or too short.
+    """White noise that has the effect of the real noise on the drive; None: the record is too long or too short.
 
     Args:
-        residuals: (channels, n), what `basis` leaves over.
-        step: between samples [s].
+        basis: columns of the fit.
+        residuals: (channels, n), residuals of the fit.
+        step: time between samples [s].
     """
     if basis.time.size > LONGEST:
         return None
@@ -67,11 +71,12 @@ def short_noise(basis: SineColumns, residuals: Floats, step: float) -> Noise | N
 
 
 def _power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Floats]:
-    """Mean (channels,) of what noise does to the drive, its degrees of freedom, and the weights of the shares.
+    """Mean (channels,) of the noise's power at the drive, its degrees of freedom, and the weights of the shares.
 
     Args:
-        log: (channels, shares), logarithms of the weights but for a constant.
-        squares: (channels, shares) sums of `count` squared residuals, as each share scales them.
+        log: (channels, shares), logarithms of the weights, up to a constant.
+        squares: (channels, shares), sums of squared residuals, each scaled for its share.
+        count: number of residuals in a sum.
     """
     weight = np.exp(log - log.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
@@ -81,13 +86,13 @@ def _power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Fl
 
 
 def _typical(mean: Floats, freedom: Floats) -> Floats:
-    """The scale of a scaled inverse chi-squared of this mean, which is what Student's factor is for."""
+    """Scale of a scaled inverse chi-squared of this mean: Student's factor applies to the scale, not to the mean."""
     typical: Floats = mean * (freedom - 2) / freedom
     return typical
 
 
 def _modes(basis: SineColumns, step: float) -> tuple[Floats, Floats]:
-    """Directions (n, m) of the residuals, and the variance of 1/f noise in each, by what it is at the drive."""
+    """Directions (n, m) of the residuals, and the variance of 1/f noise in each over that at the drive."""
     time, frequency = basis.time, basis.frequency
     columns = basis.columns
     cycles = frequency * time.size * step
@@ -106,7 +111,7 @@ def _modes(basis: SineColumns, step: float) -> tuple[Floats, Floats]:
 
 
 def _pink(time: Floats, step: float) -> Floats:
-    """Covariance (n, n) of 1/f noise, but for a factor."""
+    """Covariance (n, n) of 1/f noise, up to a constant factor."""
     span = time[-1] - time[0]
     octaves = np.log2(0.5 / step * span / LOWEST)
     corners = LOWEST / span * 2 ** np.linspace(0, octaves, int(np.ceil(octaves)) + 1)

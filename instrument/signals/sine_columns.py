@@ -1,14 +1,17 @@
-"""What a record is fitted with: the drive's cosine and sine, an offset, a trend, and the mains where they show.
+"""Columns of a record's fit: the drive's cosine and sine, an offset, a trend, and the mains.
 
-Hum is no stranger to the drive: over one cycle the trend takes it up, and the drive's sine makes good for the trend, so
-that 1 V of 50 Hz adds up to 0.34 V to a drive of 10 Hz (0.04 V over two cycles, 0.001 V over ten). Columns of its own
-cost 9 % of variance over one cycle, 0.2 % over two.
+Hum that is not fitted changes the drive's amplitude: over one cycle the trend follows the hum, and the drive's sine
+makes up for the trend. So 1 V of 50 Hz adds up to 0.34 V to a drive of 10 Hz (0.04 V over two cycles, 0.001 V over
+ten). Columns for the hum cost 9 % of variance over one cycle and 0.2 % over two.
 
-The mains wander by 0.2 Hz, and of 1 V at 49.8 Hz columns at 50 Hz still let 0.009 V through over any dwell up to 2 s.
-So each mains has its slopes beside it, time times cosine and sine: what the first change of a frequency does. They
-leave 0.0002 V, cost nothing from two cycles on, and tell the mains' own frequency, at which a record with hum is fitted
-(`signals/hum.py`). Columns are left out where they could not be told from the drive: slopes over one cycle; both where
-50 Hz stands beside 48 Hz for 0.1 s, and for any time 60 Hz sampled at 62.5 Hz beside 2.5 Hz.
+The mains wander by 0.2 Hz. Of 1 V at 49.8 Hz, columns at 50 Hz still let 0.009 V through, over any dwell up to 2 s. So
+each of the mains also has slopes, time times cosine and sine, which follow a small change of its frequency. With them
+0.0002 V are left. They cost nothing from two cycles on, and tell the true frequency of the mains, at which a record
+with hum is fitted (`hum`).
+
+Columns are left out where they could not be told from the drive. That concerns the slopes over one cycle. It concerns
+columns and slopes of 50 Hz beside a drive of 48 Hz over 0.1 s, and of 60 Hz sampled at 62.5 Hz beside a drive of 2.5 Hz
+over any time.
 """
 
 from __future__ import annotations
@@ -32,16 +35,16 @@ CONDITION_LIMIT = 100.0
 
 At the limit the amplitude can be about 50 times as uncertain as from a whole number of cycles (√(2σ²/n)).
 """
-HUM_CONDITION = 5.0  # largest with columns of the mains: they cost six times the variance at most
-SAMPLES_PER_COLUMN = 2  # at least, with columns of the mains
-REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records, and samples of one: procedures fit at the same times again
+HUM_CONDITION = 5.0  # largest condition number with columns of the mains: the variance grows six times at most
+SAMPLES_PER_COLUMN = 2  # fewest samples for each column, with columns of the mains
+REMEMBERED, LONGEST_REMEMBERED = 8, 10_000  # records, and samples in one; procedures fit at the same times again
 WANDER = 0.2  # Hz, by which the mains differ from their rated frequency (EN 50160: 0.5 Hz for 99.5 % of a year)
-SHOWN = 1e-12  # V of 1 V of hum; what is smaller is round-off
+SHOWN = 1e-12  # V that leak from 1 V of hum; less is round-off
 
 
 @dataclass(slots=True, eq=False)
 class Kept:
-    """`modes`: directions of the residuals, and 1/f noise in each (`palpate.instrument.signals.noise_parts`)."""
+    """Results that are kept with the columns. `modes`: those of `signals/noise_parts.py`."""
 
     modes: tuple[Floats, Floats] | None = None
 
@@ -51,12 +54,12 @@ class SineColumns:
     """Columns about the middle of a record, scaled, and their QR factors.
 
     Args:
-        frequency: of the drive [Hz].
-        columns: (n, 4), then two for each of the `mains`, then two slopes for each, where `slopes`.
-        mains: their frequencies, as they were fitted [Hz].
-        hum: what 1 V of mains that have no columns may add to an amplitude, at their worst phase and frequency [V].
-        strays: the same of those that have columns without slopes, in their order, for 1 V that the columns see.
-        kept: what is made of the columns at the mains' rated frequencies, as long as they are remembered.
+        frequency: frequency of the drive [Hz].
+        columns: (n, 4), then two columns for each of the `mains`, then two slopes for each where `slopes`.
+        mains: frequencies of the mains that have columns [Hz].
+        hum: what 1 V of mains without columns may add to an amplitude, at their worst phase and frequency [V].
+        strays: the same for mains that have columns but no slopes, in their order, for 1 V that the columns see [V].
+        kept: results that belong to the columns at the mains' rated frequencies.
     """
 
     frequency: float
@@ -78,41 +81,45 @@ class SineColumns:
         return np.asarray(np.linalg.solve(self.r, self.q.T @ signals.T), dtype=np.float64)
 
     def weights(self) -> Floats:
-        """(2, n): from the samples to the drive's cosine and sine."""
+        """Matrix (2, n) that turns samples into the coefficients of the drive's cosine and sine."""
         found: Floats = np.linalg.solve(self.r, self.q.T)[:2] * self.scale[:2, np.newaxis]
         return found
 
     def direction(self, phase: Floats) -> Floats:
-        """What white noise does to amplitudes (channels,) of these phases at the middle: (columns, channels).
+        """Vectors (columns, channels) of the effect of white noise on amplitudes.
 
-        A length is the standard deviation over that of a sample; products of two give their covariance.
+        The length of a vector is the amplitude's standard deviation over that of a sample. The product of two vectors
+        is the covariance of two amplitudes.
+
+        Args:
+            phase: (channels,) rad, at the middle of the record.
         """
         gradient = np.stack([np.cos(phase), -np.sin(phase)]) * self.scale[:2, np.newaxis]
         found: Floats = np.linalg.inv(self.r).T[:, :2] @ gradient
         return found
 
     def phasors(self, scaled: Floats) -> tuple[Floats, Floats]:
-        """Of what `solve` found: amplitudes (mains, channels) of hum, complex [V], and of its slopes [V/s]."""
+        """Complex amplitudes (mains, channels) of hum [V] and of its slopes [V/s], from the result of `solve`."""
         at, count = COEFFICIENTS, 2 * len(self.mains)
         own = scaled[at:] * self.scale[at:, np.newaxis]
         hum = own[0:count:2] - 1j * own[1:count:2]
         return hum, own[count::2] - 1j * own[count + 1 :: 2]
 
     def _leak(self, mains: float) -> float:
-        """What 1 V of a frequency may add to an amplitude, at its worst phase [V]."""
+        """What 1 V at a frequency [Hz] may add to an amplitude, at its worst phase [V]."""
         added = self.solve(_pair(self.time, mains).T)[:2] * self.scale[:2, np.newaxis]
         most = float(np.linalg.norm(added, 2))
         return most if most > SHOWN else 0.0
 
     def _stray(self, number: int, mains: float) -> float:
-        """The same of mains that have columns without slopes, per volt that those columns see of them [V]."""
+        """What mains that have columns but no slopes may add to an amplitude, for 1 V that the columns see [V]."""
         found = self.solve(_pair(self.time, mains).T) * self.scale[:, np.newaxis]
         at = COEFFICIENTS + 2 * number
         most = float(np.linalg.norm(found[:2] @ np.linalg.inv(found[at : at + 2]), 2))
         return most if most > SHOWN else 0.0
 
     def with_leaks(self) -> SineColumns:
-        """With `hum` and `strays` filled in."""
+        """The same columns with `hum` and `strays` computed."""
         left = [self._leak(mains + off) for mains in MAINS if mains not in self.mains for off in (-WANDER, 0.0, WANDER)]
         strays = () if self.slopes else self.mains
         return replace(
@@ -123,7 +130,7 @@ class SineColumns:
 
 
 def sine_columns(time: Floats, frequency: float) -> SineColumns:
-    """The columns of a fit at times (n,) [s] that were checked, with those of the mains that can be told apart.
+    """Columns of a fit at times (n,) [s], with those of the mains that can be told from the drive.
 
     Raises:
         EstimateError: the times do not determine the sine.
@@ -134,7 +141,7 @@ def sine_columns(time: Floats, frequency: float) -> SineColumns:
 
 
 def columns_at(basis: SineColumns, mains: Sequence[float]) -> SineColumns:
-    """The same with the mains at other frequencies [Hz]."""
+    """The same columns with the mains at other frequencies [Hz]."""
     found = _factored(basis.time, basis.frequency, mains, basis.slopes, basis.middle)
     return replace(found, hum=basis.hum, strays=basis.strays, kept=basis.kept)
 
@@ -164,8 +171,9 @@ def _columns(time: Floats, frequency: float) -> SineColumns:
 
 
 def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes: bool, middle: float) -> SineColumns:
-    # The factors give each column an rms near 1 for many cycles. They are fixed: a column scaled by its
-    # own norm would hide a cosine sampled at its zeros.
+    # Over many cycles the factors give each column an rms near 1. They are fixed, because a column scaled by its own
+    # norm
+    # would hide a cosine that was sampled at its zeros.
     pairs = [_pair(centred, each) for each in mains]
     straight = [np.ones_like(centred)[:, np.newaxis], centred[:, np.newaxis]]
     sloping = [centred[:, np.newaxis] * pair for pair in pairs] if slopes else []
@@ -178,6 +186,6 @@ def _factored(centred: Floats, frequency: float, mains: Sequence[float], slopes:
 
 
 def _pair(time: Floats, frequency: float) -> Floats:
-    """Cosine and sine, (n, 2)."""
+    """Cosine and sine at times (n,): an array (n, 2)."""
     angle = 2 * np.pi * frequency * time
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,12 +1,12 @@
-"""Tables of the thesis, as printed and as repaired: what models and procedures are held against.
+"""Tables of the thesis, as printed and as repaired. Models and procedures are compared with them.
 
     read_table("A2.1").values("force_rigid_N")      # repaired, [N]
     read_table("A2.1").columns["force_rigid_N"][14].printed
     contents()["Figure 4.13"].shows                 # every table and figure of the thesis, by its number
 
-`table_*.csv` hold what is printed; where the scan is not readable, what it must be. `repairs.csv` holds each cell
-that is doubtful: as printed, its best value, and why. `contents.csv` lists every numbered table and figure: what it
-shows, and which part of palpate stands beside it.
+`table_*.csv` hold the printed numbers, and where the scan is not readable, the numbers that must have been printed.
+`repairs.csv` holds each doubtful cell: the printed number, its best value and the reason. `contents.csv` lists every
+numbered table and figure, with the part of palpate that belongs to it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from palpate.instrument.errors import UnknownName
 
 Array = NDArray[np.float64]
 
-# What palpate has beside a table or figure: the table cell by cell, a drawing from data, a part of palpate that is what
-# a schematic, photograph or definition shows, or nothing.
+# What palpate has for a table or figure: the table cell by cell, a drawing from data, a part of palpate that is the
+# thing which a schematic, photograph or definition shows, or nothing.
 Ours = Literal["compared", "drawn", "part", "none"]
 
 MODULUS, LOAD = "sensed_modulus_Pa", "load_nominal_N"
@@ -39,9 +39,9 @@ class Cell:
     """A number of a table.
 
     Attributes:
-        printed: as the page has it.
-        value: the best there is: what is printed, or repaired.
-        reason: for the repair; empty where what is printed stands.
+        printed: the text on the page.
+        value: the best value: the printed or the repaired one.
+        reason: reason of the repair; empty where the printed value holds.
     """
 
     printed: str
@@ -54,12 +54,12 @@ class Table:
     """A table of the thesis.
 
     Attributes:
-        number: in the thesis.
-        title: what it holds, in our words.
-        key: name of the column that says which row it is.
+        number: number of the table in the thesis.
+        title: content of the table, in our words.
+        key: name of the column that names the rows.
         rows: that column, as printed.
-        columns: name, which ends in its unit, -> cells by row. Units are SI but for percent.
-        doubt: about the table as a whole; empty where there is none.
+        columns: cells of each other column by its name, which ends in the unit. Units are SI except for percent.
+        doubt: what is doubtful about the table as a whole; empty where nothing is.
     """
 
     number: str
@@ -70,15 +70,15 @@ class Table:
     doubt: str = ""
 
     def keys(self) -> Array:
-        """The rows' key as numbers."""
+        """Key of each row as a number."""
         return np.array([float(row) for row in self.rows])
 
     def values(self, column: str) -> Array:
-        """Best values of a column, by row."""
+        """Best values of a column, one for each row."""
         return np.array([cell.value for cell in self.columns[column]])
 
     def repaired(self) -> list[tuple[str, str, Cell]]:
-        """Row, column and cell of every repair."""
+        """Row, column and cell of each repaired cell."""
         return [
             (row, column, cell)
             for column, cells in self.columns.items()
@@ -113,7 +113,7 @@ def _powers(number: str) -> str:
     return f"powers of ten of the moduli are not readable; they are those of Table {number}"
 
 
-# Number -> title, key, doubt.
+# Title, key and doubt of each table by its number.
 _TABLES: Mapping[str, tuple[str, str, str]] = MappingProxyType(
     {
         "4.1": (f"{SINGLE}, ring 24 kPa", MODULUS, ""),
@@ -186,7 +186,7 @@ def read_table(number: str) -> Table:
     """The table of that number.
 
     Raises:
-        UnknownName: no such table here.
+        UnknownName: there is no such table.
     """
     if number not in _TABLES:
         raise UnknownName("table of the thesis", number, TABLES)
@@ -211,10 +211,10 @@ class Content:
 
     Attributes:
         number: such as "Table 4.2" or "Figure 4.13".
-        section: where it stands, or is cited.
-        shows: in our words.
-        ours: what palpate has beside it.
-        part: which model, command, design or module that is; of `none`, why there is none.
+        section: section that holds or cites it.
+        shows: what it shows, in our words.
+        ours: what palpate has for it (see `Ours`).
+        part: the model, command, design or module of palpate; where there is none, the reason.
         doubt: what is wrong or lost in the thesis or its scan; empty where nothing is.
     """
 
@@ -228,7 +228,7 @@ class Content:
 
 @cache
 def contents() -> Mapping[str, Content]:
-    """Every numbered table and figure by its number, in the order of the thesis; also those that it only announces."""
+    """Every numbered table and figure by its number, in the order of the thesis; also those only announced."""
     listed = {}
     for row in _read("contents.csv"):
         number, ours = row["number"], row["ours"]
@@ -240,14 +240,14 @@ def contents() -> Mapping[str, Content]:
 
 @dataclass(frozen=True, slots=True)
 class ProgramLine:
-    """A line of the program of Appendix A2.1 that is not to be taken as it stands.
+    """A line of the program of Appendix A2.1 that is damaged or wrong.
 
     Attributes:
-        line: of the listing, counted without blank ones.
-        kind: "scan": damaged characters; "slip": the program's own mistake.
-        printed: as the scan has it, what is damaged of it.
-        repaired: as it must be; of a slip, what model "beam" has in its place.
-        why: one line.
+        line: number of the line in the listing, without blank lines.
+        kind: "scan": characters are damaged; "slip": the program itself is wrong.
+        printed: the damaged or wrong part, as the scan has it.
+        repaired: the repaired text; for a slip, what model "beam" does instead.
+        why: the reason, in one line.
     """
 
     line: int
@@ -259,7 +259,7 @@ class ProgramLine:
 
 @cache
 def program_lines() -> tuple[ProgramLine, ...]:
-    """Damaged lines first, then slips, each by the line."""
+    """Damaged lines, then slips, each in the order of the listing."""
     return tuple(
         ProgramLine(int(row["line"]), row["kind"], row["printed"], row["repaired"], row["why"])
         for row in _read("program_A2_1.csv")

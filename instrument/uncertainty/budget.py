@@ -1,4 +1,4 @@
-"""Uncertainty budget of a result, after the GUM (JCGM 100): what each input adds, and what they make together.
+"""Uncertainty budget of a result, after the GUM (JCGM 100).
 
     budget = Budget("load", 2.98, "N", (
         Component("calibration", u=0.004, degrees_of_freedom=5),
@@ -6,7 +6,7 @@
     ))
     budget.u, budget.expanded(), budget.rows()
 
-`uncertainty/propagation.py` makes one from a function of its inputs, and looks whether a linear budget is good enough.
+`propagate` makes a budget from a function of its inputs, and checks whether a linear budget is good enough.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Kind = Literal["A", "B"]
 
 COVERAGE = 0.95
 INDEFINITE = 1e-9
-"""How far below zero an eigenvalue of a correlation matrix may lie: coefficients are given to nine digits at most."""
+"""How far below zero an eigenvalue of a correlation matrix may be, since coefficients have nine digits at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class Component:
     Args:
         name: what is uncertain, such as "calibration".
         u: standard uncertainty of the input, in the input's own unit.
-        sensitivity: change of the result for a change of the input, result's unit over input's.
-        degrees_of_freedom: of `u`, above 0; infinite where it is known.
+        sensitivity: change of the result over change of the input, in the result's unit over the input's.
+        degrees_of_freedom: degrees of freedom of `u`, above 0; infinite where it is known exactly.
         kind: "A" from repeats, "B" from anything else.
     """
 
@@ -62,23 +62,23 @@ class Component:
 
     @property
     def contribution(self) -> float:
-        """What it adds to the result, with its sign, in the result's unit."""
+        """Uncertainty that it adds to the result, with the sign of its sensitivity, in the result's unit."""
         return self.sensitivity * self.u
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """A result with all that is uncertain in it.
+    """A result with its uncertain inputs.
 
     Args:
-        quantity, unit: what the result is, for people.
-        value: in `unit`.
-        components: each of another name.
-        correlations: coefficients between the inputs of two names, −1 to 1; pairs that are absent are independent.
+        quantity, unit: name and unit of the result, for people.
+        value: value in `unit`.
+        components: the uncertain inputs, each with a name of its own.
+        correlations: correlation coefficients of two inputs by their names, −1 to 1; all other pairs are independent.
 
     Raises:
-        EstimateError: a value that is not finite, two components of one name, a correlation of unknown names, or
-            coefficients that cannot be true together.
+        EstimateError: a value is not finite, two components share a name, a correlation names an unknown input, or the
+            coefficients cannot hold together.
     """
 
     quantity: str
@@ -99,10 +99,9 @@ class Budget:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Effective ones, by Welch and Satterthwaite (JCGM 100, G.4.1).
+        """Effective degrees of freedom, by Welch and Satterthwaite (JCGM 100, G.4.1).
 
-        Correlated inputs count as one, with the fewest degrees of freedom among them: what was estimated together
-        has them all together.
+        Correlated inputs count as one input, with the fewest degrees of freedom among them.
         """
         total = self.u
         if total == 0:
@@ -115,7 +114,7 @@ class Budget:
         return 1 / spent if spent > 0 else math.inf
 
     def expanded(self, coverage: float = COVERAGE) -> float:
-        """Half the width of the interval that covers the value with this probability."""
+        """Expanded uncertainty: half the width of the interval that covers the value with this probability."""
         return coverage_factor(self.degrees_of_freedom, coverage) * self.u
 
     def interval(self, coverage: float = COVERAGE) -> tuple[float, float]:
@@ -123,10 +122,10 @@ class Budget:
         return self.value - half, self.value + half
 
     def rows(self) -> list[dict[str, Any]]:
-        """One for each component, for a table or JSON.
+        """One row for each component, for a table or JSON.
 
-        `share` is that of the variance, correlations with the others counted half to each: shares add up to 1, and one
-        may be negative, where a correlation takes more away than its input adds.
+        `share` is the component's share of the variance. Half of what a correlation adds counts for each of its two
+        inputs. Shares add up to 1; a share is negative where a correlation takes away more than the input adds.
         """
         contributions, factor = self._contributions(), self._factor()
         total = self.u
@@ -146,7 +145,7 @@ class Budget:
         ]
 
     def summary(self) -> dict[str, Any]:
-        """Everything, for JSON; no degrees of freedom stands for infinitely many."""
+        """The whole budget as JSON has it; None stands for infinitely many degrees of freedom."""
         known = self.degrees_of_freedom
         return {
             "quantity": self.quantity,
@@ -168,10 +167,10 @@ class Budget:
 
 
 def coverage_factor(degrees_of_freedom: float, coverage: float = COVERAGE) -> float:
-    """Student's t for a two-sided interval; degrees of freedom need not be whole.
+    """Student's factor for a two-sided interval. Degrees of freedom need not be whole.
 
     Raises:
-        EstimateError: degrees of freedom not above 0, or a coverage not between 0 and 1.
+        EstimateError: the degrees of freedom are not above 0, or the coverage is not between 0 and 1.
     """
     from scipy.special import ndtri, stdtrit
 
@@ -182,13 +181,13 @@ def coverage_factor(degrees_of_freedom: float, coverage: float = COVERAGE) -> fl
 
 
 def correlation_factor(names: Sequence[str], correlations: Correlations) -> Floats:
-    """F, (n, n), with F Fᵀ the matrix of correlations.
+    """Matrix F (n, n) for which F Fᵀ is the matrix of correlations.
 
-    By eigenvalues, of which those that are zero but for round-off are left out: sums of squares and products would
-    leave 1e-8 of inputs that cancel.
+    It is found by eigenvalues; eigenvalues that are zero except for round-off are left out. Sums of squares and
+    products instead would leave 1e-8 where inputs cancel.
 
     Raises:
-        EstimateError: two equal names, an unknown one, or coefficients that cannot be true together.
+        EstimateError: two names are equal, a name is unknown, or the coefficients cannot hold together.
     """
     place = {name: i for i, name in enumerate(names)}
     if len(place) < len(names):
@@ -213,7 +212,10 @@ def correlation_factor(names: Sequence[str], correlations: Correlations) -> Floa
 
 
 def groups(names: Sequence[str], correlations: Correlations) -> list[list[int]]:
-    """Numbers of the inputs that hang together by correlations; an independent one is a group of its own."""
+    """Groups of inputs that correlations connect, as lists of their numbers.
+
+    An independent input is a group of its own.
+    """
     found = [{name} for name in names]
     for pair, coefficient in correlations.items():
         if coefficient != 0:

@@ -1,4 +1,4 @@
-"""Least-squares polynomial through readings at known loads: what a calibration interpolates with."""
+"""Least-squares polynomial through readings at known loads, as calibrations use it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ import numpy.typing as npt
 from palpate.instrument.errors import EstimateError
 
 SIGNIFICANCE = 0.01
-"""Of the tests: of a hundred straight cells one is taken for a curved one, or its scatter for more than known."""
+"""Significance of the tests.
+
+One of a hundred straight cells is taken for curved, and one of a hundred cells for noisier than it is.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +22,11 @@ class Interpolation:
     """`reading = c0 + c1·load + c2·load²` up to its degree.
 
     Args:
-        coefficients: (degree + 1,), from the constant on; reading per N to the power.
-        covariance: (degree + 1, degree + 1), of the coefficients.
-        by_scatter: whether the covariance is by the residuals, not by what was known of a reading before.
-        residual_sd: of the readings about the curve.
-        degrees_of_freedom: of `residual_sd`, points less coefficients.
+        coefficients: (degree + 1,), from the constant term on; the indicator's unit per N to the power.
+        covariance: (degree + 1, degree + 1), covariance of the coefficients.
+        by_scatter: whether the covariance comes from the residuals instead of from `reading_u`.
+        residual_sd: standard deviation of the readings about the curve.
+        degrees_of_freedom: degrees of freedom of `residual_sd`: points less coefficients.
     """
 
     coefficients: npt.NDArray[np.float64]
@@ -33,7 +36,7 @@ class Interpolation:
     by_scatter: bool
 
     def reading(self, load: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """At loads in N, of their shape."""
+        """Readings at loads [N], an array of the loads' shape."""
         at = np.polynomial.polynomial.polyval(np.asarray(load, dtype=np.float64), self.coefficients)
         return np.asarray(at, dtype=np.float64)
 
@@ -41,19 +44,20 @@ class Interpolation:
 def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, degree: int = 1) -> Interpolation:
     """Least-squares polynomial of degree 1 or 2.
 
-    By QR of centred and scaled loads, so that a large load or reading offset costs no digits (normal equations of the
-    plain columns were seen 1.4 N off [M]).
+    It is fitted by QR of centred and scaled loads, so that a large offset of load or reading costs no digits (normal
+    equations of the plain columns were 1.4 N off [M]).
 
     Args:
         load: (n,) N.
         reading: (n,) in the indicator's unit.
-        reading_u: standard uncertainty of a reading, such as resolution/√12. The residuals stand for it where they
-            are more than chance makes of it (χ² test): few loads tell little of the scatter, and a series in which
-            each reading rounds the same way every time shows less scatter than error.
+        reading_u: standard uncertainty of a reading, such as resolution/√12. The residuals replace it only where they
+            are greater than chance explains (χ² test). Few loads tell little of the scatter, and where each reading
+            rounds the same way every time, the scatter is smaller than the error.
+        degree: 1 or 2.
 
     Raises:
-        EstimateError: shapes that differ, values that are not finite, fewer distinct loads than coefficients and
-            one, a negative `reading_u`.
+        EstimateError: the shapes differ, a value is not finite, there are not more distinct loads than coefficients, or
+            `reading_u` is negative.
     """
     x = np.asarray(load, dtype=np.float64)
     y = np.asarray(reading, dtype=np.float64)
@@ -89,12 +93,12 @@ def interpolate(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float, d
 
 
 def best_degree(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float) -> int:
-    """2 where a second degree takes away more of the scatter than chance does (F-test), else 1.
+    """Degree of the polynomial: 2 where the second degree lowers the scatter by more than chance does (F-test), else 1.
 
-    Scatter below `reading_u` counts as `reading_u`: what is left of rounding has no shape.
+    Scatter below `reading_u` counts as `reading_u`, because errors of rounding have no shape.
 
     Raises:
-        EstimateError: as `interpolate` of degree 1.
+        EstimateError: as in `interpolate` with degree 1.
     """
     line = interpolate(load, reading, reading_u)
     if np.unique(np.asarray(load)).size < 4:
@@ -109,7 +113,7 @@ def best_degree(load: npt.ArrayLike, reading: npt.ArrayLike, reading_u: float) -
 
 
 def _powers(centre: float, scale: float, degree: int) -> npt.NDArray[np.float64]:
-    """From coefficients of powers of (load − centre)/scale to those of powers of load."""
+    """Matrix that turns coefficients of powers of (load − centre)/scale into coefficients of powers of the load."""
     matrix = np.zeros((degree + 1, degree + 1))
     for power in range(degree + 1):
         for own in range(power + 1):

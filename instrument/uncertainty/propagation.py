@@ -1,11 +1,11 @@
-"""Uncertainty of a result that is a function of uncertain inputs: linear where that holds, else by Monte Carlo.
+"""Uncertainty of a function of uncertain inputs: by a linear budget where that holds, else by Monte Carlo.
 
     found = propagate("force", "N", lambda v, s: v / s, (Input("voltage", 0.2, 1e-3), Input("sensitivity", 0.07, 2e-3)),
                       seed=1)
     found.u, found.low, found.high, found.method, found.why
 
-Linear is the GUM (JCGM 100). Monte Carlo is JCGM 101, with a fixed number of trials; its clause 8 decides whether the
-linear interval agrees.
+The linear budget follows the GUM (JCGM 100). Monte Carlo follows JCGM 101, with a fixed number of trials; clause 8
+there decides whether the linear interval agrees.
 """
 
 from __future__ import annotations
@@ -36,22 +36,23 @@ Shape = Literal["normal", "rectangular"]
 LINEAR, MONTE_CARLO = "linear", "Monte Carlo"
 TRIALS = 100_000
 AGREEMENT = 0.05
-"""Of a standard uncertainty, by which the ends of two intervals may differ: half a unit of its second digit at 10.
+"""Greatest difference of two intervals' ends that still agree, in standard uncertainties.
 
-JCGM 101 takes half a unit of the last digit that is stated; this one does not change with the unit of the result.
+It is half a unit of the second digit where the uncertainty begins with 10. JCGM 101 takes half a unit of the last
+stated digit; this limit does not change with the unit of the result.
 """
-SEEN = 2.0  # standard uncertainties, to which curvature is looked for
-MOSTLY = 0.5  # of the variance: from there on one rectangular input shows in the interval
-MANY = 1e4  # degrees of freedom, from which on a t is as good as normal
-COARSE = 1024  # steps of a float64 that a difference spans at least
-ROUND_OFF = 64.0  # steps of a float64 that a function's result may be off
+SEEN = 2.0  # standard uncertainties within which curvature is looked for
+MOSTLY = 0.5  # of the variance: a rectangular input that holds more shows in the interval
+MANY = 1e4  # degrees of freedom above which Student's t counts as normal
+COARSE = 1024  # least number of steps of a float64 that a difference spans
+ROUND_OFF = 64.0  # steps of a float64 by which a function's result may be off
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """An uncertain input: its best estimate, standard uncertainty, and the distribution that stands for it.
+    """An uncertain input: its best estimate, its standard uncertainty and its distribution.
 
-    Finite degrees of freedom make a normal one a scaled Student's t (JCGM 101, 6.4.9).
+    A normal distribution with finite degrees of freedom is a scaled Student's t (JCGM 101, 6.4.9).
     """
 
     name: str
@@ -64,7 +65,7 @@ class Input:
     def __post_init__(self) -> None:
         if not math.isfinite(self.value):
             raise EstimateError(f"{self.name} is {self.value}: an input must be finite")
-        Component(self.name, self.u, 1.0, self.degrees_of_freedom)  # refuses what makes no budget
+        Component(self.name, self.u, 1.0, self.degrees_of_freedom)  # raises where the input is invalid
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +73,12 @@ class Propagated:
     """A result with its interval.
 
     Attributes:
-        value: of the function at the estimates; by Monte Carlo the mean.
+        value: the function at the estimates; by Monte Carlo the mean of the trials.
         u: standard uncertainty.
         low, high: ends of the 95 % interval.
         method: "linear" or "Monte Carlo".
-        why: that method, in a sentence.
-        budget: the linear one, for its components, whatever the method.
+        why: one sentence that says why this method was used.
+        budget: the linear budget, by any method, for its components.
     """
 
     value: float
@@ -89,7 +90,7 @@ class Propagated:
     budget: Budget
 
     def summary(self) -> dict[str, Any]:
-        """For JSON."""
+        """The result as JSON has it."""
         own = {"value": self.value, "u": self.u, "low": self.low, "high": self.high}
         return {**own, "method": self.method, "why": self.why, "budget": self.budget.summary()}
 
@@ -113,7 +114,7 @@ class _Problem:
         return np.array([each.u for each in self.inputs])[:, np.newaxis]
 
     def at(self, points: Floats) -> Floats:
-        """The function at points (inputs, n)."""
+        """Values (n,) of the function at points (inputs, n)."""
         with np.errstate(all="ignore"):
             found = np.asarray(self.function(*points), dtype=np.float64)
         found = np.broadcast_to(found, points.shape[1:]) if found.ndim == 0 else found
@@ -135,20 +136,23 @@ def propagate(
 ) -> Propagated:
     """Value, uncertainty and 95 % interval of a function of uncertain inputs.
 
-    Without a method, the function is looked at within two standard uncertainties. Where it departs from a straight
-    line by less than 0.05 of the result's, and no rectangular input holds most of the variance, linear is enough. Else
-    100,000 trials are drawn, and the linear result stands if its interval agrees with theirs.
+    If no method is given, the function is first examined within two standard uncertainties of the inputs. The linear
+    budget is used where the function departs from a straight line by less than 0.05 standard uncertainties of the
+    result and no rectangular input holds most of the variance. Otherwise 100,000 trials are drawn, and the linear
+    result is used only if its interval agrees with theirs.
 
     Args:
-        function: of arrays (n,), one for each input, to an array (n,).
-        correlations: coefficients between inputs, by names.
-        seed: of the trials.
-        sensitivities: derivatives by each input, if they are known; else by differences over ± u.
-        method: "linear" or "Monte Carlo", to have just that.
+        quantity, unit: name and unit of the result, for people.
+        function: function of a mapping from input names to arrays (n,); it returns an array (n,).
+        inputs: the uncertain inputs.
+        correlations: correlation coefficients between inputs, by their names.
+        seed: seed of the trials.
+        sensitivities: derivatives by each input where they are known; else they are found by differences.
+        method: "linear" or "Monte Carlo"; None: the better one.
 
     Raises:
-        EstimateError: an input that is not finite, an unknown method, correlated rectangular inputs, or a function
-            that is not finite at the estimates or somewhere in their distributions.
+        EstimateError: an input is not finite, the method is unknown, rectangular inputs are correlated, or the function
+            is not finite at the estimates or somewhere in the distributions.
     """
     problem = _Problem(function, tuple(inputs), correlations or {})
     if method not in (None, LINEAR, MONTE_CARLO):
@@ -183,10 +187,11 @@ def _linear(problem: _Problem, quantity: str, unit: str, sensitivities: Sequence
 
 
 def _slopes(problem: _Problem) -> Floats:
-    """Over ± u and ± u/2, extrapolated; where u is lost in the digits of the estimate, over a thousand of their steps.
+    """Derivatives by each input, from differences over ± u and ± u/2 that are extrapolated.
 
-    The step is what the rounded points are really apart, not what was added to them. Over ± u alone (JCGM 100, 5.1.3)
-    inputs that cancel would leave the square of their uncertainty behind.
+    Where u is lost in the digits of the estimate, the difference spans a thousand steps of a float64. The step is the
+    real distance of the rounded points. Differences over ± u alone (JCGM 100, 5.1.3) would leave an error of the square
+    of u where inputs cancel.
     """
     values = problem.values
     steps = np.where(problem.u > 0, np.maximum(problem.u, COARSE * np.spacing(np.abs(values))), 0.0)[:, 0]
@@ -208,7 +213,9 @@ def _slopes(problem: _Problem) -> Floats:
 
 
 def _curvature(problem: _Problem, budget: Budget) -> float:
-    """Greatest departure from a straight line within two standard uncertainties along and between the inputs, in u."""
+    """Greatest departure from a straight line, in standard uncertainties of the result.
+
+    It is looked for within two standard uncertainties of each input and of pairs of inputs."""
     factor = problem.u * correlation_factor(problem.names, problem.correlations)
     axes = np.concatenate([factor, -factor], axis=1)
     corners = (axes[:, :, np.newaxis] + axes[:, np.newaxis, :]).reshape(len(factor), -1) / math.sqrt(2)
@@ -238,7 +245,7 @@ def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propa
             " interval; measure them better, or give a bound"
         )
     ends = TRIALS * np.array([(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
-    sure = 3 * math.sqrt(ends[0] * (1 + COVERAGE) / 2)  # how far the number of trials lets an end wander
+    sure = 3 * math.sqrt(ends[0] * (1 + COVERAGE) / 2)  # what chance may move an end of the trials' interval
     below, above = (found[np.clip(np.rint(ends + side * sure), 0, TRIALS - 1).astype(int)] for side in (-1, 1))
     linear = np.array(budget.interval())
     apart = float(np.maximum(np.maximum(below - linear, linear - above), 0.0).max())
@@ -246,7 +253,8 @@ def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propa
         return _of_budget(budget, f"{because}; but {TRIALS} trials give the same interval (JCGM 101, 8)")
     low, high = found[np.rint(ends).astype(int)]
     heavy = min((i.degrees_of_freedom for i in problem.inputs if i.u > 0), default=math.inf) <= 2
-    # A t of 2 degrees of freedom or fewer has no standard deviation: the middle 68.27 % stand for it.
+    # Student's t of 2 degrees of freedom or fewer has no standard deviation; half the width of the middle 68.27 %
+    # replaces it.
     middle = found[np.rint(TRIALS * np.array([0.158655, 0.5, 0.841345])).astype(int)]
     return Propagated(
         value=float(middle[1] if heavy else found.mean()),
@@ -260,7 +268,7 @@ def _trials(problem: _Problem, budget: Budget, seed: int, because: str) -> Propa
 
 
 def _draw(problem: _Problem, generator: np.random.Generator) -> Floats:
-    """(inputs, TRIALS) values of the inputs."""
+    """Random values (inputs, TRIALS) of the inputs."""
     drawn = generator.standard_normal((len(problem.inputs), TRIALS))
     if problem.correlations:
         drawn = correlation_factor(problem.names, problem.correlations) @ drawn

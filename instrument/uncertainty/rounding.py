@@ -1,10 +1,11 @@
-"""What rounding to the steps of a display leaves in a mean of readings, given the noise that dithers it.
+"""Error that a display's rounding leaves in a mean of readings, where noise dithers the rounding.
 
-A reading of noise σ is rounded to steps q. Over all positions between two steps the mean of many readings is off by
+A reading with noise σ is rounded to steps q. Averaged over all positions between two steps, the mean of many readings
+is off by
 
     B(σ)² = q² Σ exp(−4 π² k² σ²/q²) / (2 π² k²), k = 1, 2, …
 
-which is q²/12 without noise and gone at σ = q (Fourier series of the quantiser's error; Widrow and Kollár,
+This is q²/12 without noise, and practically zero at σ = q (Fourier series of the quantiser's error; Widrow and Kollár,
 Quantization Noise, 2008). The readings themselves scatter by s² = σ² + q²/12 − B².
 """
 
@@ -15,10 +16,10 @@ import math
 import numpy as np
 
 LEAST_DITHER = 0.2
-"""Of a step: less noise shows in so few readings that it is taken for none."""
+"""Least noise, as a share of a step, that is told apart from none: less shows in too few readings."""
 
 SETTLED = 1e-12
-"""Change of the noise, against itself, that ends the search for it."""
+"""Relative change of the noise that ends the search for it."""
 
 _HARMONICS = np.arange(1, 201)
 _EXPONENTS = -4 * np.pi**2 * _HARMONICS**2
@@ -26,9 +27,9 @@ _WITHOUT_NOISE = float(np.sum(1 / (2 * np.pi**2 * _HARMONICS**2)))
 
 
 def mean_u(scatter: float, step: float, count: int) -> float:
-    """Standard uncertainty of the mean of `count` readings that scatter by `scatter` about their mean.
+    """Standard uncertainty of the mean of `count` readings whose standard deviation is `scatter`.
 
-    All in one unit; for a single reading that noise dithers it is √(σ² + step²/12).
+    All are in one unit. For a single reading that noise dithers it is √(σ² + step²/12).
     """
     bias = _bias(_noise(scatter / step))
     return step * math.sqrt(bias + (scatter / step) ** 2 / count)
@@ -41,10 +42,10 @@ def _bias(noise: float) -> float:
 
 
 def _noise(scatter: float) -> float:
-    """σ/q for s/q, which rises with it; 0 below `LEAST_DITHER`.
+    """σ/q for s/q; 0 below `LEAST_DITHER`.
 
-    By Newton's method: s² is convex in σ, so from σ = s it comes down to the root and never past it. (`brentq` takes
-    as long, and 0.3 s to import.)
+    It is found by Newton's method. s² is convex in σ, so the search begins at σ = s and comes down to the root without
+    passing it. (`brentq` takes as long, and 0.3 s to import.)
     """
     if _excess(LEAST_DITHER, scatter) >= 0:
         return 0.0
@@ -57,5 +58,5 @@ def _noise(scatter: float) -> float:
 
 
 def _excess(noise: float, scatter: float) -> float:
-    """Square of the scatter that noise makes less that of the scatter, in q²."""
+    """Square of the scatter that this noise would give, less the square of the given scatter, in q²."""
     return noise**2 + 1 / 12 - _bias(noise) - scatter**2

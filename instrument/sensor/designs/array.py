@@ -1,4 +1,4 @@
-"""Ten to twenty teeth on one base, in a regular pattern: the grasper of section 3.2 of the thesis."""
+"""Ten to twenty teeth on one base, in a regular pattern: the grasper that section 3.2 of the thesis proposes."""
 
 from __future__ import annotations
 
