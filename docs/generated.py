@@ -5,18 +5,25 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, get_args
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from sphinx.application import Sphinx
 
+from palpate.instrument import errors as palpate_errors
+from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.export import registers
-from palpate.instrument.quantity import Unit
+from palpate.instrument.quantity import Unit, show
+from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault
-from palpate.simulators.scenes.scene import read_scene, shipped
+from palpate.simulators.scenes.scene import SceneFile, read_scene, shipped
 
 PLACE = re.compile(r"^<!-- generated: (\w+) -->$", flags=re.MULTILINE)
 
@@ -57,11 +64,51 @@ def faults() -> str:
     return _table(("kind", "what it does", "on", "own parameters"), rows)
 
 
+def designs() -> str:
+    """The sensor designs."""
+    rows = []
+    for name, design in DESIGNS.items():
+        films = f"{len(design.films)}: `{design.films[0].name}` to `{design.films[-1].name}`"
+        rows.append((f"`{name}`", str(len(design.teeth)), films, f"{design.ratio_scatter:.1%}", design.source))
+    return _table(("design", "teeth", "films", "scatter of the force ratio", "source"), rows)
+
+
+def samples() -> str:
+    """The rubber samples."""
+    rows = [(f"`{s.name}`", s.material, show(s.modulus, "Pa"), s.source) for s in SAMPLES.values()]
+    return _table(("sample", "material", "Young modulus", "source"), rows)
+
+
+def file_of(model: type[BaseModel]) -> str:
+    """A table of keys for the top of a configuration file, then one for each of its sections."""
+    sections = {name: found for name, field in model.model_fields.items() if (found := _section(field.annotation))}
+    own = {name: field for name, field in model.model_fields.items() if name not in sections}
+    parts = [_table(("key", "default"), [(f"`{name}`", _default(field)) for name, field in own.items()])]
+    for name, section in sections.items():
+        optional = "" if model.model_fields[name].is_required() else " (may be left out)"
+        rows = [(f"`{key}`", _default(field)) for key, field in section.model_fields.items()]
+        about = " ".join(inspect.cleandoc(section.__doc__ or "").split())
+        parts += [f"`[{name}]`{optional}: {about}", _table(("key", "default"), rows)]
+    return "\n\n".join(parts)
+
+
+def errors() -> str:
+    """The tree of errors, as their module draws it."""
+    tree = inspect.cleandoc(palpate_errors.__doc__ or "").split("\n\n")[1]
+    return f"```\n{inspect.cleandoc(tree)}\n```"
+
+
 GENERATED: Mapping[str, Callable[[], str]] = {
     "registers": register_maps,
     "scenes": scenes,
     "effects": effects,
     "faults": faults,
+    "designs": designs,
+    "samples": samples,
+    "bench_file": partial(file_of, BenchDescription),
+    "scene_file": partial(file_of, SceneFile),
+    "study_file": partial(file_of, StudyFile),
+    "errors": errors,
 }
 
 
@@ -81,11 +128,22 @@ def _parameters(fields: Mapping[str, FieldInfo]) -> str:
 
 
 def _default(field: FieldInfo) -> str:
-    """The default as a scene file would say it; None stands for what follows from the rest."""
+    """The default as a file would say it."""
+    if field.is_required():
+        return "must be given"
+    default = field.get_default(call_default_factory=True)
+    if default is None or default == {}:
+        return "left out"
     units = [mark.unit for mark in field.metadata if isinstance(mark, Unit)]
-    if field.default is None:
-        return "by the rest"
-    return f"`{field.default:g} {units[0]}`" if units else f"`{field.default}`"
+    return f"`{default:g} {units[0]}`" if units else f"`{default}`"
+
+
+def _section(annotation: object) -> type[BaseModel] | None:
+    """The model of a key that is a section of a file."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+    return None
 
 
 def _listed(names: Iterable[str]) -> str:
