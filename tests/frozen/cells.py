@@ -1,0 +1,127 @@
+"""What is frozen: lines for the command line by name, each list done in an empty folder of its own.
+
+`old/` is copied into the folder of a cell whose lines name it.
+"""
+
+from __future__ import annotations
+
+Lines = tuple[str, ...]
+
+SCENES = (
+    "array_16",
+    "everything",
+    "humid_body",
+    "ideal",
+    "long_drift",
+    "noisy_lab",
+    "overdriven",
+    "thesis_common_base",
+    "thesis_different_base",
+    "thesis_single",
+)
+# With the smallest settings that reach every part of a procedure.
+PROCEDURES = {
+    "sweep loads": "--samples 1,2 --loads '2 N, 3 N' --budget",
+    "sweep position": "--positions '6 mm, 14 mm'",
+    "sweep frequency": "--frequencies '2 Hz, 10 Hz, 20 Hz'",
+    "sweep temperature": "--temperatures '0 K, 5 K, 15 K' --soak '1 min'",
+    "calibrate load-cell": "--loads '140 gf:740 gf:200 gf' --runs 2 --positions 0,120 --creep --budget",
+    "calibrate films": "--loads '2 N, 3 N, 4 N' --budget",
+    "test modulus": "--sample 1 --steps 4 --extrapolate --budget",
+    "softness": "--samples 1,2 --loads '2 N, 3 N' --budget",
+    "characterise": "--loads '2 N, 2.5 N, 3 N' --drift-time '10 s' --budget",
+}
+PLANNED = ("sweep loads", "sweep position", "sweep frequency", "sweep temperature")
+NO_EXPERIMENT = {"array_16": " --model column"}  # softness: the thesis measured no array, and its solid takes minutes
+
+SMALL_SWEEP = "sweep loads --samples 1 --loads '2 N' --out run --json"
+RATIO = "--sensed-modulus '30 kPa, 100 kPa' --json"
+OTHERS: dict[str, Lines] = {
+    "accuracy": ("accuracy --json",),
+    "accuracy dwell": ("accuracy dwell --dwell '0.5 s, 1 s' --estimator 'least squares' --json",),
+    "accuracy models": ("accuracy models --json",),
+    "accuracy validation": ("accuracy validation --json", "accuracy validation --what-if --json"),
+    "accuracy surfaces": ("accuracy surfaces --json",),
+    "accuracy integrators": ("accuracy integrators --json",),
+    "bus": (
+        f"{SMALL_SWEEP} --log log.pcapng",
+        "bus show log.pcapng --json",
+        "bus replay log.pcapng --out again --json",
+    ),
+    "contracts export": ("contracts export --to maps --json",),
+    "model ratio": tuple(
+        f"model ratio --design {design} --model {model} {RATIO}"
+        for design, model in (
+            ("single", "column"),
+            ("single", "column_fitted"),
+            ("single", "beam"),
+            ("single", "beam_exact"),
+            ("single", "beam_printed"),
+            ("single", "experiment"),
+            ("single", "surface"),
+            ("single_round", "axisymmetric"),
+            ("common_base", "auto"),
+            ("different_base", "surface"),
+            ("array", "surface"),
+        )
+    ),
+    "model ratio solid": (f"model ratio --design single --model solid --tolerance 2e-2 {RATIO}",),
+    "model modulus": ("model modulus --force-ratio '0.31, 0.99' --json",),
+    "model shear": ("model shear --json",),
+    "model plot": ("model plot --sensed-modulus '24 kPa, 100 kPa' --out plot.png --json",),
+    "reproduce": ("reproduce --out page --json",),
+    "reproduce models": ("reproduce models --out page --json",),
+    "runs": (
+        SMALL_SWEEP,
+        "runs list --out . --json",
+        "runs check run --json",
+        "runs repair run --out mended --json",
+        "runs show mended --json",
+        "runs export run --json",
+    ),
+    "scene list": ("scene list --json",),
+    "scene plot": ("scene plot overdriven --out plot.png --json",),
+    "study": ("study old/study.toml --workers 1 --out study --json",),
+}
+
+
+def _cells() -> dict[str, Lines]:
+    cells: dict[str, Lines] = {}
+    for scene in SCENES:
+        for procedure, options in PROCEDURES.items():
+            own = NO_EXPERIMENT.get(scene, "") if procedure == "softness" else ""
+            cells[f"run {scene} {procedure}"] = (
+                f"{procedure} --scene {scene} {options}{own} --out run --log log.pcapng --json",
+                "runs show run --json",
+                "bus show log.pcapng --json",
+            )
+        cells[f"scene {scene}"] = (
+            f"scene show {scene} --json",
+            f"scene check {scene} --json",
+            f"scene explain {scene} --json",
+            f"scene explain {scene} --steady --sample 1 --load '2 N' --json",
+        )
+    for procedure in PLANNED:
+        cells[f"dry-run {procedure}"] = (f"{procedure} --dry-run --json",)
+    cells |= OTHERS
+    cells["old scene with automatic effects"] = (
+        "scene show old/automatic.toml --json",
+        "scene explain old/automatic.toml --json",
+        "scene explain old/automatic.toml --steady --json",
+    )
+    cells["old bench files"] = tuple(
+        f"sweep loads --dry-run --bench old/{name}.toml --json" for name in ("bench", "bench-changer", "bench-least")
+    )
+    for version in ("3", "4"):
+        cells[f"old run of record format {version}"] = (
+            f"runs check old/run-{version} --json",
+            f"runs show old/run-{version} --json",
+            f"runs export old/run-{version} --json",
+            f"runs resume old/run-{version} --json",
+            f"runs show old/run-{version} --json",
+        )
+    cells["old bus log"] = ("bus replay old/log.pcapng --out again --json", "runs show again --json")
+    return cells
+
+
+CELLS = _cells()

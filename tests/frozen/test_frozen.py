@@ -1,0 +1,69 @@
+"""A small share of what must not change, as `python -m tests.frozen` compares the whole of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.frozen.__main__ import FROZEN, differences, read
+from tests.frozen.cells import CELLS
+from tests.frozen.measure import options
+
+ROOT = Path(__file__).parents[2]
+
+
+def compared(*texts: str) -> list[str]:
+    """What the command says of some cells, in a process of its own: this one has another arithmetic already."""
+    command = [sys.executable, "-m", "tests.frozen", *texts]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=240)
+    said = done.stdout.splitlines()
+    assert done.returncode == 0, done.stdout + done.stderr
+    if said[0].startswith("values are not compared"):
+        pytest.skip(said[0])
+    return said
+
+
+def test_every_cell_is_frozen_and_nothing_else() -> None:
+    assert {name for name in read(FROZEN) if not name.startswith("help")} == {*CELLS, "made with"}
+
+
+def test_commands_and_their_options_are_those_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    found, frozen = dict(options()), read(FROZEN)
+    assert found.keys() == {name for name in frozen if name.startswith("help")}
+    assert [(name, *differences(frozen[name], found[name], values=False)) for name in found] == [
+        (name,) for name in found
+    ]
+
+
+def test_a_run_and_old_files_say_what_they_said() -> None:
+    said = compared("run thesis_single softness", "old bench files", "old run of record format 3")
+    assert [line.endswith(": same") for line in said] == [True, True, True, False]
+
+
+@pytest.mark.slow
+def test_every_procedure_measures_what_it_measured_on_the_thesis_bench() -> None:
+    assert sum(line.endswith(": same") for line in compared("thesis_single", "old bus log")) == 11
+
+
+BEFORE = [{"status": 0, "names": ["a", "b"], "values": {"x": "1", "y": "2"}}]
+
+
+@pytest.mark.parametrize(
+    ("now", "told"),
+    [
+        (BEFORE, []),
+        ([], ["0 answers, not 1"]),
+        ([{"status": 2, "said": "no"}], ["answer 1: exit status 2, not 0 no"]),
+        ([{**BEFORE[0], "names": ["a"]}], ["answer 1: without the names b"]),
+        ([{**BEFORE[0], "names": ["a", "b", "c"]}], ["answer 1: with the new names c"]),
+        ([{**BEFORE[0], "names": ["b", "a"]}], ["answer 1: the names come in another order"]),
+        ([{**BEFORE[0], "values": {"x": "1", "y": "3"}}], ["answer 1: y has changed"]),
+        ([{**BEFORE[0], "values": {"x": "1", "z": "2"}}], ["answer 1: y is gone", "answer 1: z is new"]),
+    ],
+)
+def test_what_differs_is_told_by_its_name(now: list[dict[str, object]], told: list[str]) -> None:
+    assert list(differences(BEFORE, now)) == told
