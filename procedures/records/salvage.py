@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -55,13 +56,13 @@ class Left:
 
     def note_gone(self, last_point: int, last_event: int) -> None:
         """Of the points and events up to these numbers, and of their waveforms."""
-        self.gone += [f"point {number}" for number in _missing(self.points, last_point)]
+        self.gone += _missing("point {}", "points {} to {}", self.points, last_point)
         for number, point in self.points.items():
             whole = self.waveforms(number)
             if (lost := point.waveforms - len(whole)) > 0:
                 left = ", ".join(whole) or "none"
                 self.gone.append(f"{lost} of {point.waveforms} waveforms of point {number}, left: {left}")
-        self.gone += [f"event {number}" for number in _missing(self.events, last_event)]
+        self.gone += _missing("event {}", "events {} to {}", self.events, last_event)
 
 
 @contextlib.contextmanager
@@ -165,7 +166,7 @@ def _of_pages(folder: Path) -> Left:
     left.header = {key: value for key, (_, value) in sorted(header.items(), key=lambda entry: entry[1][0])}
     left.note_gone(max(last_point, *waves, 0), last_event)
     numbers = {number for number, _ in header.values()}
-    left.gone += [f"entry {number} of the header" for number in _missing(numbers, 0)]
+    left.gone += _missing("entry {} of the header", "entries {} to {} of the header", numbers, 0)
     left.gone += [f"{key!r} of the header" for key in ("status", "summary") if key not in header]
     left.status, left.summary = left.header.pop("status", "running"), left.header.pop("summary", {})
     simulated = left.header.get("simulated")
@@ -193,7 +194,12 @@ def _text(value: object) -> str:
     return value.decode()
 
 
-def _missing(numbers: Iterable[int], last: int) -> list[int]:
-    """The numbers from 1 to the last that are not among them."""
-    there = set(numbers)
-    return [number for number in range(1, max({last, *there}, default=0) + 1) if number not in there]
+def _missing(one: str, several: str, there: Iterable[int], last: int) -> list[str]:
+    """The numbers from 1 to the last that are not among them, each gap in one text.
+
+    A damaged number may be as great as 2^48, so that gaps are not counted through.
+    """
+    numbers = {0, *there}
+    ends = sorted({*numbers, max(last, *numbers) + 1})
+    gaps = [(before + 1, after - 1) for before, after in pairwise(ends) if before + 1 < after]
+    return [one.format(first) if first == end else several.format(first, end) for first, end in gaps]
