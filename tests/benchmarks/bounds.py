@@ -34,15 +34,16 @@ from tests.simulators.measured import changes
 from tests.simulators.random_scenes import drawn
 
 SCENES = 100_000
-# Draws of the drive's phase, fewer where each takes long, and of the seed in each: a bound's width is against the
-# greatest change of them all.
+# Draws of the drive's phase, fewer where each takes long, and of the seed in each. A bound's width is against the
+# greatest change of them all, and is looked at in the first scenes alone: the others have `FEWER` of both.
 PHASES, FEWER, SEEDS = 5, 2, 3
+FULLY = 10_000
 ROUNDING = 1e-10  # of two results that agree to this, the bound may well be 0
 SMALLEST = 1e-9  # of a bound whose width counts, and of a change that it is compared with
 WIDE, VERY_WIDE, GOAL = 10.0, 100.0, 0.9
 QUANTILES = (0.1, 0.5, 0.9, 0.99)
 BATCH = 20
-LIMIT = 20.0  # s of processor for a scene; a few in a thousand, whose contact is lost and creeps, would take hours
+LIMIT = 5.0  # s of processor for a scene; a few in a thousand, whose contact is lost and creeps, would take hours
 FIRST = 40  # trials, after which all modules that any needs are imported
 PACKAGES = ("instrument", "drivers", "simulators", "procedures", "tests")
 ROOT = Path(__file__).parents[2]
@@ -99,7 +100,8 @@ def _tried(number: int) -> Tried:
         given = math.isfinite(bound.force) or math.isfinite(bound.ratio)
         long = {"hysteresis", "humidity_leak"} & set(chosen.with_it.effects)
         # Without a bound one draw tells whether there is anything to compare.
-        draws = (FEWER if long else PHASES, SEEDS) if given else (1, 1)
+        draws = (FEWER if long else PHASES, SEEDS) if number < FULLY else (FEWER, FEWER)
+        draws = draws if given else (1, 1)
         found = changes(scene, chosen.with_it, chosen.question, *draws)
     except PalpateError as error:
         long = isinstance(error, TooLong)
@@ -183,6 +185,7 @@ def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
     yield Row("  broken bounds", _listed(broken), "0", not broken)
     yield Row("  that nothing can follow", _listed([each for each in results if each.refused and not each.long]))
     yield Row(f"  given up after {LIMIT:g} s of processor", _listed([each for each in results if each.long]))
+    results = [each for each in results if each.number < FULLY]
     for which, told in (("greatest", "the greatest change of some draws"), ("first", "one draw alone")):
         widths = _widths(results, which)
         given = [width for width in widths if math.isfinite(width)]
