@@ -179,7 +179,8 @@ def compress(
 class _Pad:
     """The pad's quantities as functions of the fitted lines, whose mean positions these are [m].
 
-    A load is (reading - zero) / sensitivity."""
+    A load is (reading - zero) / sensitivity.
+    """
 
     at_bare: float
     at_pad: float

@@ -180,7 +180,8 @@ def ratio_scatter(design: Design, film: Film, base: Film) -> float:
 def scatter_covariance(design: Design) -> Floats:
     """Relative covariance (films, films) of the gains' scatter from one load set to the next.
 
-    Any two films are taken to correlate as a tooth's film and its base's film do."""
+    Any two films are taken to correlate as a tooth's film and its base's film do.
+    """
     scatter = np.array([film.scatter for film in design.films])
     correlation = np.full((scatter.size, scatter.size), design.film_correlation)
     np.fill_diagonal(correlation, 1.0)

@@ -38,7 +38,8 @@ def mean_ratio(quantity: str, points: Sequence[RatioPoint], film_freedom: float 
     Args:
         quantity: name of the result, for people.
         points: the points.
-        film_freedom: degrees of freedom of the films' calibration; None: infinitely many."""
+        film_freedom: degrees of freedom of the films' calibration; None: infinitely many.
+    """
     n = len(points)
     shared = [(p.noise_u, p.calibration_u, p.pickup_u) for p in points]
     scatter = math.fsum(

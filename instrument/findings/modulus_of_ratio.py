@@ -142,7 +142,8 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
 def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side: Literal["left", "right"]) -> Array:
     """Logarithms of the moduli of some ratios, on a stretch of the curve where the ratio rises from node to node.
 
-    Where the curve is level, `side` says which end of the level part is taken."""
+    Where the curve is level, `side` says which end of the level part is taken.
+    """
     from scipy.optimize import elementwise
 
     find_root: Callable[..., Any] = elementwise.find_root  # its stubs know no arguments

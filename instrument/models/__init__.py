@@ -1,1 +1,1 @@
-"""Sensor models: what force the tooth takes. `response` is the one call; its MODELS lists them."""
+"""Sensor models: the force that the tooth takes. All are asked by one call, `response`; MODELS lists them."""

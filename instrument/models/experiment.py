@@ -1,7 +1,7 @@
 """The thesis' own measurement as a model: its mean force ratios, interpolated between the six samples.
 
-Piecewise cubic, monotone (PCHIP, Fritsch and Carlson 1980), in the logarithm of the modulus. Six points
-on rubber of one thickness say nothing outside them, so nothing is answered there.
+The interpolant is piecewise cubic and monotone (PCHIP, Fritsch and Carlson 1980), in the logarithm of the modulus. Six
+points on rubber of one thickness say nothing outside them, so moduli outside are refused.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def force_ratio(design: Design, sensed: Sample) -> float:
     """Tooth force over total force.
 
     Raises:
-        RangeError: nothing was measured with the design, the modulus is outside those of its measured samples,
-            or the thickness is not theirs.
+        RangeError: nothing was measured with the design, the modulus is outside those of the measured samples, or the
+            thickness is another one.
     """
     measured = [SAMPLES[name] for name in design.thesis_force_ratio]
     if not measured:

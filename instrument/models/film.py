@@ -6,9 +6,9 @@ into layers; unknowns are its two plane strains, and displacement and potential 
     [ Kuu  Kuφ ] [u]   [forces ]
     [ Kφu -Kφφ ] [φ] = [charges]
 
-Kuu is some 1e9 N/m and Kφφ some 1e-10 F: as it stands, the matrix is singular to working precision.
-Symmetric scaling, which is no more than a choice of the unit of voltage, cures it. So does static
-condensation of the potentials: Kuu + Kuφ Kφφ⁻¹ Kφu has mechanical entries only. `film_response` does both.
+Kuu is about 1e9 N/m and Kφφ about 1e-10 F, so the unscaled matrix is singular to working precision. Symmetric scaling,
+which only chooses the unit of voltage, cures it. So does static condensation of the potentials: Kuu + Kuφ Kφφ⁻¹ Kφu has
+mechanical entries only. `film_response` does both.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ CIRCUITS = ("open", "short")
 
 @dataclass(frozen=True, slots=True)
 class FilmResponse:
-    """What a film gives under a force.
+    """Response of a film to a force.
 
     Attributes:
-        voltage: of the upper electrode over the lower [V]; 0 in short circuit.
-        charge: that leaves the upper electrode through the short circuit [C]; 0 in open circuit.
-        approach: by which the faces come closer [m].
-        plane_stress: along axes 1 and 2 [Pa].
+        voltage: voltage of the upper electrode against the lower one [V]; 0 in short circuit.
+        charge: charge that leaves the upper electrode through the short circuit [C]; 0 in open circuit.
+        approach: distance by which the faces come closer [m].
+        plane_stress: stresses along axes 1 and 2 [Pa].
     """
 
     voltage: float
@@ -49,7 +49,9 @@ class FilmResponse:
 
 @dataclass(frozen=True, slots=True)
 class CoupledSystem:
-    """K x = right with the unknowns (plane strains if free, displacements, potentials if not all given).
+    """System K x = right of a film.
+
+    Unknowns are the plane strains if they are free, the displacements, and the potentials that are not given.
 
     Attributes:
         mechanical: number of unknowns that are not potentials.
@@ -69,16 +71,22 @@ def film_response(
     circuit: str,
     plane_stress: tuple[float, float] = (0.0, 0.0),
 ) -> FilmResponse:
-    """Voltage and charge of a film pressed with `force` [N] between electrodes of `area` [m2].
+    """Voltage and charge of a film that is pressed between its electrodes.
 
     Args:
+        material: material of the film.
+        area: area of the electrodes [m2].
+        thickness: thickness of the film [m].
+        force: compressive force [N].
         edges: "free": the stress along 1 and 2 is `plane_stress` [Pa], as neighbouring plates impose it;
             "clamped": glued to something rigid, the strain along 1 and 2 is zero.
         circuit: "open" or "short".
+        plane_stress: stresses along axes 1 and 2 [Pa], of free edges.
+        layers: number of layers.
 
     Raises:
-        RangeError: area, thickness are not positive and finite, force or stress is not finite.
-        UnknownName: no such edges or circuit.
+        RangeError: area or thickness is not positive and finite, or force or stress is not finite.
+        UnknownName: there are no such edges or circuit.
     """
     system = coupled_system(material, area, thickness, force, edges, circuit, plane_stress, layers=1)
     unknowns = solve_condensed(system)
@@ -102,14 +110,15 @@ def film_response(
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """What a film gives.
+    """Signal of a film.
 
     Attributes:
-        force: compression [N].
-        plane_stress: along axes 1 and 2 [Pa]; None: unknown, and taken for 0 as in a film that is free to stretch.
-        charge: in short circuit [C].
-        voltage: in open circuit [V].
-        voltage_error: bound on that of the voltage [V]; None: the model knows none.
+        force: compressive force [N].
+        plane_stress: stresses along axes 1 and 2 [Pa]; None: unknown, and taken as 0, as in a film that is free to
+            stretch.
+        charge: charge in short circuit [C].
+        voltage: voltage in open circuit [V].
+        voltage_error: bound on the voltage's error [V]; None: the model has none.
     """
 
     force: float
@@ -120,11 +129,11 @@ class Signal:
 
 
 def signals(design: Design, response: Response) -> dict[str, Signal]:
-    """What each film gives under a sensor's response, by name.
+    """Signal of each film under a sensor's response, by name.
 
-    A finite-element model has the films' signals itself, coupled to all that surrounds them; by any other a film is
-    free to stretch. Intrinsic values, without cable and amplifier: the design's measured sensitivities have these in
-    them.
+    A finite-element model gives the signals itself, coupled to everything around the films. With any other model a film
+    is taken to be free to stretch. These are signals of bare films; the design's measured sensitivities include cable
+    and amplifier.
     """
     pvdf, thickness = design.film_sheet.material, design.film_sheet.thickness
     given = {}
@@ -148,10 +157,10 @@ def coupled_system(
     plane_stress: tuple[float, float],
     layers: int,
 ) -> CoupledSystem:
-    """The coupled matrix in SI units: fields are uniform, so that any number of layers is exact.
+    """Coupled system in SI units. Fields are uniform, so any number of layers is exact.
 
     Raises:
-        RangeError, UnknownName: as `film_response`.
+        RangeError, UnknownName: as in `film_response`.
     """
     for label, value, unit in (("area", area, "m2"), ("thickness", thickness, "m")):
         if not (0 < value < math.inf):
@@ -166,7 +175,7 @@ def coupled_system(
 
     stiffness, stress, permittivity = material.stiff()
     layer = thickness / layers
-    # Electric enthalpy of a layer is a quadratic form in (S1, S2, S3, -E3).
+    # The electric enthalpy of a layer is a quadratic form in (S1, S2, S3, -E3).
     form = np.block([[stiffness, stress[:, None]], [stress[None, :], np.array([[-permittivity]])]])
     size = 2 + 2 * layers
     matrix = np.zeros((size, size))

@@ -215,7 +215,8 @@ def _slopes(problem: _Problem) -> Floats:
 def _curvature(problem: _Problem, budget: Budget) -> float:
     """Greatest departure from a straight line, in standard uncertainties of the result.
 
-    It is looked for within two standard uncertainties of each input and of pairs of inputs."""
+    It is looked for within two standard uncertainties of each input and of pairs of inputs.
+    """
     factor = problem.u * correlation_factor(problem.names, problem.correlations)
     axes = np.concatenate([factor, -factor], axis=1)
     corners = (axes[:, :, np.newaxis] + axes[:, np.newaxis, :]).reshape(len(factor), -1) / math.sqrt(2)

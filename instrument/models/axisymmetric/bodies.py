@@ -1,4 +1,4 @@
-"""Element matrices of the round sensor: which material each body has, and which keep their pressure as an unknown."""
+"""Element matrices of the round sensor: each body's material, and which bodies keep their pressure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
-# From these Poisson ratios on, a body keeps its pressure as an unknown: any, and one that is softer than the films.
+# Poisson ratios from which on a body keeps its pressure as an unknown: any body, and a body softer than the films.
 MIXED_POISSON, SOFT_MIXED_POISSON = 0.4, 0.2
 # Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
 BULK_BOUND = 1e5
@@ -26,8 +26,11 @@ def assemble(
     """Element matrices of all bodies, per radian.
 
     Args:
-        keeping: those that keep their pressure.
-        each: works on all subdomains at once.
+        numbering: numbers of the unknowns.
+        r, z: integrals over the radius and over the height.
+        bodies: all bodies.
+        keeping: bodies that keep their pressure as an unknown.
+        each: runs a function for all subdomains at once.
     """
     stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
     mixed: list[int] = []
@@ -67,7 +70,7 @@ def assemble(
 
 
 def _constants(body: Body, mixed: bool) -> el.Constants:
-    """Of its material, without the dilatation where the pressure is an unknown."""
+    """Stiffness of the body's material; without the dilatation where the pressure is an unknown."""
     if body.film is not None:
         c, _, _ = body.film.stiff()
         return el.Constants(float(c[0, 0]), float(c[0, 1]), float(c[0, 2]), float(c[2, 2]), body.film.shear[0])
@@ -76,7 +79,11 @@ def _constants(body: Body, mixed: bool) -> el.Constants:
 
 
 def keeps_pressure(body: Body, parameters: RoundParameters) -> bool:
-    """Nearly incompressible ones lock without; soft ones, pressed by hard ones, err several times less with it."""
+    """Whether a body keeps its pressure as an unknown.
+
+    A nearly incompressible body would lock without it. A soft body that hard ones press errs several times less with
+    it.
+    """
     if body.film is not None:
         return False
     soft = body.modulus < parameters.film.modulus

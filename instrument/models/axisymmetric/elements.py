@@ -3,9 +3,9 @@
 On a rectangle every integral is a sum of products of an integral over the radius and one over the height,
 so forms are integrated on two lines only, and the element matrices are Kronecker products of theirs.
 Nodes have the hierarchical shape functions of scikit-fem (`ElementLinePp`) in both directions, degree p.
-Element matrices have 1 in the place of the first one, so that their first unknown is a value and their
-second a difference: a foil of 10 µm that rides on rubber moves 1e8 times its strain, and its stiffness
-times nodal values would be a difference of numbers as much larger than itself.
+In element matrices the constant 1 replaces the first shape function, so that the first unknown is a value and the
+second a difference. A foil of 10 µm that rides on rubber moves 1e8 times its strain: its stiffness times nodal values
+would be a difference of numbers that are larger than itself by as much.
 
 Displacement-pressure form: the dilatation is projected on discontinuous polynomials of degree p - 2 (pair
 Q_p x Q_(p-2), stable on anisotropic and geometrically graded meshes: Schötzau, Schwab and Stenberg 1999).
@@ -48,7 +48,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """Stiffness of a material that is the same all round the axis, 3 being along it [Pa]."""
+    """Stiffness [Pa] of a material that is the same all around the axis, which is direction 3."""
 
     c11: float
     c12: float
@@ -58,7 +58,7 @@ class Constants:
 
     @classmethod
     def isotropic(cls, shear: float, lame: float) -> Self:
-        """Of the modulus G, and the modulus λ of the dilatation taken in full [Pa]."""
+        """Constants of an isotropic material with shear modulus G and full modulus λ of the dilatation [Pa]."""
         return cls(2 * shear + lame, lame, lame, 2 * shear + lame, shear)
 
 
@@ -71,7 +71,7 @@ def line(points: Array, degree: int, radial: bool) -> Line:
     weight = radius * width * weights
     hoop = shapes / radius if radial else np.zeros((1, *shapes.shape))
     dilatation = slopes + hoop
-    # Grid lines have the first numbers, then comes the inside of each interval.
+    # Shape functions of the grid lines have the first numbers, those inside intervals follow.
     first = np.arange(count)[:, None]
     inner = count + 1 + first * (degree - 1) + np.arange(degree - 1)
 
@@ -96,15 +96,16 @@ def line(points: Array, degree: int, radial: bool) -> Line:
 
 @functools.cache
 def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
-    """On [0, 1]: Gauss points and weights; values and slopes of shape functions, 1 the first; values of the pressure's.
+    """Gauss points and weights on [0, 1], values and slopes of the shape functions there, values of the pressure's.
 
-    scikit-fem's `Basis` works these out anew for each line, which took longer than all integrals.
+    The constant 1 replaces the first shape function. scikit-fem's `Basis` would compute these anew for each line, which
+    took longer than all integrals.
     """
-    # The hoop term divides by the radius: no polynomial, and steep where an element is many radii wide.
+    # The hoop term is divided by the radius: it is no polynomial, and steep where an element is many radii wide.
     gauss, weights = np.polynomial.legendre.leggauss(degree + 13)
     gauss = (gauss + 1) / 2
     shapes, slopes = shape_functions(degree, gauss)
-    # 1 is the sum of the first two: its slopes cancel exactly.
+    # 1 is the sum of the first two shape functions: their slopes cancel exactly.
     slopes[0] += slopes[1]
     shapes[0] = 1
     tests = np.polynomial.legendre.legvander(2 * gauss - 1, degree - 2).T.astype(np.float64)
@@ -112,7 +113,7 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
 
 
 def product(radial: Array, axial: Array) -> Array:
-    """Kronecker products of all radial with all axial matrices: (n_r, n_z, rows, columns)."""
+    """Kronecker products (n_r, n_z, rows, columns) of all radial with all axial matrices."""
     products: Array = spread(radial, axial)[:, None] * tiled(axial, radial)
     return products
 
@@ -136,7 +137,7 @@ class Stiffness:
     """
 
     def __init__(self, r: Line, z: Line) -> None:
-        # Spread and tiled once for all bodies: on coarse grids that takes longer than the products.
+        # These are computed once for all bodies: on coarse grids they take longer than the products.
         radial = [r.slope_slope + r.hoop, r.value_value, r.slope_slope, r.slope_value.transpose(0, 2, 1)]
         radial += [r.dilatation_dilatation, r.dilatation_value]
         axial = [z.value_value, z.slope_slope, z.slope_value, z.slope_value.transpose(0, 2, 1)]
@@ -144,7 +145,7 @@ class Stiffness:
         self._axial = [tiled(factor, r.value_value) for factor in axial]
 
     def __call__(self, columns: Indices, rows: Indices, of: Constants, out: Array | None = None) -> Array:
-        """Of the elements in `columns` x `rows`: (elements, 2 (p + 1)^2, the same), in `out` where that is given."""
+        """Stiffness (elements, 2 (p + 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`, in `out` if given."""
         hoop_slope, value, slope, value_slope, dilatation, dilatation_value = (part[columns] for part in self._radial)
         z_value, z_slope, z_slope_value, z_value_slope = (part[rows] for part in self._axial)
         count = z_value.shape[1]
@@ -164,7 +165,7 @@ class Stiffness:
 
 
 def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
-    """Projected dilatation of the elements in `columns` x `rows`: (elements, (p - 1)^2, 2 (p + 1)^2)."""
+    """Projected dilatation (elements, (p - 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`."""
     pairs = product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])
     both = np.concatenate(pairs, axis=3)
     return both.reshape(-1, *both.shape[2:])
@@ -173,7 +174,8 @@ def dilatation(r: Line, z: Line, columns: Indices, rows: Indices) -> Array:
 def polarised(r: Line, z: Line, columns: Indices, rows: Indices, plane: float, normal: float) -> Array:
     """Integral of `plane` times the strain in the plane (both directions added) and `normal` times that along the axis.
 
-    Of the elements in `columns` x `rows`, per radian: (elements, 2 (p + 1)^2).
+    Returns:
+        (elements, 2 (p + 1)^2), per radian, for the elements in `columns` x `rows`.
     """
     # The first shape function is 1.
     radial, axial = (plane * r.dilatation_value[:, :, 0], normal * r.value_value[:, :, 0])
@@ -183,13 +185,13 @@ def polarised(r: Line, z: Line, columns: Indices, rows: Indices, plane: float, n
 
 
 def differences(nodal: Array, rest: Array) -> Array:
-    """Unknowns of the element matrices from nodal values (elements, 2 (p + 1)^2) and what these were rounded by."""
+    """Unknowns of the element matrices from nodal values (elements, 2 (p + 1)^2) and the rounding errors of these."""
     shapes = math.isqrt(nodal.shape[1] // 2)
     value, small = (np.array(part).reshape(-1, 2, shapes, shapes) for part in (nodal, rest))
     for axis in (3, 2):
         first, second = (np.take(value, index, axis) for index in (0, 1))
         difference = second - first
-        # What the difference is rounded by, exactly (Knuth): a strain may be 1e-16 of a displacement.
+        # Exact rounding error of the difference (Knuth): a strain may be 1e-16 of a displacement.
         taken = difference - second
         rounding = (second - (difference - taken)) - (first + taken)
         place = (..., 1) if axis == 3 else (..., 1, slice(None))
@@ -199,9 +201,9 @@ def differences(nodal: Array, rest: Array) -> Array:
 
 
 def nodal(forces: Array) -> Array:
-    """Forces on nodes, in place, from those on the unknowns of the element matrices, (elements, n).
+    """Turn forces (elements, n) on the unknowns of the element matrices into forces on nodes, in place.
 
-    Of a stiffness, (elements, n, n), along both axes.
+    A stiffness (elements, n, n) is turned along both axes.
     """
     shapes = math.isqrt(forces.shape[1] // 2)
     view = forces.reshape(len(forces), *(forces.ndim - 1) * (2, shapes, shapes))

@@ -1,4 +1,4 @@
-"""What the round sensor's solution looks like: displacements over every body, pressure on the sensor's face."""
+"""Fields of the round sensor's solution: displacements over every body, and the pressure on the sensor's face."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.instrument.models.parameters import RoundParameters
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-POINTS = 5  # a side of an element
+POINTS = 5  # along a side of an element
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Field:
     """Displacements of a body on a grid of points, for a total force of 1 N.
 
     Attributes:
-        radius, height: of the points, undeformed [m], (columns, rows).
+        radius, height: coordinates of the undeformed points [m], (columns, rows).
         radial, axial: displacements [m], (columns, rows).
     """
 
@@ -38,13 +38,13 @@ class Field:
 class FacePressure:
     """Pressure of the object on the sensor's face at Gauss points, from the axis outwards, for a total force of 1 N.
 
-    Where parts end it is singular: the finer the mesh, the higher it reaches next to their edges. What a part
-    takes in all is not touched by that. Elsewhere it converges more slowly than forces do, last of all at the axis.
+    The pressure is singular at the edges of parts: the finer the mesh, the higher it reaches there. The whole force on
+        a part is not affected. Elsewhere the pressure converges more slowly than forces do, most slowly at the axis.
 
     Attributes:
-        radius: of the points [m]; none lie over the gap.
-        pressure: compression positive [Pa]; negative where a bonded object pulls.
-        area: of the face that each point stands for [m2].
+        radius: radii of the points [m]; none lie over the gap.
+        pressure: pressure, positive in compression [Pa]; negative where a bonded object pulls.
+        area: area of the face that belongs to each point [m2].
         reach: radius of the tooth [m].
     """
 
@@ -55,18 +55,18 @@ class FacePressure:
 
     @property
     def tooth_force(self) -> float:
-        """Integral over the tooth [N]."""
+        """Force on the tooth: integral of the pressure [N]."""
         return float((self.pressure * self.area)[self.radius < self.reach].sum())
 
     @property
     def force(self) -> float:
-        """Integral over the face [N]."""
+        """Force on the whole face: integral of the pressure [N]."""
         return float((self.pressure * self.area).sum())
 
 
 @dataclass(frozen=True, slots=True)
 class OnMesh:
-    """What was solved for: displacements, and forces on nodes per radian, of each element (elements, 2 (p + 1)^2)."""
+    """Solution on the mesh: displacements, and forces on nodes per radian, of each element (elements, 2 (p + 1)^2)."""
 
     parameters: RoundParameters
     mesh: Grid
@@ -76,7 +76,7 @@ class OnMesh:
     internal: Array
 
     def forces(self, body: str) -> Array:
-        """Of a body [N], all round: (columns, rows, axis, radial shape, axial shape)."""
+        """Forces [N] of a body over the whole circle: (columns, rows, axis, radial shape, axial shape)."""
         return 2 * math.pi * on(self.internal, self.parts[body])
 
 
@@ -87,7 +87,7 @@ def on(local: Array, part: Part) -> Array:
 
 
 def displacements(at: OnMesh) -> dict[str, Field]:
-    """Of every body, by its name."""
+    """Displacement field of every body, by its name."""
     points = np.linspace(0, 1, POINTS)
     shapes, _ = el.shape_functions(at.r.dofs.shape[1] - 1, points)
 
@@ -106,7 +106,7 @@ def displacements(at: OnMesh) -> dict[str, Field]:
 
 
 def face(at: OnMesh) -> FacePressure:
-    """From the object's forces on the shape functions of its lower side."""
+    """Pressure on the face, from the object's forces on the shape functions of its lower side."""
     p, dofs = at.parameters, at.r.dofs
     outer = min(p.ring_outer_radius, p.sensed_radius)
     touching = np.concatenate(
@@ -120,13 +120,14 @@ def face(at: OnMesh) -> FacePressure:
 def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, reach: float) -> FacePressure:
     """The pressure whose work on every shape function of the face is that of the nodal forces.
 
-    Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey,
-    Chow and Seager 1985), balance the forces exactly, and need no stress of a body that keeps its pressure apart.
+    Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey, Chow and
+    Seager 1985). They balance the forces exactly, and need no stress of a body whose pressure is an unknown.
 
     Args:
+        mesh: grid of the sensor.
         dofs: numbers of the shape functions of each interval of the radius, (intervals, p + 1).
         touching: intervals where the object touches the sensor.
-        forces: of the object on the face, by number of the shape function [N].
+        forces: forces of the object on the face, by number of the shape function [N].
         reach: radius of the tooth [m].
     """
     from scipy.linalg import solve
@@ -139,13 +140,13 @@ def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, r
     np.add.at(mass, (local[:, :, None], local[:, None, :]), np.einsum("eq,iq,jq->eij", area, shapes, shapes))
     scale = 1 / np.sqrt(np.diag(mass))
     nodal = scale * solve(mass * np.outer(scale, scale), scale * forces[numbers], assume_a="pos")
-    # Enough points for the integrals, and those where what is least certain, the highest polynomial, is zero.
+    # These points suffice for the integrals, and the highest polynomial, the least certain part, is zero there.
     shapes, radius, area = _quadrature(mesh.radii, touching, degree, degree)
     return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)
 
 
 def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tuple[Array, Array, Array]:
-    """Gauss points: shape functions (degree + 1, count), radii and areas (intervals, count)."""
+    """Shape functions (degree + 1, count), radii [m] and areas [m2] (intervals, count) at Gauss points."""
     points, weights = np.polynomial.legendre.leggauss(count)
     width = np.diff(radii)[intervals][:, None]
     radius = radii[intervals][:, None] + width * (points + 1) / 2

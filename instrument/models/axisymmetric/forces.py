@@ -1,4 +1,4 @@
-"""What moves the round sensor, and what it feels: forces on its elements; forces, stresses and charges from them."""
+"""Loads on the elements of the round sensor, and the forces, stresses and charges that follow from a solution."""
 
 from __future__ import annotations
 
@@ -22,13 +22,16 @@ def pressing(elements: Elements, r: el.Line, body: Part) -> Array:
     """Forces of 1 N, spread evenly over the top of the object, per radian: (elements, n)."""
     load = np.zeros(elements.unknowns.shape)
     top = on(load, body)[:, -1, AXIAL]
-    # The first shape function is 1: these are ∫ r φ.
+    # The first shape function is 1, so these are the integrals ∫ r φ.
     top[:, :, :2] -= r.value_value[body.columns][:, :, :1] / (math.pi * body.body.radii[1] ** 2)
     return load
 
 
 def raising(elements: Elements, mesh: Grid, r: el.Line, parameters: RoundParameters, body: Part) -> Array:
-    """Body raised by 1 from the tooth, or its film from the plate, all along: the load's work on it is their force."""
+    """Jump that raises a body by 1 from the tooth, or the tooth's film from the plate.
+
+    The work of the load on this jump is the tooth's force.
+    """
     nodal = np.zeros(elements.unknowns.shape)
     over = within(parameters.tooth_radius, mesh, r)[r.dofs[body.columns][:, :2]]
     on(nodal, body)[:, 0, AXIAL, :2, 0] = over
@@ -36,7 +39,7 @@ def raising(elements: Elements, mesh: Grid, r: el.Line, parameters: RoundParamet
 
 
 def charging(elements: Elements, r: el.Line, z: el.Line, film: Part) -> Array:
-    """Forces of a film under 1 V, against its voltage, per radian: (elements, n)."""
+    """Forces (elements, n) of a film under 1 V, against its voltage, per radian."""
     assert film.body.film is not None
     low, high = film.body.heights
     _, stress, _ = film.body.film.stiff()
@@ -47,12 +50,15 @@ def charging(elements: Elements, r: el.Line, z: el.Line, film: Part) -> Array:
 
 
 def counts_above(parameters: RoundParameters) -> bool:
-    """Whether the tooth's force is that above it; the difference of large displacements costs stiff sections digits."""
+    """Whether the tooth's force is taken above the tooth, not below.
+
+    The softer side is more exact, since forces in a stiff section are differences of large displacements.
+    """
     return parameters.support == "rigid" or parameters.sensed_modulus < parameters.film.modulus
 
 
 def below(at: OnMesh, name: str) -> Array:
-    """Forces on the vertices below a body: (columns, 2) [N]."""
+    """Forces (columns, 2) on the vertices below a body [N]."""
     return at.forces(name)[:, 0, AXIAL, :2, 0]
 
 
@@ -63,17 +69,17 @@ def over_tooth(at: OnMesh) -> float:
 
 
 def sinking(at: OnMesh) -> float:
-    """Of the top of the object, averaged over its pressure [m]."""
+    """Displacement of the object's top, averaged over the pressure on it [m]."""
     part = at.parts["object"]
     top = on(at.displacements, part)[:, -1, AXIAL, :, 1]
-    # Hierarchical shape functions: 1 is the sum of the first two.
+    # With hierarchical shape functions, 1 is the sum of the first two.
     weights = at.r.value_value[part.columns][:, :, 0]
     weights = np.concatenate([weights[:, :1] - weights[:, 1:2], weights[:, 1:]], axis=1)
     return float(-2 * (weights * top).sum() / part.body.radii[1] ** 2)
 
 
 def stresses(at: OnMesh, body: Body) -> tuple[float, float]:
-    """Mean stresses by virtual work: of the displacement r along the radius, and z along the axis [Pa]."""
+    """Mean stresses [Pa] in the plane and along the axis, by virtual work of the displacements r and z."""
     mesh, part, forces = at.mesh, at.parts[body.name], at.forces(body.name)
     radius = np.stack([mesh.radii[part.columns], mesh.radii[part.columns + 1]], axis=1)
     height = np.stack([mesh.heights[part.rows], mesh.heights[part.rows + 1]], axis=1) - body.heights[0]
@@ -83,7 +89,7 @@ def stresses(at: OnMesh, body: Body) -> tuple[float, float]:
 
 
 def charge_of(at: OnMesh, body: Body) -> float:
-    """That leaves a short-circuited film [C]."""
+    """Charge that leaves a short-circuited film [C]."""
     assert body.film is not None
     plane, normal = stresses(at, body)
     return charge(body.film, body.area, plane, plane, normal)

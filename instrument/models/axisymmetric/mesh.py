@@ -26,10 +26,10 @@ SMOOTH = math.inf  # no corner at this end
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A rectangle of one material: radii and heights [m], and the sheet its nodes belong to; `film`: of a film alone.
+    """A rectangle of one material: radii and heights [m], and the sheet to which its nodes belong.
 
-    Bodies of one sheet share the nodes of their common edges; sheets are joined only where the model
-    says so, so that a closed gap stays a slit.
+    Bodies of one sheet share the nodes of their common edges. Sheets are joined only where the model says so, so that a
+    closed gap stays a slit. `film` is the film's material; None: the body is no film.
     """
 
     name: str
@@ -42,17 +42,17 @@ class Body:
 
     @property
     def shear(self) -> float:
-        """Modulus [Pa]."""
+        """Shear modulus [Pa]."""
         return self.modulus / (2 * (1 + self.poisson))
 
     @property
     def area(self) -> float:
-        """Of its section [m2]."""
+        """Area of the section [m2]."""
         return math.pi * (self.radii[1] ** 2 - self.radii[0] ** 2)
 
     @property
     def volume(self) -> float:
-        """[m3]."""
+        """Volume [m3]."""
         return self.area * (self.heights[1] - self.heights[0])
 
 
@@ -103,7 +103,7 @@ def grid(parameters: RoundParameters, layers: int) -> Grid:
 
 
 def _gap(p: RoundParameters) -> float:
-    """The gap [m], or what counts as closed: resolving less changes nothing and costs digits."""
+    """Width of the gap [m], at least that of a closed gap: a smaller one changes nothing and costs digits."""
     return max(p.ring_inner_radius - p.tooth_radius, CLOSED * p.tooth_radius)
 
 
@@ -149,7 +149,7 @@ def _interval(low: float, high: float, size_low: float, size_high: float, longes
         parts = np.append(parts, _distances(size_low, reach))
     if graded_high:
         parts = np.append(parts, length - _distances(size_high, reach))
-    # Distances to one corner can meet those to the other up to rounding.
+    # Distances from both corners can meet, except for rounding.
     parts = np.unique(parts)
     least = max(1e-9 * min(length, size_low, size_high), 8 * float(np.spacing(high)))
     parts = parts[np.append(True, np.diff(parts) > least)]
@@ -160,9 +160,9 @@ def _interval(low: float, high: float, size_low: float, size_high: float, longes
 
 
 def _cut(start: float, end: float, longest: float) -> Array:
-    """Grid lines inside ]start, end]: the first step no longer than `longest`, each next at most twice the one before.
+    """Grid lines inside ]start, end]. The first step is at most `longest`, each next one at most twice the one before.
 
-    Away from the sensor stresses even out within its radius: a long object takes few elements.
+    Stresses even out within the sensor's radius, so a long object needs few elements.
     """
     count = max(1, math.ceil(math.log2((end - start) / longest + 1)))
     shares = 2.0 ** np.arange(1, count + 1) - 1

@@ -46,7 +46,7 @@ from palpate.instrument.models.parameters import CLOSED, RoundParameters
 
 Array = NDArray[np.float64]
 
-# The last takes a second and is good to 1e-7; finer meshes are for references.
+# The last refinement takes a second and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
 # Rounding of the force ratio: up to 1.3e-12, for a foil of 10 µm and 140 GPa.
 ROUND_OFF = 1e-11
@@ -57,12 +57,12 @@ class Film:
     """An open film: its force [N], and its mean stresses [Pa] along radius and circumference together, and axis.
 
     Attributes:
-        force: compression through the section below the film.
+        force: compressive force through the section below the film [N].
         plane_stress: (σ_rr + σ_φφ) / 2 averaged over the film's volume.
         normal_stress: σ_zz averaged over the film's volume.
-        voltage: of the upper electrode over the lower [V].
-        charge: that leaves the upper electrode when all films are short-circuited [C].
-        voltage_error: bound on that of the voltage [V]; None of one mesh alone.
+        voltage: voltage of the upper electrode against the lower one [V].
+        charge: charge that leaves the upper electrode when all films are short-circuited [C].
+        voltage_error: bound on the voltage's error [V]; None: only one mesh was solved.
     """
 
     force: float
@@ -73,23 +73,23 @@ class Film:
     voltage_error: float | None = None
 
 
-# Without slots: it keeps its fields.
+# No slots: cached properties need a dictionary.
 @dataclass(frozen=True)
 class AxisymmetricSolution:
-    """What the sensor does under 1 N, spread evenly over the object. Compression counts positive in forces.
+    """Solution for a force of 1 N that is spread evenly over the object. Compressive forces are positive.
 
     Attributes:
         force_ratio: tooth force over total force, from the section of the softer neighbour.
         tooth_force_above: force from the object on the tooth [N].
-        tooth_force_below: force through the tooth's film [N]; on a rigid support that on the tooth.
+        tooth_force_below: force through the tooth's film [N]; on a rigid support the force on the tooth.
         ring_force: force below the ring [N].
         base_force: force through the base [N].
-        films: "tooth" and "base"; none on a rigid support.
-        unknowns: displacements and pressures.
-        residual: of the linear system, relative to the size of its terms.
-        energies: what the mesh is judged by.
-        seconds: of the processor, to build the element matrices, to solve, and to evaluate the forces.
-        on_mesh: what `fields` and `face` are worked out from.
+        films: films "tooth" and "base"; none on a rigid support.
+        unknowns: number of displacements and pressures.
+        residual: residual of the linear system, relative to the size of its terms.
+        energies: energies from which errors are estimated.
+        seconds: processor time to build the element matrices, to solve, and to evaluate the forces [s].
+        on_mesh: solution from which `fields` and `face` are computed.
     """
 
     force_ratio: float
@@ -106,7 +106,7 @@ class AxisymmetricSolution:
 
     @functools.cached_property
     def fields(self) -> dict[str, Field]:
-        """Body name -> displacements."""
+        """Displacement field of each body by its name."""
         return displacements(self.on_mesh)
 
     @functools.cached_property
@@ -116,13 +116,13 @@ class AxisymmetricSolution:
 
     @property
     def judged(self) -> Judged:
-        """What its mesh is judged by."""
+        """Numbers from which the mesh's error is estimated."""
         voltages = tuple(film.voltage for film in self.films.values())
         return Judged(self.force_ratio, voltages, self.energies, self.imbalance)
 
     @property
     def imbalance(self) -> float:
-        """Greatest difference of the sections' forces from one another, over the total force."""
+        """Greatest difference between the forces through the sections, over the total force."""
         return max(
             abs(self.tooth_force_above - self.tooth_force_below),
             abs(self.tooth_force_below + self.ring_force - 1),
@@ -130,10 +130,10 @@ class AxisymmetricSolution:
         )
 
 
-# A sample is mounted again and again, and a sweep asks for the same sensor at every load.
+# A sweep asks for the same sensor and sample at every load.
 @functools.lru_cache(maxsize=64)
 def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[AxisymmetricSolution, float]:
-    """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
+    """Refine until the error estimate of the force ratio meets `tolerance`. Returns the solution and the estimate.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
@@ -161,7 +161,7 @@ def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Axisymmetri
 
 
 def error_estimate(meshes: Sequence[Judged], parameters: RoundParameters) -> Bounds:
-    """On the errors of the last of at least two meshes of rising refinement, what its forces lack in balance added."""
+    """Bounds on the errors of the last of two or more meshes, with the imbalance of its forces added."""
     gap = parameters.ring_inner_radius - parameters.tooth_radius
     found = bounds(meshes, closed_gap=gap < CLOSED * parameters.tooth_radius)
     return replace(found, force_ratio=found.force_ratio + meshes[-1].imbalance + ROUND_OFF)
@@ -171,7 +171,7 @@ def solve(parameters: RoundParameters, refinement: int) -> AxisymmetricSolution:
     """Solve with degree `refinement` + 2 and `refinement` + 1 layers.
 
     Raises:
-        RangeError: no such refinement.
+        RangeError: there is no such refinement.
         EstimateError: the linear system cannot be solved accurately.
     """
     if refinement not in REFINEMENTS:
@@ -180,10 +180,13 @@ def solve(parameters: RoundParameters, refinement: int) -> AxisymmetricSolution:
 
 
 def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> AxisymmetricSolution:
-    """Solve with elements of that degree, at least 3, and that many geometric layers at the corners.
+    """Solve on a mesh of any degree and number of layers.
 
     Args:
-        mixed: bodies keep their pressure as an unknown where that gains digits; else none does.
+        parameters: the sensor.
+        degree: degree of the elements, at least 3.
+        layers: number of geometric layers at the corners.
+        mixed: whether bodies keep their pressure as an unknown where that gains digits; otherwise none does.
 
     Raises:
         EstimateError: the linear system cannot be solved accurately.
@@ -218,7 +221,7 @@ def _evaluate(
     residual: float,
     marks: tuple[float, float, float],
 ) -> AxisymmetricSolution:
-    """The sensor with open films, from its solutions under the load, the jump, and the voltage of each film."""
+    """Solution with open films, from those under the load, under the jump and under each film's voltage."""
     start, built, done = marks
     (pressed, jumped, *charged), parameters = found, found[0].parameters
     films = [part.body for part in pressed.parts.values() if part.body.film is not None]
@@ -238,7 +241,7 @@ def _evaluate(
         return replace(at, displacements=displacements, internal=internal), voltages
 
     (at, voltages), (jump, _) = opened(pressed), opened(jumped)
-    # Forces on the vertices that the jump raises by 1 are its work.
+    # The forces on the vertices that the jump raises by 1 are its work.
     from_above = counts_above(parameters)
     work = over_tooth(jump) if from_above else float(below(jump, films[0].name).sum())
     above = over_tooth(at)

@@ -1,4 +1,4 @@
-"""Which unknowns the elements of neighbouring bodies share, and which are fixed."""
+"""Numbering of the unknowns: which ones the elements of neighbouring bodies share, and which are fixed."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Indices = NDArray[np.intp]
 
 SHEETS = ("object", "base", "tooth", "ring")
 RADIAL, AXIAL = 0, 1
-WHOLE = 2500  # shared unknowns below which two threads take longer to take turns than they gain
+WHOLE = 2500  # shared unknowns; for fewer, two threads lose more by taking turns than they gain
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A body's elements: their slice of all elements, and their columns and rows of the grid."""
+    """Elements of one body: their slice of all elements, and their columns and rows of the grid."""
 
     body: Body
     elements: slice
@@ -45,7 +45,7 @@ class Numbering:
 
 
 def parts(mesh: Grid) -> list[Part]:
-    """The elements of each body, radius by radius, the height running fastest."""
+    """Elements of each body, ordered by radius and then by height."""
     found, start = [], 0
     for body in mesh.bodies:
         columns, rows = inside(mesh.radii, body.radii), inside(mesh.heights, body.heights)
@@ -56,7 +56,10 @@ def parts(mesh: Grid) -> list[Part]:
 
 
 def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: list[Part]) -> Numbering:
-    """Number the unknowns: shared ones first, for elimination, then those inside elements, fixed ones with the size."""
+    """Number the unknowns: shared ones first, in the order of elimination, then those inside elements.
+
+    Fixed unknowns have the number `size`.
+    """
     local = r.dofs.shape[1]
     names = np.concatenate([_names(parameters, mesh, r, z, part) for part in bodies])
     bubble = np.arange(local) >= 2
@@ -64,7 +67,7 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
     outer = names[:, ~inner]
     named = np.zeros(outer.max() + 2, dtype=bool)
     named[outer] = True
-    named[-1] = False  # fixed ones are named -1
+    named[-1] = False  # fixed unknowns are named -1
     shared, count = int(np.count_nonzero(named)), int(inner.sum())
     size = shared + len(names) * count
     places = np.where(outer >= 0, (np.cumsum(named) - 1)[outer], shared)
@@ -78,13 +81,13 @@ def number(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, bodies: li
 
 
 def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -> tuple[Indices, Indices, int]:
-    """The elements' unknowns (elements, m) below `count` in the order of a nested dissection (George 1973).
+    """Order of the elements' unknowns (elements, m) below `count` by nested dissection (George 1973).
 
-    The grid is halved by its rows and by its columns in turn; what lies in both halves comes after what lies in one.
-    Elimination in this order takes two thirds of the time of one in SuperLU's.
+    The grid is halved by its rows and by its columns in turn. Unknowns in both halves come after those in one half.
+    Elimination in this order takes two thirds of the time of SuperLU's own order.
 
     Returns:
-        The order; the half that each element lies in; and how many unknowns lie in one half only.
+        The order, the half in which each element lies, and the number of unknowns that lie in one half only.
     """
     intervals = len(mesh.radii) - 1, len(mesh.heights) - 1
     halvings = max(intervals).bit_length()
@@ -95,7 +98,7 @@ def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -
     flat, paths = unknowns.ravel(), path.repeat(unknowns.shape[1])
     np.minimum.at(first, flat, paths)
     np.maximum.at(last, flat, paths)
-    # How many of the last halvings leave an unknown's elements apart from one another.
+    # Number of the last halvings that separate the elements of an unknown.
     _, apart = np.frexp((first ^ last)[:count].astype(np.float64))
     order = np.lexsort((apart, last[:count] | (1 << apart) - 1))
     if count < WHOLE:
@@ -116,8 +119,8 @@ def _shapes(mesh: Grid, r: Line, radii: tuple[float, float]) -> NDArray[np.bool_
 
 
 def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part) -> Indices:
-    """One integer for each of the elements' unknowns, (elements, 2 (p + 1)^2): one for all joined, -1 for fixed."""
-    # By (column, row, axis, radial shape, axial shape); vertices have the numbers of their grid lines.
+    """A name, an integer, for each unknown (elements, 2 (p + 1)^2): joined unknowns share it, fixed ones have -1."""
+    # Axes: column, row, axis, radial shape, axial shape. Vertices have the numbers of their grid lines.
     radial, axial = r.dofs[part.columns][:, None, None, :, None], z.dofs[part.rows][None, :, None, None, :]
     axis = np.array([RADIAL, AXIAL])[:, None, None]
     face, foot = np.searchsorted(mesh.heights, [mesh.face, mesh.base])
@@ -125,7 +128,7 @@ def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part
 
     covering = within(parameters.sensed_radius, mesh, r)[radial]
     if part.body.name == "ring" and parameters.ring_inner_radius == parameters.tooth_radius:
-        # The object's node over a closed gap is the tooth's: a force on one node is no force on a ring.
+        # The object's node over a closed gap belongs to the tooth: a force on a node presses on no ring.
         covering = covering & (radial != r.dofs[part.columns[0], 0])
     touching = (axial == face) & covering
     if parameters.interface != "bonded":
@@ -133,7 +136,7 @@ def _names(parameters: RoundParameters, mesh: Grid, r: Line, z: Line, part: Part
     sheet = np.where(touching, SHEETS.index("object"), SHEETS.index(part.body.sheet))
     place = radial
     if parameters.interface == "capped":
-        # A level top: its vertices move as its first, and nothing bends it between them.
+        # A level top: its vertices move as the first one does, and nothing bends it between them.
         first, last = np.searchsorted(mesh.radii, [parameters.ring_inner_radius, parameters.ring_outer_radius])
         level = (axial == face) & (axis == AXIAL) & _shapes(mesh, r, (mesh.radii[first], mesh.radii[last]))[radial]
         sheet = np.where(level, SHEETS.index("object"), sheet)

@@ -1,1 +1,1 @@
-"""What both finite-element models share: solving, estimating errors, coupling films."""
+"""Parts that both finite-element models share: solving, error estimates, coupling of films."""

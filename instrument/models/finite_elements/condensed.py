@@ -1,8 +1,8 @@
 """Factors of the stiffness of finite elements: the inside of each is eliminated first, then each half by itself.
 
-The first cut of a nested dissection leaves two subdomains that meet along a seam. Each eliminates the inside
-of its elements, in batches, and then all that it does not share with the other, in a thread of its own.
-What is left of it is its stiffness against the seam, small and dense; both add up to one last matrix.
+The first cut of a nested dissection leaves two subdomains that meet along a seam. Each one, in a thread of its own,
+eliminates the inside of its elements in batches, and then all unknowns that it does not share with the other.
+The small dense stiffness of each against the seam is left. Both add up to one last matrix.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# glibc gives a freed array back to the system, and has it again page by page, until one as large as this was freed.
+# glibc gives freed arrays back to the system and gets them again page by page, until an array as large as this one has
+# been freed.
 np.empty(4_000_000)
 
-BATCH = 32  # elements that are worked on in one go; more of them leave the cache
+BATCH = 32  # elements that are worked on at once; more do not fit into the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,18 +36,19 @@ class Elements:
     """Element matrices with their unknowns.
 
     Attributes:
-        stiffness: (elements, n, n), without the dilatation of the mixed elements, of `elements.differences`.
-        unknowns: (elements, n): global numbers; those fixed to zero have the number `size`.
-        inner: which of the n belong to no other element.
-        size: number of unknowns; those shared between elements come first, in the order of their elimination.
-        shared: how many are shared.
-        mixed: indices of the elements with a pressure.
-        dilatation: (mixed, q, n), projected dilatation, of `elements.differences`.
+        stiffness: (elements, n, n), against the unknowns of `elements.differences`, without the dilatation of mixed
+            elements.
+        unknowns: (elements, n), global numbers; unknowns that are fixed to zero have the number `size`.
+        inner: which of the n unknowns belong to no other element.
+        size: number of unknowns; those that elements share come first, in the order of their elimination.
+        shared: number of shared unknowns.
+        mixed: numbers of the elements that keep their pressure.
+        dilatation: (mixed, q, n), projected dilatation, from the unknowns of `elements.differences`.
         compliance: (mixed,) 1/λ [1/Pa], 0 at Poisson ratio 0.5.
-        bound: (mixed,) the least compliance that is factorised [1/Pa].
-        subdomain: (elements,) 0 or 1; all 0 where there is but one.
-        subdomains: how many there are.
-        seam: how many unknowns lie in one subdomain only: those of the first come first, then the second's.
+        bound: (mixed,) least compliance that is factorised [1/Pa].
+        subdomain: (elements,) 0 or 1; all 0 where there is one subdomain only.
+        subdomains: number of subdomains.
+        seam: number of unknowns that lie in one subdomain only; the first subdomain's come first.
     """
 
     stiffness: Array
@@ -63,16 +65,16 @@ class Elements:
     seam: int
 
     def strained(self, displacement: Array, rest: Array) -> Array:
-        """Unknowns of the element matrices, (elements, n), of a displacement and what it is rounded by."""
+        """Unknowns (elements, n) of the element matrices, from a displacement and its rounding error."""
         return differences(displacement[self.unknowns], rest[self.unknowns])
 
     def internal_forces(self, strained: Array, pressure: Array, each: Each) -> tuple[Array, float]:
-        """Element by element, (elements, n); and the norm of the terms that those without pressure are sums of."""
+        """Internal forces (elements, n), and the norm of the terms that add up to those without pressure."""
         forces = np.empty_like(strained)
 
         def found(share: list[slice]) -> float:
             terms = 0.0
-            # What the cache holds is read twice in the time of once.
+            # In batches that the cache holds, reading twice takes the time of reading once.
             for batch in share:
                 forces[batch] = product(self.stiffness[batch], strained[batch])
                 terms += float(np.square(product(np.abs(self.stiffness[batch]), np.abs(strained[batch]))).sum())
@@ -84,7 +86,7 @@ class Elements:
         return forces, math.sqrt(terms)
 
     def gather(self, forces: Array) -> Array:
-        """Sum of element forces on nodes, (size + 1,), its last entry zero."""
+        """Sum (size + 1,) of element forces on nodes; the last entry is zero."""
         total: Array = np.bincount(
             self.unknowns.ravel(), weights=nodal(forces.copy()).ravel(), minlength=self.size + 1
         ).astype(np.float64)
@@ -93,21 +95,23 @@ class Elements:
 
 
 def product(matrices: Array, vectors: Array) -> Array:
-    """Of each matrix (elements, m, n) with its vector (elements, n)."""
+    """Product of each matrix (elements, m, n) with its vector (elements, n)."""
     found: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
     return found
 
 
 def batches(count: int) -> list[slice]:
-    """As many elements at a time as the cache holds."""
+    """Slices of elements, each with as many as the cache holds."""
     return [slice(start, start + BATCH) for start in range(0, count, BATCH)]
 
 
 class Factorised:
-    """The factorised stiffness, with bounded bulk moduli.
+    """Factors of the stiffness with bounded bulk moduli.
 
     Args:
-        each: works on all subdomains at once.
+        elements: the elements.
+        bounded: compliances that are factorised.
+        each: runs a function for all subdomains at once.
     """
 
     def __init__(self, elements: Elements, bounded: Array, each: Each) -> None:
@@ -122,7 +126,7 @@ class Factorised:
         self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
 
     def __call__(self, right: Array) -> Array:
-        """Displacements under forces, both (size + 1,), the last entry zero."""
+        """Displacements (size + 1,) under forces (size + 1,); the last entries are zero."""
         from scipy.linalg import lu_solve
 
         forward = self._each(lambda part: (part, *part.forward(right)), self._subdomains)
@@ -142,21 +146,21 @@ class Factorised:
 class _Subdomain:
     """Elements on one side of the seam, condensed and factorised.
 
-    Without the others nothing need hold it, so springs do, along the seam, as stiff as its elements there are.
+    Without the other side nothing may hold this one. So springs along the seam hold it, as stiff as its elements there.
 
     Attributes:
-        stiffness: against displacements of the seam, the last of which stands for all that is fixed.
-        springs: the diagonal of their stiffness.
+        stiffness: stiffness against displacements of the seam; the last one belongs to all fixed unknowns.
+        springs: diagonal of the springs' stiffness.
     """
 
     def __init__(self, elements: Elements, members: Indices, bounded: Array) -> None:
         unknowns, seam = elements.unknowns[members], elements.seam
         self._inner = unknowns[:, elements.inner]
-        # One more stands for all that is fixed: it has a stiffness of its own and no other.
+        # One more unknown replaces all fixed ones; it is coupled to none.
         outer = np.minimum(unknowns[:, ~elements.inner], elements.shared)
         alone = outer < seam
         self._alone = slice(int(outer.min()), int(outer[alone].max()) + 1)
-        # Numbers in here: first of the unknowns that it has alone, then of the seam's.
+        # Numbers in this subdomain: first its own unknowns, then the seam's.
         self._count = self._alone.stop - self._alone.start
         self._size = self._count + elements.shared + 1 - seam
         self._outer = np.where(alone, outer - self._alone.start, outer - seam + self._count).astype(np.int32)
@@ -166,7 +170,7 @@ class _Subdomain:
         del self._factors
 
     def forward(self, right: Array) -> tuple[Array, Array]:
-        """Forces (size,) that do not act on the seam, those inside elements condensed, and displacements by them."""
+        """Forces (size,) with those inside elements condensed, and their displacements while springs hold the seam."""
         inside = product(self._eliminated.transpose(0, 2, 1), right[self._inner])
         load = np.zeros(self._size)
         load[: self._count] = right[self._alone]
@@ -175,12 +179,12 @@ class _Subdomain:
         return load, self._factors.solve(load)
 
     def held(self, found: Array) -> Array:
-        """Forces that such displacements of the seam take, springs included."""
+        """Forces that displacements of the seam need, springs included."""
         forces: Array = self._held @ found[self._count :]
         return forces
 
     def back(self, right: Array, load: Array, found: Array, moved: Array, answer: Array) -> None:
-        """Fill in displacements, from what was found forward and those of the seam."""
+        """Fill in this subdomain's displacements, from the results of `forward` and those of the seam."""
         found[self._count :] -= moved
         push = self.held(found)
         if push.any():
@@ -200,10 +204,10 @@ class _Subdomain:
         for batch in batches(len(members)):
             matrix = elements.stiffness[members[batch]]
             _, mixed, own = np.intersect1d(elements.mixed, members[batch], assume_unique=True, return_indices=True)
-            for place, number in zip(own, mixed, strict=True):  # one by one they stay in the cache
+            for place, number in zip(own, mixed, strict=True):  # one matrix at a time stays in the cache
                 spread = elements.dilatation[number]
                 matrix[place] += spread.T @ (spread / bounded[number])
-            # Nodes on the rim of an element share it with the unknowns of its matrix, those inside are the same.
+            # Only shape functions on an element's rim differ between nodal values and the matrix's unknowns.
             flat = nodal(matrix).reshape(len(matrix), -1)
             inside, coupling, rim = (flat.take(block, axis=1) for block in blocks)
             self._inverse[batch] = inverse = np.linalg.inv(inside)
@@ -222,7 +226,7 @@ class _Subdomain:
         self._factors = ordered_factors(_assembled(condensed, self._outer, self._size))
         self._held = np.diag(2 * self.springs)
         if len(self._held) > 1:
-            # A half of a sensor hangs together without its seam, so that SuperLU leaves the seam last.
+            # Without its seam a half of the sensor is still connected, so SuperLU leaves the seam last.
             lower, upper = (part[self._count :, self._count :].toarray() for part in (self._factors.L, self._factors.U))
             self._held = lower @ upper
         self.stiffness = self._held - np.diag(self.springs)
@@ -232,7 +236,7 @@ def _assembled(matrices: Array, unknowns: NDArray[np.int32], size: int) -> csc_a
     """Sum of symmetric element matrices (elements, n, n) on unknowns (elements, n) below `size`."""
     from scipy.sparse import csr_array
 
-    # Rows sorted by hand, columns by transposing: half the time of a matrix of coordinates, which sorts each column.
+    # Rows are sorted here and columns by transposing: half the time of a coordinate matrix, which sorts each column.
     count = unknowns.shape[1]
     order = np.argsort(unknowns, axis=None, kind="stable")
     starts = count * np.searchsorted(unknowns.ravel()[order], np.arange(size + 1))

@@ -63,7 +63,7 @@ class SymmetricSolver:
             load: shape (n,).
 
         Returns:
-            Solution, and its residual relative to |A| |x| + |b|, all of the scaled system, by largest entries.
+            Solution, and its residual relative to |A| |x| + |b|, by the largest entries of the scaled system.
 
         Raises:
             EstimateError: the residual stays above RESIDUAL_LIMIT.
@@ -72,7 +72,7 @@ class SymmetricSolver:
         solution += self._solve(load - self.matrix @ solution)
         left = np.max(np.abs(load - self.matrix @ solution) * self._scale)
         size = self._norm * np.max(np.abs(solution / self._scale)) + np.max(np.abs(load * self._scale))
-        residual = float(left / size) if size != 0 else 0.0  # no load: a film without charge
+        residual = float(left / size) if size != 0 else 0.0  # there is no load, as by a film without charge
         if not residual <= RESIDUAL_LIMIT:
             raise EstimateError(
                 f"residual {residual:.1e} of the stiffness system is above {RESIDUAL_LIMIT:g}: it is singular to "
@@ -86,10 +86,11 @@ class SymmetricSolver:
 
 
 def factorised(scaled: sparse.csc_array, backend: str = "") -> Factor:
-    """Solves with a symmetric positive definite matrix, shape (n, n), of unit diagonal.
+    """Function that solves with a symmetric positive definite matrix (n, n) of unit diagonal.
 
     Raises:
-        UnknownName, EstimateError: as SymmetricSolver; of the matrix only that its factors do not fit.
+        UnknownName: there is no such backend, or it is not installed.
+        EstimateError: the factors do not fit into memory.
     """
     name = chosen(backend)
     with _fitting(scaled, name):
@@ -97,12 +98,12 @@ def factorised(scaled: sparse.csc_array, backend: str = "") -> Factor:
 
 
 def ordered_factors(matrix: sparse.csc_array) -> SuperLU:
-    """Factors of a symmetric positive definite matrix whose unknowns stand in a good order for elimination.
+    """Factors of a symmetric positive definite matrix whose unknowns are in a good order for elimination.
 
     SuperLU then needs no longer than PARDISO.
 
     Raises:
-        EstimateError: they do not fit.
+        EstimateError: the factors do not fit into memory.
     """
     with _fitting(matrix, "superlu"):
         return _factors(matrix, "NATURAL")
@@ -120,10 +121,10 @@ def _fitting(matrix: sparse.csc_array, name: str) -> Iterator[None]:
 
 
 def chosen(backend: str) -> str:
-    """The fastest backend that is installed, where none is named.
+    """Name of the backend; where none is named, the fastest that is installed.
 
     Raises:
-        UnknownName: no such backend, or it is not installed.
+        UnknownName: there is no such backend, or it is not installed.
     """
     name = backend or available()[0]
     if name not in available():
@@ -133,7 +134,7 @@ def chosen(backend: str) -> str:
 
 @functools.cache
 def available() -> tuple[str, ...]:
-    """Backends that are installed, the fastest first."""
+    """Names of the installed backends, the fastest first."""
     installed = importlib.util.find_spec("pypardiso") is not None
     return tuple(name for name in BACKENDS if name != "pardiso" or installed)
 

@@ -1,9 +1,10 @@
 """Solve for the displacements of finite elements, to the last digit.
 
-Nearly incompressible material keeps its pressure as an unknown: the factorised matrix has a bounded bulk
-modulus, and steps of iterative refinement on the displacement-pressure equations carry the answer to the
-true one, Poisson ratio 0.5 included. A high bound costs digits in the factorisation, and in a foil of 10 µm
-all of them; with a low one the steps creep where rubber is squeezed flat. So the bound is eased on demand.
+Nearly incompressible material keeps its pressure as an unknown. The factorised matrix has a bounded bulk modulus, and
+steps of iterative refinement on the displacement-pressure equations reach the true answer, also for Poisson ratio 0.5.
+A high bound costs digits in the factorisation, and in a foil of 10 µm all of them. With a low bound the steps converge
+slowly where rubber is squeezed flat. So the search begins with a high bound and lowers it where the residual asks for
+it.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ Array = NDArray[np.float64]
 
 RESIDUAL_GOAL, RESIDUAL_LIMIT = 1e-13, 1e-9
 STEPS = 20
-SETTLED = 1e-10  # of the displacement: the step after one so small is as much smaller, and rounding
-# What the bound is divided by, in turn.
+SETTLED = 1e-10  # of the displacement: after so small a step the next one is mere rounding
+# Divisors of the bound, which are tried in turn.
 EASINGS = (1.0, 30.0, 1000.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What moves the elements.
+    """A load on the elements.
 
     Attributes:
-        load: forces on the unknowns, (size + 1,), the last entry zero.
-        jump: displacement that elements have beside that of the unknowns, (elements, n), of `elements.differences`:
-            it may be torn between them. None: none.
+        load: (size + 1,), forces on the unknowns; the last entry is zero.
+        jump: (elements, n), displacements of the elements in addition to those of the unknowns, as unknowns of
+            `elements.differences`. They need not agree between elements. None: there are none.
     """
 
     load: Array
@@ -46,7 +47,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Displacement (size + 1,), the last entry zero; forces on nodes (elements, n); residual over its terms."""
+    """Displacement (size + 1,), its last entry zero; forces on nodes (elements, n); residual over its terms."""
 
     displacement: Array
     internal: Array
@@ -54,10 +55,12 @@ class Solved:
 
 
 def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Solved]:
-    """Displacement and pressure under each source alone, the first of which must be solved to the last digit.
+    """Displacement and pressure under each source alone. The first source must be solved to the last digit.
 
     Args:
-        each: works on all subdomains at once.
+        elements: the elements.
+        sources: the loads.
+        each: runs a function for all subdomains at once.
 
     Raises:
         EstimateError: the residual stays above 1e-9 of its terms.
@@ -83,18 +86,18 @@ def solve(elements: Elements, sources: Sequence[Source], each: Each) -> list[Sol
 
 
 def _refine(elements: Elements, source: Source, bounded: Array, solver: Factorised, each: Each) -> Solved:
-    """Steps of iterative refinement, as long as they gain a digit, until they no longer move anything.
+    """Refine iteratively as long as steps gain a digit, until they no longer move anything.
 
-    The residual alone does not tell the last: beside rubber it is down to rounding while a foil still moves.
+    The residual alone does not tell the end: beside rubber it is down to rounding while a foil still moves.
     """
-    # Displacements carry the digits that a double has no room for in a second one.
+    # A second array holds the digits of the displacements for which a double has no room.
     displacement, rest = np.zeros(elements.size + 1), np.zeros(elements.size + 1)
     pressure = np.zeros(elements.dilatation.shape[:2])
     spread = elements.dilatation.transpose(0, 2, 1)
     right, gap, best = source.load, np.zeros_like(pressure), math.inf
 
     def lacking(internal: Array) -> Array:
-        """Forces that the next step takes."""
+        """Forces that are not yet in balance; the next step takes them up."""
         forces = internal.copy()
         forces[elements.mixed] += product(spread, gap / bounded[:, None])
         return source.load - elements.gather(forces)
@@ -126,10 +129,10 @@ def _refine(elements: Elements, source: Source, bounded: Array, solver: Factoris
 
 
 def _relative(remainder: Array, terms: float) -> float:
-    """Norm of what is left over that of the terms it is the sum of; 0 where there are none."""
+    """Norm of the remainder over the norm of the terms of which it is the sum; 0 where there are none."""
     return _norm(remainder) / terms if terms else 0.0
 
 
 def _norm(vector: Array) -> float:
-    # BLAS wakes threads for a norm, and waits for them longer than all else takes on a busy machine.
+    # BLAS wakes threads for a norm, and on a busy machine waits for them longer than everything else takes.
     return math.sqrt(np.square(vector).sum())

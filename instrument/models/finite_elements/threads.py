@@ -10,18 +10,18 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
-# Does work on all shares at once, and gives what comes of each, in their order.
+# Runs a function for all shares at once and returns the results in their order.
 Each = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]
 
 
 @contextmanager
 def one_each(shares: int) -> Iterator[Each]:
-    """A thread for each of so many shares, the first of which is the caller's own.
+    """Run each share of the work in a thread of its own; the first is the caller's.
 
-    A share stays with its thread: SuperLU gives memory back in the thread alone that took it.
+    A share stays with its thread, because SuperLU gives memory back only in the thread that took it.
     """
     with ExitStack() as stack:
-        if shares > 1:  # the threads of BLAS, which spin for more work, would take the cores from these
+        if shares > 1:  # BLAS' own threads, which spin while they wait, would take the cores
             stack.enter_context(_blas().limit(limits=1, user_api="blas"))
         pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(shares - 1)]
 
