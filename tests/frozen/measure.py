@@ -49,23 +49,25 @@ def palpate(line: str) -> tuple[object, str, str]:
 
 
 def drawn_empty() -> None:
-    """From now on an empty file stands for each plot: drawing takes longer than measuring.
-
-    palpate must have been started before: it chooses the arithmetic of numpy, which plots load.
-    """
-    palpate("--version")
+    """From now on an empty file stands for each plot: drawing takes longer than measuring."""
     from matplotlib.figure import Figure
 
     Figure.savefig = lambda _figure, path, **_: Path(path).touch()  # type: ignore[method-assign]
 
 
 def made_with() -> Found:
-    """What the last digits rest on: the kernels that palpate has chosen, and what it computes with."""
+    """What the last digits rest on: the kernels of numpy, and what computes beside it.
+
+    Call it before numpy is loaded: palpate chooses the kernels when it is started.
+    """
+    palpate("--version")
+    import numpy  # noqa: F401
     from threadpoolctl import threadpool_info
 
-    kernels = [f"{each['internal_api']} {each['version']} {each['architecture']}" for each in threadpool_info()]
+    loaded = (each for each in threadpool_info() if "numpy" in each["filepath"])
+    kernels = [f"{each['internal_api']} {each['version']} {each.get('architecture')}" for each in loaded]
     versions = {name: version(name) for name in ("numpy", "scipy")}
-    return {**versions, "blas": ", ".join(sorted(set(kernels))), "libm": platform.libc_ver()[1]}
+    return {**versions, "blas": ", ".join(kernels), "libm": platform.libc_ver()[1]}
 
 
 def answers(name: str, lines: tuple[str, ...]) -> list[Found]:
