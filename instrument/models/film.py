@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.models.response import Response
+from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.film_material import FilmMaterial
 

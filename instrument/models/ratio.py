@@ -14,7 +14,8 @@ from typing import Any
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.prices.price_list import model_error
-from palpate.instrument.models.response import AUTO, MODELS, Response, response
+from palpate.instrument.models.response import AUTO, response
+from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
@@ -43,7 +44,7 @@ class Question:
 
     Attributes:
         design: of `palpate.instrument.sensor.designs`.
-        model: of `response.MODELS`, or "auto".
+        model: of `table.MODELS`, or "auto".
         parameters: "thesis", "physical", or "identified", which is fitted to the finite-element models.
         settings: SETTINGS that override the parameter set, moduli in Pa and lengths in m.
         tolerance: greatest error estimate; None for the model's own.

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.response import place_among_films
 from palpate.instrument.models.solid.body import PlanElements
 from palpate.instrument.models.solid.forces import evaluate
 from palpate.instrument.models.solid.mesh import TOOTH
 from palpate.instrument.models.solid.model import REFINEMENTS, resolution_of
 from palpate.instrument.models.solid.system import System
+from palpate.instrument.models.table import place_among_films
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample

@@ -54,7 +54,7 @@ class Mesh:
 
     @property
     def model(self) -> str:
-        """Of `response.MODELS`."""
+        """Of `table.MODELS`."""
         return "axisymmetric" if isinstance(self.parameters, RoundParameters) else "solid"
 
     @property

@@ -17,7 +17,7 @@ from palpate.procedures.showing.model_picture import Picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from palpate.instrument.models.response import Response
+    from palpate.instrument.models.table import Response
 
 Array = NDArray[np.float64]
 

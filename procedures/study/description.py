@@ -19,7 +19,7 @@ from pydantic import Field
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import Config, Name, check, read
 from palpate.instrument.errors import ConfigError, PalpateError, RangeError, UnknownName
-from palpate.instrument.models.response import MODELS
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import Hertz, Seconds, parse
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES, parse_samples

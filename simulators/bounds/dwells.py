@@ -11,7 +11,7 @@ import numpy as np
 from palpate.simulators.linear.lti import Floats, Times
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND
-from palpate.simulators.physics.chain import Touch
+from palpate.simulators.physics.parts import Touch
 from palpate.simulators.rig.rig import Rig
 
 STARTS = 3  # phases in which the drive begins: where the chain is linear, all others follow from them

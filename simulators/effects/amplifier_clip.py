@@ -10,7 +10,7 @@ from pydantic import Field
 from palpate.instrument.quantity import Volts
 from palpate.simulators.bounds.changes import NEARER, bound_of_limit
 from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
-from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.physics.parts import Armature, Limits
 
 
 class AmplifierClip(ShakerEffect):

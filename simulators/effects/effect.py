@@ -24,7 +24,7 @@ from palpate.instrument.sensor.design import Design, Film
 if TYPE_CHECKING:
     from palpate.simulators.bounds.dwells import Dwell
     from palpate.simulators.linear.lti import StateSpace, Times
-    from palpate.simulators.physics.chain import Armature, Limits, Plays, Stack
+    from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack
     from palpate.simulators.randomness import Stream
     from palpate.simulators.rig.rig import Rig
 

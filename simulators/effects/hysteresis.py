@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from palpate.instrument.quantity import Newtons
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
-from palpate.simulators.physics.chain import Plays
+from palpate.simulators.physics.parts import Plays
 
 
 class Hysteresis(HysteresisEffect):

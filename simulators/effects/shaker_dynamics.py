@@ -10,7 +10,7 @@ from pydantic import Field
 from palpate.instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
-from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.physics.parts import Armature, Limits
 
 
 class ShakerDynamics(ShakerEffect):

@@ -11,7 +11,7 @@ from palpate.instrument.quantity import Seconds
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.effects.effect import Bound, Case, Kind, StackEffect
 from palpate.simulators.linear.lti import StateSpace
-from palpate.simulators.physics.chain import Stack
+from palpate.simulators.physics.parts import Stack
 
 # Shares of the fast modulus that relax, and how fast [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {

@@ -11,17 +11,14 @@ import itertools
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.simulators.linear.free_motion import Seen
 from palpate.simulators.linear.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
+from palpate.simulators.linear.mode import Guard, Mode
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
-
-if TYPE_CHECKING:
-    from palpate.simulators.linear.path import Guard, Mode
 
 STEPS = 8  # of Newton, to a root that is known to the nanosecond
 CLOSE = 10.0  # ns: so far from the nanosecond at which it was found a root may be

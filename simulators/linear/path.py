@@ -12,80 +12,23 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear.crossing import NEVER, Watch
 from palpate.simulators.linear.cycle import Cycle
-from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times, Trace
+from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times
+from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 from palpate.simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
 
 LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most
 MOST = 4000  # transitions in one period of the drive
-
-
-@dataclass(frozen=True, eq=False)
-class Guard:
-    """What stays at or above zero, and what follows when it does not.
-
-    entry: from state (s,) and inputs (m,) at the end to the state that the following mode begins with; None: the same.
-    """
-
-    row: Rows
-    following: Callable[[], Mode]
-    entry: Callable[[Floats, Floats], Floats] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Mode:
-    """A linear system from all inputs to all outputs, as long as its guards hold; `touch` tells it from the others."""
-
-    touch: Any
-    system: StateSpace
-    guards: tuple[Guard, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """A stay in one mode from `start_ns`, from a state (s,), up to `end_ns`, when a guard failed.
-
-    traces: what has been looked at in it, by name and rows.
-    """
-
-    start_ns: int
-    end_ns: int
-    mode: Mode
-    steady: Steady
-    state: Floats
-    failed: Guard | None
-    traces: dict[tuple[str, int, int], Trace] = field(default_factory=dict, init=False)
-
-    def trace(self, name: str, rows: slice, row: Callable[[StateSpace], Rows]) -> Trace:
-        """Of some of the system's outputs or of what is made of them, for all times of the stay."""
-        key = (name, rows.start, rows.stop)
-        if key not in self.traces:
-            self.traces[key] = self.steady.trace(row(self.mode.system), self.start_ns, self.state)
-        return self.traces[key]
-
-    def moment(self, time_ns: int) -> Floats:
-        """The state (s,) at a time of the stay."""
-        return self.steady.moment(self.start_ns, self.state, time_ns)
-
-    def after(self, inputs: tuple[Periodic, ...]) -> tuple[Mode, Floats]:
-        """The mode and the state that follow; the same mode where only the search ended."""
-        state = self.moment(self.end_ns)
-        if self.failed is None:
-            return self.mode, state
-        if self.failed.entry is not None:
-            state = self.failed.entry(state, np.array([each.now(self.end_ns) for each in inputs]))
-        return self.failed.following(), state
 
 
 @dataclass(frozen=True, eq=False)

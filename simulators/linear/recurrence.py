@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from palpate.simulators.linear.crossing import Watch
 from palpate.simulators.linear.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
 from palpate.simulators.linear.lti import Floats, StateSpace
+from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-
-if TYPE_CHECKING:
-    from palpate.simulators.linear.crossing import Watch
-    from palpate.simulators.linear.path import Mode, Stretch
 
 REPEATED = 1e-13  # of the largest that each state has been: so close it is the same one period later
 NEAR = 1e-6  # of the same, beside what a drive changes in 100 ns: from here on the fixed point is looked for

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from palpate.simulators.linear.lti import Floats, Rows, StateSpace
-
-if TYPE_CHECKING:
-    from palpate.simulators.physics.chain import Armature, Limits, Touch
+from palpate.simulators.physics.parts import Armature, Limits, Touch
 
 INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
 

@@ -26,7 +26,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.effects.effect import Bound, Case, Effect
 from palpate.simulators.linear.periodic import HERTZ, Periodic
-from palpate.simulators.physics.chain import Touch
+from palpate.simulators.physics.parts import Touch
 from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile

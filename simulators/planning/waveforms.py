@@ -12,7 +12,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SensorNode
 from palpate.simulators.effects.effect import AmplifierEffect, ShakerEffect
 from palpate.simulators.linear.lti import Floats, Times
-from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.physics.parts import Armature, Limits
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene

@@ -15,7 +15,8 @@ from palpate.simulators.effects.effect import (
     StackEffect,
 )
 from palpate.simulators.linear.lti import StateSpace, gain
-from palpate.simulators.physics.chain import Armature, Chain, Limits, Plays
+from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.parts import Armature, Limits, Plays
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.mounted import Mounted
 from palpate.simulators.scenes.scene import Scene

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.influence import tooth_shares
-from palpate.instrument.models.response import Response
+from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.sample import Sample
-from palpate.simulators.physics.chain import Stack
+from palpate.simulators.physics.parts import Stack
 
 SUPPORT_STIFFNESS = 1e6  # N/m, of the rigid support with the load cell below it [A]
 PIN_STIFFNESS = 1e3  # N/m, of the rubber tip of the pin that presses one tooth [A]

@@ -22,7 +22,8 @@ from palpate.simulators.effects.effect import AmplifierEffect, DriveEffect, Leak
 from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
-from palpate.simulators.physics.chain import Chain, Touch
+from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.parts import Touch
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.assembly import chain_of, film_signals
 from palpate.simulators.rig.mounted import Mounted

@@ -15,7 +15,8 @@ from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, nearest
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.response import AUTO, MODELS, Response, response
+from palpate.instrument.models.response import AUTO, response
+from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design

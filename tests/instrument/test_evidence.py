@@ -6,7 +6,7 @@ import pytest
 
 from palpate.instrument.errors import UnknownName
 from palpate.instrument.findings.evidence import GIVEN, REPEATS, Evidence, of_experiment, of_model, ratio_by
-from palpate.instrument.models.response import MODELS
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
 
 INPUT, FITTED, PREDICTED = Evidence

@@ -8,7 +8,8 @@ import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.foundation import springs
-from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.models.response import response
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample

@@ -12,7 +12,7 @@ from palpate.instrument.models import film
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
-from palpate.instrument.models.response import FilmLoad, response
+from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid import system as solid_system
 from palpate.instrument.models.solid.forces import evaluate
@@ -20,6 +20,7 @@ from palpate.instrument.models.solid.mesh import Resolution
 from palpate.instrument.models.solid.model import solve_on
 from palpate.instrument.models.solid.section import section
 from palpate.instrument.models.solid.system import System
+from palpate.instrument.models.table import FilmLoad
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import PVDF
 from tests.instrument.coupled import coupled

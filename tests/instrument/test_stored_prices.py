@@ -9,7 +9,8 @@ from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import round_parameters
 from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.prices.price_list import choose, stored
-from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.models.response import response
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES

@@ -18,9 +18,10 @@ from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.prices.price import Price
 from palpate.instrument.models.prices.price_list import PriceList, stored
-from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.stored import surface
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.accuracy import machine, meshes
 from palpate.procedures.accuracy import measure as measuring

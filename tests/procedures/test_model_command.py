@@ -15,8 +15,8 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
 from palpate.instrument.models.ratio import Question, ask
-from palpate.instrument.models.response import MODELS
 from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from tests.procedures.conftest import Palpate, changed

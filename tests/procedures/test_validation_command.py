@@ -12,8 +12,8 @@ import pytest
 
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.models.prices import validation
-from palpate.instrument.models.response import MODELS
 from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.instrument.thesis import Cell

@@ -16,7 +16,9 @@ from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.lti import Floats, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import INPUTS, Armature, Chain, Limits, Plays, Stack, Touch
+from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.mechanics import INPUTS
+from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack, Touch
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())

@@ -16,7 +16,8 @@ from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear.lti import Floats, StateSpace, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
+from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack, Touch
 from palpate.simulators.planning.steady import followed
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene

@@ -27,7 +27,8 @@ from palpate.simulators.linear.integrators import _first_order_hold
 from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import Armature, Chain, Limits, Plays, Stack, Touch
+from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack, Touch
 from palpate.simulators.randomness import Stream
 
 MS = 1_000_000

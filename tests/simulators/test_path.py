@@ -15,7 +15,8 @@ from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.crossing import NEVER, Signal, Watch
 from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
-from palpate.simulators.linear.path import Guard, Mode, Path
+from palpate.simulators.linear.mode import Guard, Mode
+from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 MS = 1_000_000

@@ -24,8 +24,8 @@ from palpate.instrument.config import LARGEST_FILE, Config
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.prices.price import Machine, Price, Reference
-from palpate.instrument.models.response import MODELS, Response
 from palpate.instrument.models.stored.surface import CODE_VERSION, fixed
+from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS

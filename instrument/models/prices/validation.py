@@ -24,7 +24,8 @@ from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 from palpate.instrument.findings.evidence import ratio_by
 from palpate.instrument.models.parameter_sets import PARAMETER_SETS, get_parameter_set
 from palpate.instrument.models.prices.price_list import fingerprint
-from palpate.instrument.models.response import MODELS, response
+from palpate.instrument.models.response import response
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.load import Load

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.models.foundation import column_fitted
-from palpate.instrument.models.response import AUTO, MODELS, response
+from palpate.instrument.models.response import AUTO, response
 from palpate.instrument.models.stored import surface
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load, through

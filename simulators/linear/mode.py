@@ -1,0 +1,69 @@
+"""A mode of a piecewise linear system: a linear system with guards that say how long it lasts; and a stay in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from palpate.simulators.linear.lti import Floats, Rows, StateSpace, Steady, Trace
+from palpate.simulators.linear.periodic import Periodic
+
+
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """What stays at or above zero, and what follows when it does not.
+
+    entry: from state (s,) and inputs (m,) at the end to the state that the following mode begins with; None: the same.
+    """
+
+    row: Rows
+    following: Callable[[], Mode]
+    entry: Callable[[Floats, Floats], Floats] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A linear system from all inputs to all outputs, as long as its guards hold; `touch` tells it from the others."""
+
+    touch: Any
+    system: StateSpace
+    guards: tuple[Guard, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A stay in one mode from `start_ns`, from a state (s,), up to `end_ns`, when a guard failed.
+
+    traces: what has been looked at in it, by name and rows.
+    """
+
+    start_ns: int
+    end_ns: int
+    mode: Mode
+    steady: Steady
+    state: Floats
+    failed: Guard | None
+    traces: dict[tuple[str, int, int], Trace] = field(default_factory=dict, init=False)
+
+    def trace(self, name: str, rows: slice, row: Callable[[StateSpace], Rows]) -> Trace:
+        """Of some of the system's outputs or of what is made of them, for all times of the stay."""
+        key = (name, rows.start, rows.stop)
+        if key not in self.traces:
+            self.traces[key] = self.steady.trace(row(self.mode.system), self.start_ns, self.state)
+        return self.traces[key]
+
+    def moment(self, time_ns: int) -> Floats:
+        """The state (s,) at a time of the stay."""
+        return self.steady.moment(self.start_ns, self.state, time_ns)
+
+    def after(self, inputs: tuple[Periodic, ...]) -> tuple[Mode, Floats]:
+        """The mode and the state that follow; the same mode where only the search ended."""
+        state = self.moment(self.end_ns)
+        if self.failed is None:
+            return self.mode, state
+        if self.failed.entry is not None:
+            state = self.failed.entry(state, np.array([each.now(self.end_ns) for each in inputs]))
+        return self.failed.following(), state
