@@ -1,10 +1,11 @@
-"""Under a point load: what share of it each tooth of the common base takes, by a table of the solid model.
+"""Shares of a point load that the teeth of the common base take, from a table of the solid model.
 
     tooth_shares(get_design("common_base"), get_sample("1"), (6e-3, 6e-3))      # (0.77, 0.0)
 
-`influence.csv` holds the force on the left tooth for 1 N on the centre line, over each of the six samples: from
-`solid.point_loads` on the coarsest mesh, places 0.5 mm apart; one load would take seconds. Its object sticks to the
-sensor and would pull at a tooth far away, which a touching object cannot: such shares count as none.
+`influence.csv` holds the force on the left tooth for 1 N on the centre line, over each of the six samples. It was
+computed by `point_loads` on the coarsest mesh, at positions 0.5 mm apart, because one load takes seconds. The object of
+that model sticks to the sensor and would pull at a tooth far away, which a touching object cannot do: such shares count
+as 0.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ Floats = npt.NDArray[np.float64]
 DESIGN = "common_base"
 STORED = Path(__file__).with_suffix(".csv")
 ERROR = 1.4e-2
-"""Bound on the error of a share: four times what the next finer mesh changes (3.4e-3, sample 1), and the spline's 1e-4.
+"""Bound on the error of a share: four times the next mesh's change (3.4e-3, sample 1), and 1e-4 of the spline.
 
-Of the discretisation alone: an object that slides, or a load of some width, changes more.
+It counts the discretisation alone. An object that slides, or a load of some width, changes the shares by more.
 """
 
 
@@ -40,7 +41,7 @@ def tooth_shares(design: Design, sample: Sample, at: tuple[float, float]) -> tup
     """Force on each tooth over the whole force, under a load in one point, (x, y) from the sensor's corner [m].
 
     Raises:
-        RangeError: another design or object than those of the table, or a place off the sensor or its centre line.
+        RangeError: the table does not hold this design or object, or the point is off the sensor or its centre line.
     """
     _check(design, sample)
     check_place(design, at[0])
@@ -53,7 +54,7 @@ def tooth_shares(design: Design, sample: Sample, at: tuple[float, float]) -> tup
 
 
 def shares_along(design: Design, sample: Sample, x: Floats) -> Floats:
-    """Shares of the teeth, (2, n), under loads on the centre line at x [m], (n,). Raises RangeError."""
+    """Shares (2, n) of the teeth under loads on the centre line at x (n,) [m]. Raises RangeError."""
     _check(design, sample)
     left = _spline(sample.name)
     found: Floats = np.maximum(np.stack([left(x), left(design.plate.length - x)]), 0.0)

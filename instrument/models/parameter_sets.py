@@ -1,4 +1,4 @@
-"""What the thesis leaves open, or says twice: sets of numbers that go over a design's own, each with its object.
+"""Parameter sets: numbers that the thesis leaves open or gives twice. They replace a design's own, and name the object.
 
 chosen = get_parameter_set("identified", "axisymmetric")
 response(chosen.design(get_design("single")), chosen.load(modulus=100e3), "axisymmetric")
@@ -18,13 +18,13 @@ from palpate.instrument.sensor.sample import Sample
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """The sensed object, and what of a design is replaced; None leaves the design's own.
+    """The sensed object, and the numbers of a design that are replaced; None keeps the design's own.
 
     Attributes:
-        sensed_thickness, sensed_poisson, interface: of the object.
+        sensed_thickness, sensed_poisson, interface: thickness [m], Poisson ratio and interface of the object.
         compliant_poisson, ring_outline, support, disc_radius: see `palpate.instrument.sensor.design`.
         source: where the numbers come from.
-        fitted_to: tables of the thesis whose force ratios they were chosen to meet.
+        fitted_to: tables of the thesis to whose force ratios the numbers were fitted.
     """
 
     source: str
@@ -38,7 +38,7 @@ class ParameterSet:
     fitted_to: tuple[str, ...] = ()
 
     def design(self, design: Design) -> Design:
-        """The design with what the set replaces."""
+        """The design with the numbers that the set replaces."""
         ring = design.ring
         if self.compliant_poisson is not None:
             ring = replace(ring, material=replace(ring.material, poisson=self.compliant_poisson))
@@ -106,7 +106,7 @@ CAPPED = ParameterSet(
 
 PARAMETER_SETS = ("thesis", "physical", "identified", "capped")
 _GIVEN: Mapping[str, ParameterSet] = MappingProxyType({"thesis": THESIS, "physical": PHYSICAL})
-# By finite-element model: others have no place for what was fitted.
+# One for each finite-element model: other models do not have the fitted numbers.
 _FITTED: Mapping[str, Mapping[str, ParameterSet]] = MappingProxyType(
     {
         "identified": {
@@ -124,7 +124,7 @@ def get_parameter_set(name: str, model: str) -> ParameterSet:
     """The parameter set of that name for a model.
 
     Raises:
-        UnknownName: no such set, or none was identified for the model.
+        UnknownName: there is no such set, or none was identified for the model.
     """
     if name not in PARAMETER_SETS:
         raise UnknownName("parameter set", name, PARAMETER_SETS)

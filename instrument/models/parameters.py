@@ -1,7 +1,7 @@
-"""The numbers that the finite-element models need: what both share, the round sensor's, and the square lattice's.
+"""Parameters of the finite-element models: those of both, those of the round sensor, and those of the square lattice.
 
-From below: plate, base film, plate; on it, side by side, film and tooth in the middle and the compliant
-ring around them; on both the sensed object, under a uniform pressure unless a load says otherwise.
+The sensor consists, from below, of plate, base film and plate. On them are film and tooth in the middle and the
+compliant ring around both. The sensed object lies on top, under a uniform pressure unless a load says otherwise.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from palpate.instrument.sensor.film_material import PVDF, FilmMaterial
 from palpate.instrument.sensor.limits import require_nested, require_positive
 from palpate.instrument.sensor.load import INTERFACES, Load
 
-# Of the ring's outer radius, what other lengths may be: beyond, nothing changes but that no digits are left.
+# Limits of other lengths over the ring's outer radius: beyond them the result no longer changes, and digits are lost.
 PROPORTIONS = (1e-5, 300.0)
-# What matter may have, with much to spare [Pa]: beyond, squares leave what a double holds.
+# Limits of moduli, far beyond those of any matter [Pa]: outside them squares leave the range of a double.
 MODULI = (1e-3, 1e20)
-CLOSED = 1e-3  # of the tooth radius: below it a gap is as good as closed
+CLOSED = 1e-3  # of the tooth radius: a smaller gap counts as closed
 LOADS = ("pressure", "platen")
 
 _MODULI = ("sensed_modulus", "compliant_modulus", "tooth_modulus", "plate_modulus")
@@ -45,13 +45,13 @@ class SensorParameters:
         interface: "bonded": the object sticks to tooth and ring; "frictionless": it slides on both; "capped": it slides
             on both, and a rigid cap that cannot tilt keeps the ring's top level.
         support: "elastic": tooth, films and plates deform; "rigid": only object and ring do.
-        sensor_height: of the tooth, and of the ring above the film below the tooth.
-        film_thickness: of both films; the ring is higher than the tooth by one, so that the face is flat.
+        sensor_height: height of the tooth, and of the ring above the tooth's film.
+        film_thickness: thickness of each film; the ring is higher than the tooth by one film, so that the face is flat.
 
     Raises:
         RangeError: a modulus or length is not positive and finite, a Poisson ratio is outside (-1, 0.5],
             parts overlap, or a capped ring touches its tooth.
-        UnknownName: no such interface or support.
+        UnknownName: there is no such interface or support.
     """
 
     sensed_modulus: float = 1e5
@@ -107,19 +107,19 @@ class SensorParameters:
         return self.sensed_modulus / self.compliant_modulus
 
     def canonical(self) -> str:
-        """Every field and value, exactly and in one order: what a content hash is taken of."""
+        """Every field with its exact value, in one order: the text from which a content hash is made."""
         return ";".join(f"{field.name}={getattr(self, field.name)!r}" for field in fields(self))
 
 
 @dataclass(frozen=True, slots=True)
 class RoundParameters(SensorParameters):
-    """One sensor under a round object, on round plates: the axisymmetric model's.
+    """Parameters of the axisymmetric model: one sensor under a round object, on round plates.
 
-    The thesis' sensor is square (10 x 10 mm); the radii say which disc stands for it.
+    The thesis' sensor is square (10 x 10 mm); the radii are those of the disc that replaces it.
 
     Attributes:
-        sensed_radius: of the object.
-        plate_radius: of plates and base film.
+        sensed_radius: radius of the object [m].
+        plate_radius: radius of plates and base film [m].
     """
 
     sensed_radius: float = 5e-3
@@ -138,21 +138,21 @@ class RoundParameters(SensorParameters):
 
 @dataclass(frozen=True, slots=True)
 class SolidParameters(SensorParameters):
-    """A lattice of equal cells, one tooth in its ring in the middle of each, under one object: the solid model's.
+    """Parameters of the solid model: equal cells, each with a tooth and ring in its middle, under one object.
 
     Attributes:
-        ring_outline: "round", or "square": the compliant part fills its cell outside the gap.
-        outline: of object and plates: "square", or "round": no wider than the ring; one tooth only.
-        cell_length, cell_width: of the plan, for each tooth.
-        columns, rows: teeth along length and width.
-        separate_bases: each tooth has its own plates and base film.
-        load: uniform "pressure" on the object, or a flat rigid "platen" glued to it.
-        load_at: point load instead, at (x, y) from the corner of the object [m].
-        force: in all [N].
+        ring_outline: "round"; or "square": the compliant part fills its cell outside the gap.
+        outline: outline of object and plates: "square"; or "round": no wider than the ring, for one tooth only.
+        cell_length, cell_width: size of the plan for each tooth [m].
+        columns, rows: number of teeth along length and width.
+        separate_bases: whether each tooth has plates and a base film of its own.
+        load: uniform "pressure" on the object, or a flat rigid "platen" that is glued to it.
+        load_at: point of the object for a point load instead, (x, y) from its corner [m].
+        force: whole force [N].
 
     Raises:
         RangeError: the force is not positive and finite, or the load is off the object.
-        UnknownName: no such outline or load.
+        UnknownName: there is no such outline or load.
     """
 
     ring_outline: str = "round"
@@ -192,28 +192,28 @@ class SolidParameters(SensorParameters):
 
     @property
     def length(self) -> float:
-        """Of the object along x [m]."""
+        """Length of the object along x [m]."""
         return self.columns * self.cell_length
 
     @property
     def width(self) -> float:
-        """Of the object along y [m]."""
+        """Width of the object along y [m]."""
         return self.rows * self.cell_width
 
     @property
     def load_area(self) -> float:
-        """That the object is pressed on [m2]."""
+        """Area on which the object is pressed [m2]."""
         return math.pi * self.ring_outer_radius**2 if self.outline == "round" else self.length * self.width
 
 
 def _require_positive(of: object, names: Sequence[str], unit: str) -> None:
-    """Raises RangeError: an attribute is not above 0 and finite."""
+    """Check that attributes are above 0 and finite. Raises RangeError."""
     for name in names:
         require_positive(getattr(of, name), name, unit)
 
 
 def _require_proportionate(of: SensorParameters, names: Sequence[str]) -> None:
-    """Raises RangeError: a length is so small or so large beside the sensor that no mesh resolves both."""
+    """Check that no length is too small or too large beside the sensor for a mesh. Raises RangeError."""
     for name in names:
         value, low, high = getattr(of, name), *(share * of.ring_outer_radius for share in PROPORTIONS)
         if not (low <= value <= high):
@@ -224,13 +224,13 @@ def _require_proportionate(of: SensorParameters, names: Sequence[str]) -> None:
 
 
 def require_name(of: object, kind: str, valid: Sequence[str]) -> None:
-    """Raises UnknownName: an attribute is none of the valid names."""
+    """Check that an attribute is one of the valid names. Raises UnknownName."""
     if getattr(of, kind) not in valid:
         raise UnknownName(kind, getattr(of, kind), valid)
 
 
 def round_parameters(design: Design, load: Load) -> RoundParameters:
-    """A design with one tooth under a load, discs in the place of squares.
+    """Parameters of a design with one tooth under a load; discs replace squares.
 
     Raises:
         RangeError: the design has more than one tooth, or the load acts in one point.
@@ -247,7 +247,7 @@ def round_parameters(design: Design, load: Load) -> RoundParameters:
 
 
 def solid_parameters(design: Design, load: Load) -> SolidParameters:
-    """A design under a load."""
+    """Parameters of a design under a load."""
     length, width = design.cell
     return SolidParameters(
         **_shared(design, load),

@@ -1,4 +1,4 @@
-"""The force ratio of a named sensor, by a named model, from a named parameter set, over a list of moduli.
+"""Force ratio of a named sensor, by a named model with a named parameter set, over a list of moduli.
 
 question = Question("single_round", "axisymmetric", "physical", {"compliant_modulus": 33e3}, tolerance=1e-4)
 [answer.response.force_ratio for answer in ask(question, [14.9e3, 24e3])]
@@ -20,7 +20,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 
-# What a caller may set in place of the parameter set's.
+# Settings of a caller that override the parameter set.
 SETTINGS = (
     "compliant_modulus",
     "sensed_thickness",
@@ -29,8 +29,8 @@ SETTINGS = (
     "plate_modulus",
     "interface",
 )
-# What a model holds fixed: the program has the plate's thickness for the object's, an experiment was done once, and of
-# what was fitted nobody knows what it would be for other bodies.
+# Settings that a model holds fixed: the program takes the plate's thickness for the object's, an experiment was done
+# once, and fitted numbers are not known for other bodies.
 FIXED: dict[str, tuple[str, ...]] = {
     "beam_printed": ("sensed_thickness",),
     "column_fitted": tuple(name for name in SETTINGS if name != "compliant_modulus"),
@@ -40,15 +40,15 @@ FIXED: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Which sensor, by which model.
+    """A question for the force ratio of a sensor.
 
     Attributes:
-        design: of `palpate.instrument.sensor.designs`.
-        model: of `table.MODELS`, or "auto".
-        parameters: "thesis", "physical", or "identified", which is fitted to the finite-element models.
-        settings: SETTINGS that override the parameter set, moduli in Pa and lengths in m.
-        tolerance: greatest error estimate; None for the model's own.
-        at: the force acts in one point of the object, (x, y) from its corner [m]; None: a uniform pressure.
+        design: name of a design.
+        model: name of a model of `table.MODELS`, or "auto".
+        parameters: name of a parameter set.
+        settings: values that override the parameter set, moduli in Pa and lengths in m (see SETTINGS).
+        tolerance: greatest error estimate; None: the model's own.
+        at: point of the object in which the force acts, (x, y) from its corner [m]; None: a uniform pressure.
 
     Raises:
         UnknownName: no such design, model, parameter set of that model, or setting.
@@ -76,7 +76,7 @@ class Question:
                 )
 
     def sensor(self) -> Design:
-        """The design, with the parameter set's and the settings' materials."""
+        """The design with the materials of parameter set and settings."""
         design = get_parameter_set(self.parameters, self.model).design(get_design(self.design))
         ring, plate = design.ring, design.plate
         ring = replace(ring, material=replace(ring.material, **self._set("compliant_")))
@@ -84,7 +84,7 @@ class Question:
         return replace(design, ring=ring, plate=plate)
 
     def load(self, modulus: float) -> Load:
-        """One newton through the object of that modulus [Pa]."""
+        """Load of 1 N through the object with that modulus [Pa]."""
         load = get_parameter_set(self.parameters, self.model).load(modulus)
         sensed = replace(load.sensed, **self._set("sensed_"))
         interface = str(self.settings.get("interface", load.interface))
@@ -96,10 +96,10 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The response under one newton by an object of that modulus [Pa], and the seconds that it took.
+    """Response to 1 N through an object with a modulus [Pa], and the time that it took [s].
 
     Attributes:
-        model_error: see `price_list.model_error`.
+        model_error: distance of the model from the reference (see `price_list.model_error`).
     """
 
     sensed_modulus: float
@@ -109,11 +109,11 @@ class Answer:
 
 
 def ask(question: Question, moduli: Sequence[float]) -> Iterator[Answer]:
-    """Responses at moduli of the sensed object [Pa], one by one. Nothing is solved before everything is checked.
+    """Responses at moduli of the sensed object [Pa], one by one. Everything is checked before the first is solved.
 
     Raises:
-        RangeError: a modulus or setting is out of its limits, or the model cannot answer for it or to the tolerance.
-        UnknownName: no such interface.
+        RangeError: a modulus or setting is outside its limits, or the model cannot answer for it or to the tolerance.
+        UnknownName: there is no such interface.
         EstimateError: a linear system cannot be solved accurately.
     """
     design = question.sensor()

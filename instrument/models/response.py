@@ -1,4 +1,4 @@
-"""One question, whatever the model: what force does the tooth take, and what do the films give?
+"""The one call for all models: force on the teeth and signals of the films under a load.
 
     load = Load(force=3.0, sensed=get_sample("2"))
     response(get_design("single"), load, model="axisymmetric", tolerance=1e-4).force_ratio
@@ -18,14 +18,16 @@ AUTO = "auto"
 
 
 def response(design: Design, load: Load, model: str = "experiment", tolerance: float | None = None) -> Response:
-    """Forces on teeth and base, by a model or by the cheapest that meets the tolerance ("auto").
+    """Forces on teeth and base, by a model, or by the cheapest one that meets the tolerance ("auto").
 
     Args:
-        model: of MODELS, or "auto".
+        design: the sensor.
+        load: the load on it.
+        model: one of MODELS, or "auto".
         tolerance: greatest error of the force ratio; None: the model's own.
 
     Raises:
-        UnknownName: no such model.
+        UnknownName: there is no such model.
         RangeError: the model does not answer for this design or load, or not to this tolerance, which must be above
             0 and at most 0.5.
         EstimateError: a linear system cannot be solved accurately.

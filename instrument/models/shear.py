@@ -1,9 +1,9 @@
-"""What a force along the sensor's face does to the films, and which load off centre does the same to each of them.
+"""Effect of a force along the sensor's face on the films, and the load off centre that has the same effect.
 
     shear(get_design("common_base"), get_sample("1"))["rigid_1"].off_centre("object")    # m N/N
 
-By the solid model with a bonded object. The force acts along x, the line of the teeth: on the top of the first tooth
-alone, or evenly on the object's upper side, as a probe drags it. All is linear, and given for 1 N.
+It is computed by the solid model with a bonded object. The force acts along x, the line of the teeth: on the top of the
+first tooth alone, or evenly on the object's upper side, as a probe drags it. Everything is linear and given for 1 N.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ from palpate.instrument.sensor.sample import Sample
 Vector = NDArray[np.float64]
 
 DRAGGED = ("tooth", "object")
-NOTHING = 1e-6  # of the load: what rounding leaves of a force that symmetry makes zero
+NOTHING = 1e-6  # of the load: rounding leaves as much of a force that symmetry makes zero
 MESHES = REFINEMENTS[:2]  # the third takes minutes
-ALIKE = 0.1  # of a place: that two films name one
+ALIKE = 0.1  # relative difference of two films' positions that count as one
 
 
 @dataclass(frozen=True, slots=True)
 class FilmShear:
-    """Compression of a film.
+    """Compressive force on a film.
 
     Attributes:
-        pressed: by 1 N spread evenly over the object.
-        leaning: by a pressure that rises evenly along x, per metre that its resultant of 1 N is off centre [N/m].
-        dragged: by 1 N of shear, by what it acts on (`DRAGGED`) [N].
-        length: of the object [m].
+        pressed: under 1 N that is spread evenly over the object [N].
+        leaning: under a pressure that rises evenly along x, for each metre that its resultant of 1 N is off centre
+            [N/m].
+        dragged: under 1 N of shear, by the body on which it acts (`DRAGGED`) [N].
+        length: length of the object [m].
     """
 
     pressed: float
@@ -51,21 +52,21 @@ class FilmShear:
     length: float
 
     def off_centre(self, what: str) -> float | None:
-        """Where along x a load acts that adds as much as an equal shear does [m]; None: no load off centre adds any."""
+        """Distance from the centre [m] at which a load adds as much as an equal shear; None: no load adds any."""
         if abs(self.leaning) * self.length < NOTHING:
             return None
         return self.dragged[what] / self.leaning
 
     def cleaned(self, what: str) -> float:
-        """`dragged`, without what rounding leaves of zero [N]."""
+        """`dragged`, with 0 where only rounding is left [N]."""
         return self.dragged[what] if abs(self.dragged[what]) > NOTHING else 0.0
 
     def change(self, coarse: FilmShear) -> float:
-        """The greatest of forces by shear from another mesh to this one [N]."""
+        """Greatest change of a force by shear from another mesh to this one [N]."""
         return max(abs(self.cleaned(what) - coarse.cleaned(what)) for what in DRAGGED)
 
     def summary(self, coarse: FilmShear) -> dict[str, float | None]:
-        """Under public names; `coarse`: the same film on the mesh before."""
+        """The numbers with the names that JSON has; `coarse`: the same film on the mesh before."""
         found: dict[str, float | None] = {"pressed_N": self.pressed, "change_N": self.change(coarse)}
         for what in DRAGGED:
             found |= {f"{what}_N": self.cleaned(what), f"{what}_off_centre_m": self.off_centre(what)}
@@ -73,7 +74,7 @@ class FilmShear:
 
 
 def told(films: Mapping[str, FilmShear]) -> str:
-    """What films tell of shear on the object: "not", as of one place "off centre", or of places "apart"."""
+    """How films show shear on the object: "not" at all, as one position "off centre", or as positions "apart"."""
     places = [place for film in films.values() if (place := film.off_centre("object")) is not None]
     if not places:
         return "not"
@@ -81,10 +82,11 @@ def told(films: Mapping[str, FilmShear]) -> str:
 
 
 def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> dict[str, FilmShear]:
-    """Of each film by its name.
+    """Effect of shear on each film by its name.
 
     Raises:
-        RangeError: several rows of teeth, no such refinement, or a length or modulus that no mesh resolves.
+        RangeError: there are several rows of teeth, there is no such refinement, or no mesh resolves a length or
+            modulus.
         EstimateError: the linear system cannot be solved accurately.
     """
     if design.rows > 1:
@@ -120,7 +122,7 @@ def shear(design: Design, sensed: Sample, refinement: int = REFINEMENTS[0]) -> d
 
 
 def _compressions(system: System, axis: int, level: int, weights: Vector) -> Vector:
-    """Of teeth and then bases [N], by forces on the object's nodes of one height, along one axis [N]."""
+    """Compressive forces [N] on teeth and then bases, by forces on the object's nodes of one height, along one axis."""
     load = np.zeros(system.unknowns)
     np.add.at(load, system.stack.object.names[axis, level], weights)
     forces = evaluate(system, system.solve(load))
@@ -128,7 +130,7 @@ def _compressions(system: System, axis: int, level: int, weights: Vector) -> Vec
 
 
 def _first_moments(plan: PlanElements, coordinate: Vector) -> Vector:
-    """Integrals of a coordinate times the shape functions, by node of the plan; `coordinate`: its coefficients."""
+    """Integrals of a coordinate, given by its coefficients, times the shape functions, for each node of the plan."""
     found = np.zeros(len(plan.nodes))
     np.add.at(found, plan.local, (plan.mass @ coordinate[plan.nodes][plan.local][..., None])[..., 0])
     return found

@@ -21,14 +21,14 @@ from palpate.instrument.sensor.sample import Sample
 
 @dataclass(frozen=True, slots=True)
 class FilmLoad:
-    """What a film feels, and what it gives where the model knows its stresses: else None.
+    """Load on a film, and its signal where the model knows its stresses (else None).
 
     Attributes:
-        force: compression [N].
+        force: compressive force [N].
         plane_stress: mean stress along axes 1 and 2 of the open film [Pa].
-        voltage: of the open film, its electrodes coupled to what moves it [V].
+        voltage: voltage of the open film, coupled to the mechanics [V].
         voltage_error: bound on the error of the voltage by the discretisation [V].
-        charge: with all films in short circuit [C].
+        charge: charge with all films in short circuit [C].
     """
 
     force: float
@@ -38,7 +38,7 @@ class FilmLoad:
     charge: float | None = None
 
     def times(self, factor: float) -> Self:
-        """Under a force so many times as large."""
+        """The same under a force that is larger by this factor."""
         scaled = {
             name: None if value is None else value * factor
             for name, value in (
@@ -53,20 +53,20 @@ class FilmLoad:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What the sensor does under a load.
+    """Response of a sensor to a load.
 
     Attributes:
-        model: that answered.
+        model: name of the model that answered.
         force_rigid: force on the teeth [N].
         force_total: force on the base [N].
         force_ratio: force_rigid / force_total.
-        error_estimate: bound on the error of `force_ratio`; None: the model knows none. That of a finite-element
-            model is of its discretisation alone, that of "column_fitted" its distance from the tables it stands for.
-        tooth_forces: on each tooth [N].
-        films: film name -> what the film feels.
-        stiffness: of the stack of object and sensor [N/m], by the column model whichever model divides
-            the force: the others have no deflection of their own that could be measured.
-        why: the model was chosen; empty where it was asked for.
+        error_estimate: bound on the error of `force_ratio`; None: the model has none. For a finite-element model it
+            counts the discretisation alone, for "column_fitted" the distance from the tables to which it was fitted.
+        tooth_forces: force on each tooth [N].
+        films: load on each film by its name.
+        stiffness: stiffness of the stack of object and sensor [N/m], always by the column model: other models have no
+            deflection that could be measured.
+        why: why the model was chosen; empty where it was asked for.
     """
 
     model: str
@@ -82,11 +82,13 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A way to answer.
+    """One model of the registry.
 
     Attributes:
-        answer: design, load and tolerance -> response; the tolerance is None where the caller leaves it to the model.
-        default_tolerance: of a model that refines until its error estimate meets a tolerance; None: it has none.
+        answer: function of design, load and tolerance that gives the response; a tolerance of None is left to the
+            model.
+        default_tolerance: tolerance of a model that refines until its error estimate meets it; None: it does not
+            refine.
     """
 
     answer: Callable[[Design, Load, float | None], Response]
@@ -127,7 +129,7 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
     from palpate.instrument.models.solid import model as solid
 
     asked = SOLID_TOLERANCE if tolerance is None else tolerance
-    # Forces and stresses grow with the load: of one newton they are kept for the next.
+    # Forces and stresses are proportional to the load: those of 1 N are kept for the next call.
     solution, estimate = solid.solve_to(solid_parameters(design, replace(load, force=1.0)), asked)
     forces = (*solution.tooth_forces, *solution.base_forces)
     stresses = (*solution.tooth_films, *solution.base_films)
@@ -153,7 +155,7 @@ def _solid(design: Design, load: Load, tolerance: float | None) -> Response:
 
 
 def place_among_films(design: Design, film: Film) -> int:
-    """Of a film where the solid model has those of all teeth, and then those of the bases."""
+    """Place of a film in the solid model's order: the films of all teeth, then those of the bases."""
     tooth = film.teeth[0]
     if film.kind == FILM_KINDS[0]:
         return tooth
@@ -176,7 +178,7 @@ def _response(
     estimate: float | None,
     felt: Mapping[str, FilmLoad] = MappingProxyType({}),
 ) -> Response:
-    """The response of a model that shares the force evenly between teeth; `felt`: films of each kind for 1 N."""
+    """Response of a model that shares the force evenly between teeth; `felt`: load on films of each kind under 1 N."""
     teeth = len(design.teeth)
     tooth_forces = (ratio * load.force / teeth,) * teeth
     films = {}
@@ -195,7 +197,7 @@ def _response(
     )
 
 
-# Where none is asked for: what takes about a second, and ten without the extra "fast".
+# Default tolerances: answers take about a second, or ten without the extra "fast".
 AXISYMMETRIC_TOLERANCE, SOLID_TOLERANCE = 1e-4, 5e-3
 
 MODELS: Mapping[str, Model] = MappingProxyType(

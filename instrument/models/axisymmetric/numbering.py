@@ -108,7 +108,7 @@ def _dissection(mesh: Grid, bodies: list[Part], unknowns: Indices, count: int) -
 
 
 def within(radius: float, mesh: Grid, r: Line) -> NDArray[np.bool_]:
-    """Which of the radial line's shape functions, by number, belong to an interval within `radius` [m]."""
+    """Whether each shape function of the radial line, by its number, belongs to an interval within `radius` [m]."""
     return _shapes(mesh, r, (0.0, radius))
 
 

@@ -39,7 +39,7 @@ class Elements:
         stiffness: (elements, n, n), against the unknowns of `elements.differences`, without the dilatation of mixed
             elements.
         unknowns: (elements, n), global numbers; unknowns that are fixed to zero have the number `size`.
-        inner: which of the n unknowns belong to no other element.
+        inner: (n,), whether an unknown belongs to no other element.
         size: number of unknowns; those that elements share come first, in the order of their elimination.
         shared: number of shared unknowns.
         mixed: numbers of the elements that keep their pressure.

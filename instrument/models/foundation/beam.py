@@ -1,31 +1,32 @@
 """A beam on an elastic foundation: the two-dimensional theory of the thesis (sections 4.1 and 4.5.1).
 
-The sensed object over half the sensor, from the axis outwards, is a beam (equation 4.1). It rests on one foundation
-over the tooth, its own compression, for the tooth is rigid, and on another over the ring, its own compression and the
-ring's in series (4.17 to 4.21). A uniform load presses on it. Hermite cubic elements, consistent foundation and load.
+The sensed object over half the sensor, from the axis outwards, is a beam (equation 4.1). Over the tooth its foundation
+is the object's own compression, since the tooth is rigid. Over the ring its foundation is the compression of object and
+ring in series (4.17 to 4.21). A uniform load presses on it. Elements are Hermite cubic, with consistent foundation and
+load.
 
-The program of Appendix A2.1 (`beam_printed`) computes this, but not as section 4.1 has it, and what it prints is not
-the curve that the thesis shows. `force_ratio` differs from it in four points (they are rows of
-`instrument/thesis/program_A2_1.csv`):
+The program of Appendix A2.1 (`beam_printed`) departs from section 4.1, and does not print the curve that the thesis
+shows. `force_ratio` differs from the program in four points (rows of `instrument/thesis/program_A2_1.csv`):
 
-- T1, the thickness of the object, is the object's own, 3 mm: the program has 0.55 mm, the plate's;
-- each stretch's force is integrated over its foundation: the program takes the deflection of one end for all of it;
-- K is assembled anew for each modulus: the program's `K = subs(K)` keeps that of the first;
-- the beam reaches to the edge of the sensor, so that its outer stretch is 3.6 mm: the program's is as long as the ring
-  is wide, 3.5 mm, and leaves the gap out.
+- T1 is the object's thickness, 3 mm; the program has the plate's, 0.55 mm;
+- the force of a stretch is integrated over its foundation; the program takes the deflection of one end for all of it;
+- K is assembled anew for each modulus; the program's `K = subs(K)` keeps that of the first modulus;
+- the beam reaches to the edge of the sensor, so that its outer stretch is 3.6 mm; the program's outer stretch is as
+  long as the ring is wide, 3.5 mm, and leaves out the gap.
 
-At the samples' moduli this meets the theory that Table 5.8 implies to 2.4 % rms, mean error of the experiments 19.5 %
-where the table has 20.08 %; with 3.5 mm it is 4.5 % rms, and 15.9 %. Thickness and length were chosen so that it does:
-it is a fit to that table, and no proof that the thesis was computed so.
+At the samples' moduli this meets the theory that Table 5.8 implies to 2.4 % rms. The mean error of the experiments is
+19.5 %, where the table has 20.08 %. With 3.5 mm these are 4.5 % rms and 15.9 %. Thickness and length were chosen to
+meet that table, so the agreement does not prove that the thesis was computed in this way.
 
-Two things stay because Table 5.8 has them. Both ends are free, without the condition of zero slope that symmetry asks
-for at the axis. The foundation constant A E / T is a force per length of deflection (N/m) where one per area of beam
-(N/m2) belongs, so that the result rests on lengths being in metres. Divided by the length of its stretch, the constant
-has its dimension, and the ratio is 0.23 to 0.31 where the table implies 0.13 to 0.24.
+Two errors stay because Table 5.8 has them. Both ends are free, although symmetry asks for zero slope at the axis. The
+foundation constant A E / T is a force per deflection (N/m), although a force per deflection and length of beam (N/m2)
+is needed; so the result holds for lengths in metres only. Divided by the length of its stretch, the constant would have
+the right dimension, and the ratio would be 0.23 to 0.31, where the table implies 0.13 to 0.24.
 
-Bending stiffness and foundation both grow with the object's modulus, so that the ratio depends on thickness and area
-alone where the ring is hard beside the object, 0.071 for the single sensor, and tends to 1 under a hard object. A beam
-much thinner than 0.1 mm bends within less than an element: `beam_exact` knows its ratio, this model misses it by 1e-3.
+Bending stiffness and foundation both grow with the object's modulus. So the ratio depends on thickness and area alone
+where the ring is much harder than the object (0.071 for the single sensor), and tends to 1 under a hard object. A beam
+much thinner than 0.1 mm bends within less than an element: `beam_exact` gives its ratio, and this model misses it by
+1e-3.
 """
 
 from __future__ import annotations
@@ -55,18 +56,18 @@ class Stretch:
 
 
 def force_ratio(design: Design, sensed: Sample) -> float:
-    """Tooth force over total force, 16 elements a stretch."""
+    """Tooth force over total force, with 16 elements in each stretch."""
     return ratio_of(*beam_of(design, sensed.modulus, sensed.thickness), ELEMENTS)
 
 
 def ratio_of(bending: float, beam: Sequence[Stretch], elements: int) -> float:
-    """Force below the first stretch over that below all; arguments as of `stretch_forces`."""
+    """Force below the first stretch over the force below all; arguments as in `stretch_forces`."""
     forces = stretch_forces(bending, beam, elements)
     return forces[0] / sum(forces)
 
 
 def beam_of(design: Design, modulus: float, thickness: float) -> tuple[float, tuple[Stretch, Stretch]]:
-    """Bending stiffness [N m2] of an object of that modulus [Pa] and thickness [m]; its stretches over tooth and ring.
+    """Bending stiffness [N m2] of an object with this modulus [Pa] and thickness [m], and its stretches.
 
     Raises:
         RangeError: the modulus or the thickness is not positive and finite.
@@ -102,7 +103,7 @@ def stretch_forces(bending: float, beam: Sequence[Stretch], elements: int) -> li
 
 
 def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple[Array, Array]:
-    """Nodal deflections [m] and slopes of a beam with free ends under 1 N/m, each of len(beam) * elements + 1.
+    """Deflections [m] and slopes at the nodes of a beam with free ends under 1 N/m, each (len(beam) * elements + 1,).
 
     Raises:
         RangeError: bending stiffness, a length or a foundation is not positive and finite.
@@ -120,8 +121,8 @@ def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple
         springs[span_of, span_of] += _foundation_matrix(h) * (foundation * span)
         load[span_of] += np.array([h / 2, h**2 / 12, h / 2, -(h**2) / 12]) * span
 
-    # Unknowns: heave, tilt, and the deflection from the tangent at the axis. A soft foundation is a
-    # billionth of the bending stiffness; with rigid motion apart, bending cannot drown it in rounding.
+    # Unknowns: heave, tilt, and the deflection from the tangent at the axis. A soft foundation is a billionth of the
+    # bending stiffness. With rigid motion as separate unknowns, rounding in the bending terms does not hide it.
     basis = np.eye(size)
     basis[0::2, 0], basis[1::2, 0] = 1, 0
     basis[0::2, 1], basis[1::2, 1] = nodes, 1
@@ -134,7 +135,7 @@ def deflections(bending: float, beam: Sequence[Stretch], elements: int) -> tuple
 
 
 def require_beam(bending: float, beam: Sequence[Stretch]) -> None:
-    """Raises RangeError: bending stiffness, a length or a foundation is not positive and finite."""
+    """Check that bending stiffness, lengths and foundations are positive and finite. Raises RangeError."""
     require_positive(bending, "bending stiffness", "N m2", "beam")
     for stretch in beam:
         require_positive(stretch.length, "length of a stretch", "m", "beam")

@@ -1,16 +1,17 @@
-"""The thesis' three-dimensional tables in two numbers: the column model's law with a start and a slope of its own.
+"""Fit to the thesis' three-dimensional tables by two numbers: the column model's law with another start and slope.
 
 Tooth force over ring force, the odds R / (1 - R), is a straight line in the ratio of moduli of object and ring,
 
     R / (1 - R) = a + b E1/E2.
 
-The column model has this law with a = A_tooth / A_ring and b = a T_ring / T_object (`springs`), and so has any sensor
-on a rigid support whose ring's top stays level (interface "capped"): object and ring are then two springs. All tables
-of the thesis' finite elements keep it to their last digits, so that two springs do what they do.
+The column model follows this law with a = A_tooth / A_ring and b = a T_ring / T_object (`springs`). So does any sensor
+on a rigid support whose ring's top stays level (interface "capped"), because object and ring are then two springs. All
+tables of the thesis' finite elements keep the law to their last digits.
 
-Fitted on the ring of 24 kPa, Tables A2.1 and A2.3, by least squares over the cells that needed no repair. The tables
-for 33 kPa, A2.2 and A2.4, are predicted by it. Table A2.5 is a copy of A2.3, so that different bases have the numbers
-of the common one. It says what the thesis' finite elements say, and is no nearer to an experiment than they are.
+The two numbers were fitted to Tables A2.1 and A2.3 for the ring of 24 kPa, by least squares over the cells that needed
+no repair. They predict Tables A2.2 and A2.4 for 33 kPa. Table A2.5 is a copy of A2.3, so different bases have the
+numbers of the common base. The model says what the thesis' finite elements say, and is no nearer to an experiment than
+they are.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ class OddsLine:
     """Odds of tooth to ring over the ratio of moduli.
 
     Attributes:
-        start: the odds below an infinitely soft object.
-        slope: by how much they rise for each time that the object is as hard as the ring.
-        residual: greatest difference of the force ratio from a cell of the tables, of both rings.
+        start: odds under an infinitely soft object.
+        slope: rise of the odds over the ratio of moduli, object over ring.
+        residual: greatest difference of the force ratio from a cell of the tables of both rings.
     """
 
     start: float
@@ -49,7 +50,7 @@ class OddsLine:
         return 1 / (1 + 1 / odds)
 
     def modulus_ratio(self, force_ratio: float) -> float:
-        """The inverse: modulus of the object over that of the ring.
+        """Modulus of the object over that of the ring, from the force ratio.
 
         Raises:
             RangeError: no object has that force ratio.
@@ -109,7 +110,11 @@ def line_of(design: Design) -> OddsLine:
 
 
 def _same_bodies(design: Design, known: Design) -> bool:
-    """But for the ring's modulus, which the law has in it, and Poisson ratio and outline, which no spring has."""
+    """Whether two designs have the same bodies.
+
+    The ring's modulus may differ, because the law contains it. Poisson ratio and outline may differ, because springs
+    have neither.
+    """
     return (
         design.teeth == known.teeth
         and (design.tooth.radius, design.tooth.height) == (known.tooth.radius, known.tooth.height)

@@ -1,11 +1,12 @@
-"""The exact solution of a beam on two or more stretches of elastic foundation: the beam model's reference.
+"""Exact solution of a beam on two or more stretches of elastic foundation: the beam model's reference.
 
 With lengths over the span L, deflections over L^4 / EI and κ = k L^4 / EI the equation of each stretch is
 v'''' + κ v = 1 under a uniform load (Winkler 1867; Hetényi, Beams on Elastic Foundation, 1946). Moment and
 shear vanish at both ends of the beam, and v to v''' are continuous where stretches meet.
 
-A stretch longer than its waves is spanned by waves that die away from either end: none overflows. On a
-shorter one these are all but dependent, and power series that tend to 1, x, x²/2, x³/6 take their place.
+The solution on a stretch that is longer than its waves is a sum of waves that die away from either end, so none
+overflows. On a shorter stretch these waves are nearly dependent, and power series that tend to 1, x, x²/2, x³/6 replace
+them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from palpate.instrument.sensor.sample import Sample
 
 Array = NDArray[np.float64]
 
-# κ times the length's fourth power up to which series stand for waves; they lose no digit there.
+# κ times the fourth power of the length, up to which series replace the waves; they lose no digit there.
 SHORT = 20.0
 TERMS = 12
 
@@ -78,10 +79,10 @@ def _modes(foundation: float, length: float) -> Array:
 
 
 def _waves(foundation: float, length: float) -> Array:
-    """1/κ, and two waves from either end, with their derivatives at both ends.
+    """1/κ and two waves from either end, with their derivatives at both ends.
 
-    The first wave has no moment at its end, the second no shear: a limp stretch carries them on scales so
-    far apart that one would drown in the other's rounding.
+    The first wave has no moment at its end, the second no shear. On a limp stretch moment and shear differ so much in
+    size that one would vanish in the other's rounding.
     """
     beta = (foundation / 4) ** 0.25
     modes = np.zeros((2, 4, 5))
@@ -97,7 +98,7 @@ def _waves(foundation: float, length: float) -> Array:
 def _series(foundation: float, length: float) -> Array:
     """Sums of (-κ)^n x^(4n+j) / (4n+j)! for j = 0 to 4, with their derivatives at both ends.
 
-    The derivative of one is the one before, that of the first -κ times the fourth.
+    The derivative of each sum is the sum before it; that of the first sum is -κ times the fourth.
     """
     modes = np.zeros((2, 4, 5))
     for end, x in enumerate((0.0, length)):

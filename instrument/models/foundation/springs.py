@@ -3,9 +3,9 @@
 The tooth is rigid, the sensor's face stays flat, and object and ring carry no shear from one column to
 the other. With a the tooth's share of the area and λ = E_s T_c / (E_c T_s) the force ratio is
 
-    R = a (1 + λ) / (1 + a λ),
+    R = a (1 + λ) / (1 + a λ).
 
-a for a very soft object, 1 for a very hard one.
+    It is a for a very soft object and 1 for a very hard one.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ def ratio_of_modulus(design: Design, modulus: Moduli, thickness: float) -> Modul
     """Tooth force over total force.
 
     Args:
+        design: the sensor.
         modulus: Young modulus of the object [Pa], a number or an array of any shape.
-        thickness: of the object [m].
+        thickness: thickness of the object [m].
 
     Returns:
         Force ratio, of the shape of `modulus`.
@@ -44,12 +45,12 @@ def ratio_of_modulus(design: Design, modulus: Moduli, thickness: float) -> Modul
     require_positive(thickness, "thickness", "m", "object")
     share = design.tooth.area / (design.tooth.area + design.ring.area)
     hardness = modulus * (design.ring.height / (design.ring.material.modulus * thickness))
-    # Divided through by 1 + λ: neither end of the range of moduli overflows or cancels.
+    # Divided by 1 + λ, nothing overflows or cancels at either end of the range of moduli.
     return share / (share + (1 - share) / (1 + hardness))
 
 
 def stiffness(design: Design, sensed: Sample) -> float:
-    """Force on the stack of object and sensor over its compression [N/m]."""
+    """Stiffness of the stack of object and sensor: force over compression [N/m]."""
     return stretch_stiffness(design, sensed.modulus, sensed.thickness)[2]
 
 
@@ -57,8 +58,9 @@ def stretch_stiffness(design: Design, modulus: float, thickness: float) -> tuple
     """Stiffness of tooth column, ring column and both together [N/m].
 
     Args:
+        design: the sensor.
         modulus: Young modulus of the object [Pa].
-        thickness: of the object [m].
+        thickness: thickness of the object [m].
 
     Raises:
         RangeError: the modulus or the thickness is not positive and finite.

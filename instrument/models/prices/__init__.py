@@ -1,1 +1,1 @@
-"""What answers of the models cost, and how far models lie from experiments: measured once and stored."""
+"""Prices of the models' answers, and the models' distances from experiments: measured once and stored."""

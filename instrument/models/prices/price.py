@@ -1,4 +1,4 @@
-"""One row of the price list, with what its error was taken against, and on which machine its time was."""
+"""One row of the price list, with the reference for its errors and the machine on which its times were measured."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from palpate.instrument.config import Config
 
 
 class Machine(Config):
-    """Where and when the times were taken."""
+    """Machine and date of the times."""
 
     cpu: str
     cores: int
@@ -16,18 +16,18 @@ class Machine(Config):
 
     @property
     def described(self) -> str:
-        """All but the date, for people."""
+        """The machine as text for people, without the date."""
         return f"{self.cpu}, {self.cores} cores, {self.system}, Python {self.python}"
 
 
 class Reference(Config):
-    """The converged force ratios of one design that errors are taken against.
+    """The converged force ratios of one design, against which errors are measured.
 
     Attributes:
-        fingerprint: of all that the finite-element models look at but modulus and force, and of the version of their
-            code: prices of another one are not believed.
-        force_ratios, uncertainties: at each modulus of the list.
-        how: they were got and checked.
+        fingerprint: hash of everything on which the finite-element models depend except modulus and force, and of the
+            version of their code. Prices with another fingerprint are not used.
+        force_ratios, uncertainties: force ratio and its uncertainty at each modulus of the list.
+        how: how they were computed and checked.
     """
 
     design: str
@@ -41,15 +41,15 @@ class Price(Config):
     """Error and time of one model of one design at one refinement.
 
     Attributes:
-        errors: greatest distance from the reference, with the reference's uncertainty, from each modulus of the
-            list to the next: of closed forms and surfaces all along, of the axisymmetric model at both ends and in the
-            geometric middle, of the solid model at both ends; None where the model does not answer in all of it, or
-            was not asked.
-        estimates: greatest of the model's own bounds on its error, likewise; None where it has none.
-        build_s, solve_s, evaluate_s: processor time that one answer takes at this refinement, taken apart [s]; a
-            surface is built once, and its time is on the wall.
-        answer_s: processor time that a caller of the model pays for an answer like this, with every mesh that its error
-            estimate needs [s]; None where no caller gets it.
+        errors: for each interval between two moduli of the list the greatest distance from the reference, with the
+            reference's uncertainty added. Closed forms and surfaces are compared all along the interval, the
+            axisymmetric model at both ends and in the geometric middle, the solid model at both ends. None: the model
+            does not answer in the whole interval, or was not asked.
+        estimates: the greatest of the model's own error estimates in each interval; None: it has none.
+        build_s, solve_s, evaluate_s: processor time of one answer at this refinement, in its parts [s]. A surface is
+            built once; its time is wall time.
+        answer_s: processor time of an answer with every mesh that its error estimate needs [s]; None: callers do not
+            get such an answer.
         failure: why something is missing; empty where nothing is.
     """
 
@@ -66,13 +66,13 @@ class Price(Config):
 
     @property
     def seconds(self) -> float | None:
-        """Time for one answer at this refinement alone [s]; what is built once and kept does not count."""
+        """Time for one answer at this refinement alone [s]. What is built once and kept does not count."""
         if self.build_s is None or self.solve_s is None or self.evaluate_s is None:
             return self.evaluate_s
         return self.build_s + self.solve_s + self.evaluate_s
 
     def promise(self, intervals: slice) -> float | None:
-        """Greatest error over some intervals, by reference and by own estimate; None: not all are known."""
+        """Greatest error over some intervals, by reference and by the model's own estimate; None: not known."""
         errors = self.errors[intervals]
         if not errors or None in errors:
             return None

@@ -1,9 +1,9 @@
-"""What the accuracy of each model costs: measured once and stored, to be asked for the cheapest that will do.
+"""Price list: the time that each model takes for its accuracy, measured once and stored, to find the cheapest model.
 
     choose(get_design("single"), [Load(1.0, get_sample("2"))], tolerance=1e-3).model
 
-A price holds for one design, for an object like the one it was measured with, and between the moduli at which it
-was measured. For anything else the list does not vouch, and a model with an error estimate of its own answers.
+A price holds for one design, for an object like the one with which it was measured, and between the moduli at which it
+was measured. For anything else a model with an error estimate of its own answers.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.load import Load, through
 
 STORED = Path(__file__).with_name("prices.json")
-# Where the caller names none: below the 4 % by which the measured ratio scatters.
+# Tolerance where the caller names none: below the 4 % by which the measured ratio scatters.
 AUTO_TOLERANCE = 1e-2
 MEASURE_ALL = "measure all designs anew: palpate accuracy models --store"
 
@@ -42,9 +42,9 @@ class Choice:
     """A model that meets a tolerance.
 
     Attributes:
-        error: greatest error that its price promises; None: the list does not vouch, its own estimate does.
-        seconds: for each answer; None: not priced.
-        why: it was chosen, in one sentence.
+        error: greatest error by its price; None: it was not priced, and its own estimate counts.
+        seconds: time for each answer [s]; None: it was not priced.
+        why: why it was chosen, in one sentence.
     """
 
     model: str
@@ -54,10 +54,10 @@ class Choice:
 
 
 class PriceList(Config):
-    """All prices, between Young moduli of the object that rise [Pa].
+    """All prices, between rising Young moduli of the object [Pa].
 
     Attributes:
-        format: raised with every change of what a field means; a list of another one is refused.
+        format: number that is raised with every change of a field's meaning; lists of another format are refused.
     """
 
     format: Literal[2] = 2
@@ -68,7 +68,7 @@ class PriceList(Config):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        """Every price and reference has a number for every interval or modulus, and moduli rise."""
+        """Check that moduli rise and that every price and reference has a number for each interval or modulus."""
         count = len(self.moduli_Pa)
         if not (self.moduli_Pa[0] > 0 and all(low < high for low, high in pairwise(self.moduli_Pa))):
             raise ValueError("moduli_Pa do not rise from above 0")
@@ -79,7 +79,7 @@ class PriceList(Config):
         return self
 
     def choose(self, design: str, low: float, high: float, tolerance: float) -> Choice:
-        """The cheapest model whose priced error meets the tolerance for objects of moduli `low` to `high` [Pa].
+        """The cheapest model whose priced error meets the tolerance for objects with moduli from `low` to `high` [Pa].
 
         Raises:
             RangeError: no price was measured for that design and range, or none meets the tolerance.
@@ -117,7 +117,7 @@ class PriceList(Config):
         )
 
     def model_error(self, design: str, model: str, low: float, high: float) -> float | None:
-        """Greatest error of a model on its finest mesh for objects of moduli `low` to `high` [Pa]; None: not priced."""
+        """Greatest error of a model on its finest mesh for moduli from `low` to `high` [Pa]; None: not priced."""
         offers = [
             price.errors[self._around(low, high)]
             for price in self.prices
@@ -127,10 +127,10 @@ class PriceList(Config):
         return min((max(errors) for errors in known if errors), default=None)
 
     def of(self, designs: Sequence[str]) -> PriceList:
-        """What the list has of some designs alone.
+        """The part of the list that concerns some designs.
 
         Raises:
-            RangeError: it has nothing of one of them.
+            RangeError: the list has nothing of one of them.
         """
         for design in designs:
             if design not in {price.design for price in self.prices}:
@@ -146,7 +146,7 @@ class PriceList(Config):
         )
 
     def require_like(self, machine: Machine, moduli: tuple[float, ...]) -> None:
-        """Raises RangeError: prices of that machine and at those moduli [Pa] do not go with these; dates may."""
+        """Check that machine and moduli [Pa] are those of this list; dates may differ. Raises RangeError."""
         if machine.model_copy(update={"date": self.machine.date}) != self.machine:
             raise RangeError(
                 f"the stored prices are of {self.machine.described}, and this is {machine.described}; {MEASURE_ALL}"
@@ -155,10 +155,10 @@ class PriceList(Config):
             raise RangeError(f"the stored prices are at {self.moduli_Pa} Pa, and not at {moduli} Pa; {MEASURE_ALL}")
 
     def replaced(self, fresh: PriceList) -> PriceList:
-        """This list with what a fresh one has of its designs in the place of the old.
+        """This list with the prices of a fresh list's designs replaced by the fresh ones.
 
         Raises:
-            RangeError: the fresh one is of another machine or other moduli.
+            RangeError: the fresh list is from another machine or has other moduli.
         """
         self.require_like(fresh.machine, fresh.moduli_Pa)
         renewed = {price.design for price in fresh.prices}
@@ -172,7 +172,7 @@ class PriceList(Config):
         )
 
     def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
-        """Whether prices were measured for this very design, such objects and such moduli."""
+        """Whether prices were measured for this very design, and for such objects and moduli."""
         known = {reference.design: reference.fingerprint for reference in self.references}
         return DESIGNS.get(design.name) == design and all(
             fingerprint(design, load) == known.get(design.name)
@@ -189,7 +189,7 @@ class PriceList(Config):
 
 
 def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
-    """The cheapest model that meets a tolerance of the force ratio under all of some loads.
+    """The cheapest model that meets a tolerance of the force ratio under each of some loads.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or no model meets it.
@@ -212,7 +212,7 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> Choice:
 
 
 def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Response:
-    """The response by the cheapest model that meets the tolerance; without one by 1e-2.
+    """The response by the cheapest model that meets the tolerance; None: 1e-2.
 
     Its error estimate is never below the priced error.
 
@@ -229,14 +229,16 @@ def answer_cheapest(design: Design, load: Load, tolerance: float | None) -> Resp
 
 
 def model_error(design: Design, load: Load, model: str, low: float, high: float) -> float | None:
-    """What a model leaves out, whatever its mesh: distance of its force ratio from the priced reference.
+    """Greatest distance of a model's force ratio from the priced reference, on whatever mesh.
 
     Args:
-        load: through any object; its modulus does not count.
-        low, high: moduli of the object between which it is the greatest [Pa].
+        design: the sensor.
+        load: load through an object, whose modulus has no effect.
+        model: name of the model.
+        low, high: moduli of the object between which the distance is the greatest [Pa].
 
     Returns:
-        None where the list does not vouch, and for the experiment, which answers to no model.
+        None where nothing was priced, and for the experiment, which is no approximation of a model.
     """
     prices = stored()
     ends = [through(load, modulus) for modulus in (low, high)]
@@ -246,7 +248,7 @@ def model_error(design: Design, load: Load, model: str, low: float, high: float)
 
 
 def fingerprint(design: Design, load: Load) -> str:
-    """SHA-256 of all that the finite-element models look at but modulus and force, and of the version of their code."""
+    """SHA-256 of everything but modulus and force on which the finite-element models depend, and their version."""
     text = f"code {CODE_VERSION};{fixed(solid_parameters(design, load))}"
     return hashlib.sha256(text.encode()).hexdigest()
 

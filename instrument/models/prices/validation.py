@@ -1,9 +1,9 @@
-"""How far a sensor model lies from the experiments of the thesis: its validation error, which no mesh makes smaller.
+"""Validation error: the distance of a sensor model from the experiments of the thesis, which no finer mesh lowers.
 
     validate("single", "physical", "surface").rms        # 28.0 percent
 
-The sign is one everywhere: model less measured mean, in percent of the measured mean. Models that answer at once are
-asked; what those give that refine takes minutes and is kept in `validation.json`.
+It is the model less the measured mean, in percent of the measured mean. Models that answer at once are asked each time.
+Models that refine take minutes; their answers are kept in `validation.json`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from palpate.instrument.sensor.sample import SAMPLES
 
 STORED = Path(__file__).with_name("validation.json")
 SIGN = "model less measured mean, in percent of the measured mean"
-# Of models that refine, as their estimates bound it; the errors are ten times less, and far below these distances.
+# Tolerance of models that refine, by their error estimates; true errors are ten times less, far below these distances.
 TOLERANCE = 5e-2
 RENEW = "solve them anew: palpate accuracy validation --store"
 
@@ -42,13 +42,13 @@ Kind = Literal["compared", "input", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """A model with a parameter set, beside the experiments with a design.
+    """Comparison of a model with a parameter set with the experiments on a design.
 
     Attributes:
-        kind: "compared"; "input": the model is the measurement, so that its distance says nothing; "none": there is
+        kind: "compared"; "input": the model is the measurement itself, so its distance says nothing; "none": there is
             nothing to compare.
-        why: for "input" and "none"; empty where models are compared.
-        percent: sample name -> SIGN; empty but for "compared".
+        why: the reason for "input" and "none"; empty for "compared".
+        percent: error of each sample by its name, as SIGN says; empty except for "compared".
     """
 
     design: str
@@ -71,16 +71,16 @@ class Validation:
 
     @property
     def worst_sample(self) -> str | None:
-        """The sample that the model is farthest from."""
+        """The sample with the greatest error."""
         return max(self.percent, key=lambda name: abs(self.percent[name])) if self.percent else None
 
     @property
     def worst(self) -> float | None:
-        """At that sample, signed [percent]."""
+        """Error at that sample, with its sign [percent]."""
         return None if self.worst_sample is None else self.percent[self.worst_sample]
 
     def record(self) -> dict[str, Any]:
-        """Under public names."""
+        """The comparison with the names that JSON has."""
         return {
             "design": self.design,
             "parameters": self.parameters,
@@ -96,7 +96,7 @@ class Validation:
 
 
 class Kept(Config):
-    """Force ratios, sample by sample, by a model that refines; or why it gives none."""
+    """Force ratio of each sample by a model that refines, or the reason why there is none."""
 
     design: str
     parameters: str
@@ -107,7 +107,7 @@ class Kept(Config):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        """A ratio for every measured sample, or a failure."""
+        """Check that there is a ratio for every measured sample, or a failure."""
         measured = DESIGNS[self.design].thesis_force_ratio if self.design in DESIGNS else {}
         if not self.failure and self.force_ratios.keys() != measured.keys():
             raise ValueError(f"{self.design}: ratios are not of the samples {', '.join(measured)}")
@@ -115,17 +115,17 @@ class Kept(Config):
 
 
 class KeptList(Config):
-    """All that is kept; `format` is raised with every change of what a field means."""
+    """All kept answers; `format` is raised with every change of a field's meaning."""
 
     format: Literal[1] = 1
     answers: tuple[Kept, ...]
 
 
 def validate(design: str, parameters: str, model: str) -> Validation:
-    """The distance of a model from the thesis' measured means, by names of design, parameter set and model.
+    """Distance of a model from the thesis' measured means, by names of design, parameter set and model.
 
     Raises:
-        UnknownName: no such design, set or model.
+        UnknownName: there is no such design, set or model.
         ConfigError: the kept answers are damaged.
     """
     if model not in MODELS:
@@ -147,7 +147,7 @@ def validate(design: str, parameters: str, model: str) -> Validation:
 
 
 def validate_all(designs: Sequence[str]) -> list[Validation]:
-    """Every model of the registry with every parameter set that it has, for some designs. Raises as `validate`."""
+    """Comparison of every model with each of its parameter sets, for some designs. Raises as `validate` does."""
     return [
         validate(design, parameters, model)
         for design in designs
@@ -170,7 +170,8 @@ def solve(design: str, parameters: str, model: str) -> dict[str, float]:
     """Force ratio of each measured sample, by the model itself.
 
     Raises:
-        UnknownName: the model has no such parameter set. RangeError: it does not answer for this sensor.
+        UnknownName: the model has no such parameter set.
+        RangeError: the model does not answer for this sensor.
         EstimateError: a linear system cannot be solved accurately.
     """
     sensor, loads = _asked(design, parameters, model)
@@ -179,11 +180,12 @@ def solve(design: str, parameters: str, model: str) -> dict[str, float]:
 
 
 def kept(design: str, parameters: str, model: str) -> Mapping[str, float]:
-    """What `solve` gave when the list was made.
+    """Force ratio of each measured sample, as `solve` gave it when the list was made.
 
     Raises:
-        RangeError: the model did not answer for this sensor, or nothing is kept of it as it is now.
-        UnknownName: the model has no such parameter set. ConfigError: the list is missing or damaged.
+        RangeError: the model did not answer for this sensor, or nothing is kept of its present version.
+        UnknownName: the model has no such parameter set.
+        ConfigError: the list is missing or damaged.
     """
     now = _fingerprint(*_asked(design, parameters, model))
     for answer in stored().answers:
@@ -195,7 +197,7 @@ def kept(design: str, parameters: str, model: str) -> Mapping[str, float]:
 
 
 def refining() -> Iterator[tuple[str, str, str]]:
-    """Design, parameter set and model of every answer that is kept: measured designs, and models that refine."""
+    """Design, parameter set and model of every kept answer: all measured designs with all models that refine."""
     for model, of in MODELS.items():
         for design in measured_designs() if of.default_tolerance else ():
             for parameters in PARAMETER_SETS:
@@ -209,7 +211,7 @@ def measured_designs() -> list[str]:
 
 
 def measure(progress: Callable[[int, int, str], None]) -> KeptList:
-    """Solve all of `refining`: some minutes.
+    """Solve everything that `refining` lists, which takes some minutes.
 
     Raises:
         EstimateError: a linear system cannot be solved accurately.
@@ -228,7 +230,7 @@ def measure(progress: Callable[[int, int, str], None]) -> KeptList:
 
 
 def _asked(design: str, parameters: str, model: str) -> tuple[Design, dict[str, Load]]:
-    """The sensor, and a newton through each sample that was measured with it."""
+    """The sensor, and a load of 1 N through each sample that was measured with it."""
     chosen = get_parameter_set(parameters, model)
     plain = get_design(design)
     loads = {name: chosen.load(SAMPLES[name].modulus) for name in plain.thesis_force_ratio}
@@ -236,7 +238,7 @@ def _asked(design: str, parameters: str, model: str) -> tuple[Design, dict[str, 
 
 
 def _fingerprint(sensor: Design, loads: Mapping[str, Load]) -> str:
-    """SHA-256 of all that finite elements look at, and of the version of their code."""
+    """SHA-256 of everything on which finite elements depend, and of the version of their code."""
     parts = [f"{name} {load.sensed.modulus!r} {fingerprint(sensor, load)}" for name, load in loads.items()]
     return hashlib.sha256(f"{TOLERANCE};{sensor.disc_radius!r};{';'.join(parts)}".encode()).hexdigest()
 

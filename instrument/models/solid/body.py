@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 Names = NDArray[np.intp]
 Entries = TypeVar("Entries", NDArray[np.float64], NDArray[np.intp])
 
-# 2 G e + λ tr e is assembled with λ / G up to this; what is above it comes by iteration on the pressure.
+# Greatest λ / G in the assembled matrix 2 G e + λ tr e; the rest of λ comes by iteration on the pressure.
 LAME_RATIO_LIMIT = 1000.0
 
 
@@ -47,7 +47,7 @@ class Elastic:
 
     @property
     def lame(self) -> float:
-        """λ [Pa] that the matrix carries."""
+        """Part of λ that the matrix carries [Pa]."""
         limit = LAME_RATIO_LIMIT * self.shear
         if self.poisson <= 0 or self.compliance > 1 / limit:
             return 1 / self.compliance
@@ -60,17 +60,18 @@ class Elastic:
 
 
 class PlanElements:
-    """Integrals over each of a selection of the plan's elements.
+    """Integrals over some of the plan's elements.
 
     Attributes:
-        elements: numbers in the whole plan.
-        nodes: names in the whole plan of the shape functions that do not vanish on the selection.
-        local: places of each element's shape functions in `nodes`, shape (elements, shapes).
-        integrals: of the shape functions over the selection, by node.
-        areas: of the elements [m2].
-        mass, xx, yy, yx, vx, vy: of products of shape functions and their derivatives, (elements, shapes, shapes).
-        pressure: x derivative, y derivative and value of shape functions against orthonormal polynomials, by
-            degree of these, each (elements, polynomials, shapes).
+        elements: numbers of these elements in the whole plan.
+        nodes: names in the whole plan of the shape functions that do not vanish on these elements.
+        local: (elements, shapes), places of each element's shape functions in `nodes`.
+        integrals: integral of each shape function over these elements.
+        areas: areas of the elements [m2].
+        mass, xx, yy, yx, vx, vy: (elements, shapes, shapes), integrals of products of shape functions and their
+            derivatives.
+        pressure: integrals of x derivative, y derivative and value of shape functions times orthonormal polynomials, by
+            the degree of these; each (elements, polynomials, shapes).
     """
 
     def __init__(self, basis: Any, elements: Names, degree: int) -> None:
@@ -99,12 +100,12 @@ class PlanElements:
 
 
 def _orthonormal(places: Vector, weight: Vector, degree: int) -> Vector:
-    """Polynomials at the quadrature points, (elements, polynomials, points), orthonormal on each element."""
+    """Polynomials (elements, polynomials, points) at the quadrature points, orthonormal on each element."""
     area = weight.sum(axis=-1)[:, None]
     centre = (places * weight).sum(axis=-1, keepdims=True) / area
     size = np.sqrt(((places - centre) ** 2 * weight).sum(axis=-1, keepdims=True) / area)
     a, b = (places - centre) / size
-    # By rising degree, so that the first ones span every lower degree.
+    # The degree rises, so that the first polynomials span every lower degree.
     monomials = np.stack([a ** (k - m) * b**m for k in range(degree + 1) for m in range(k + 1)], axis=-1)
     root = np.sqrt(weight)[..., None]
     polynomials: Vector = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 1)
@@ -112,16 +113,18 @@ def _orthonormal(places: Vector, weight: Vector, degree: int) -> Vector:
 
 
 class HeightElements:
-    """Integrals over each step along the height; its first shape function alone reaches the bottom, the last the top.
+    """Integrals over each step along the height.
+
+    Only the first shape function is not zero at the bottom, and only the last one at the top.
 
     Attributes:
         breaks: heights between the steps [m].
-        degree: of the shape functions.
-        count: of shape functions.
-        local: names of each step's shape functions, shape (steps, shapes).
+        degree: degree of the shape functions.
+        count: number of shape functions.
+        local: (steps, shapes), names of each step's shape functions.
         one: coefficients of the function 1.
-        mass, zz, zv: of products of shape functions and their derivatives, (steps, shapes, shapes).
-        pressure: value and slope of the shape functions against Legendre polynomials, (degree, steps, shapes).
+        mass, zz, zv: (steps, shapes, shapes), integrals of products of shape functions and their derivatives.
+        pressure: (degree, steps, shapes), integrals of value and slope of shape functions times Legendre polynomials.
     """
 
     def __init__(self, breaks: Vector, degree: int) -> None:
@@ -131,7 +134,7 @@ class HeightElements:
         self.breaks, self.degree = breaks, degree
         self.count = basis.N
         self.local = np.argsort(order)[basis.element_dofs].T
-        # Hierarchical shape functions add nothing to those of the ends.
+        # Hierarchical shape functions add nothing at the ends.
         self.one = np.where((order <= steps) | (degree == 2), 1.0, 0.0)
         weight = basis.dx
         v = np.stack([np.broadcast_to(np.asarray(field[0]), weight.shape) for field in basis.basis], axis=1)
@@ -162,13 +165,13 @@ class Body:
         self.shape = (3, height.count, len(plan.nodes))
 
     def local(self, names: Entries, steps: slice = slice(None)) -> Entries:
-        """Those of `names`, of the body's shape, that belong to each element: (elements, steps, unknowns)."""
+        """Entries (elements, steps, unknowns) of `names`, which has the body's shape, that belong to each element."""
         heights, nodes = self.height.local[steps], self.plan.local
         picked = names[:, heights[None, :, :, None], nodes[:, None, None, :]]
         return np.moveaxis(picked, 0, 2).reshape(len(nodes), len(heights), -1)
 
     def stiffness(self, steps: slice = slice(None)) -> Vector:
-        """Shape (elements, steps, unknowns, unknowns)."""
+        """Stiffness (elements, steps, unknowns, unknowns) of the elements."""
         if isinstance(self.material, FilmMaterial):
             return self._film_stiffness(self.material, steps)
         p, h = self.plan, self.height
@@ -192,7 +195,7 @@ class Body:
         return matrix
 
     def _film_stiffness(self, film: FilmMaterial, steps: slice) -> Vector:
-        """Of a material with three planes of symmetry, which is thin, and far from incompressible."""
+        """Stiffness of a film: a material with three planes of symmetry, thin, and far from incompressible."""
         p, h = self.plan, self.height
         (c, _, _), (c44, c55, c66) = film.stiff(), film.shear
         mass, zz, zv = (matrix[None, steps, :, None, :, None] for matrix in (h.mass, h.zz, h.zv))
@@ -214,9 +217,10 @@ class Body:
         return matrix
 
     def polarised(self, film: FilmMaterial, one: Vector) -> Vector:
-        """Forces of a film under 1 V, against its voltage: (elements, steps, unknowns) [N/V].
+        """Forces (elements, steps, unknowns) of a film under 1 V, against its voltage [N/V].
 
         Args:
+            film: material of the film.
             one: coefficients of the function 1 in the plan, by node of the body.
         """
         p, h = self.plan, self.height
@@ -229,7 +233,7 @@ class Body:
         return by_axis.reshape(*by_axis.shape[:2], -1)
 
     def dilatation(self, steps: slice = slice(None)) -> Vector:
-        """Operator from unknowns to orthonormal dilatations: (elements, steps, pressures, unknowns)."""
+        """Operator (elements, steps, pressures, unknowns) from unknowns to orthonormal dilatations."""
         rows = []
         for level, (value, slope) in enumerate(self.height.pressure):
             triple = self.plan.pressure[-1 - level]
@@ -241,7 +245,10 @@ class Body:
 
 
 def _add_blocks(matrix: Vector, blocks: dict[tuple[int, int], Vector]) -> None:
-    """To a matrix (elements, steps, unknowns, unknowns), by axes of its unknowns; those below the diagonal follow."""
+    """Add blocks to a symmetric matrix (elements, steps, unknowns, unknowns), by the axes of its unknowns.
+
+    Blocks below the diagonal are the transposes of those above it.
+    """
     size = matrix.shape[-1] // 3
     by_axis = matrix.reshape(*matrix.shape[:2], 3, size, 3, size)
     for (a, b), block in blocks.items():
@@ -252,12 +259,12 @@ def _add_blocks(matrix: Vector, blocks: dict[tuple[int, int], Vector]) -> None:
 
 
 def plan_basis(plan: Plan, degree: int) -> Any:
-    """Shape functions of a plan."""
+    """Shape functions of a plan, of a degree."""
     return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)
 
 
 def height_basis(breaks: Vector, degree: int, points: Vector | None = None) -> Any:
-    """Shape functions along the height, at the points of an exact quadrature or at these of each step (0 to 1)."""
+    """Shape functions along the height, at given points of each step (0 to 1), or at those of an exact quadrature."""
     element = ElementLineP2() if degree == 2 else ElementLinePp(degree)
     if points is None:
         return Basis(MeshLine(breaks), element, intorder=2 * degree)

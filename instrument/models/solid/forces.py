@@ -1,4 +1,4 @@
-"""What teeth, bases and films of the solid model feel, from the forces inside its elements."""
+"""Forces on teeth, bases and films of the solid model, from the forces inside its elements."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Forces:
     """Forces [N], compression positive, and mean stresses along x and y [Pa], tension positive.
 
     Attributes:
-        teeth: on each tooth, shape (teeth,).
-        bases: on each base, shape (bases,).
-        tooth_films: of the film below each tooth, shape (teeth, 2); none on a rigid support.
-        base_films: of the film of each base, shape (bases, 2); none on a rigid support.
-        signals: voltages [V] and short-circuit charges [C] of the films, of the teeth's and then of the bases', shape
-            (teeth + bases, 2); none on a rigid support.
+        teeth: (teeth,), force on each tooth.
+        bases: (bases,), force on each base.
+        tooth_films: (teeth, 2), stresses of the film below each tooth; none on a rigid support.
+        base_films: (bases, 2), stresses of the film of each base; none on a rigid support.
+        signals: (teeth + bases, 2), voltage [V] and short-circuit charge [C] of each film, first of the teeth and then
+            of the bases; none on a rigid support.
     """
 
     teeth: Vector
@@ -35,15 +35,16 @@ class Forces:
 
 
 def evaluate(system: System, solved: Solved) -> Forces:
-    """Forces and stresses of the whole sensor, mirrored where half of it was solved for."""
+    """Forces and stresses of the whole sensor, mirrored where only a half or a quarter was solved."""
     return _Evaluation(system, solved).forces()
 
 
 def energies(system: System, pressed: Solved) -> Energies:
-    """What the mesh is judged by.
+    """Energies from which the mesh's error is estimated.
 
     Args:
-        pressed: under the parameters' own load.
+        system: the sensor.
+        pressed: solution under the parameters' own load.
     """
     p, copies = system.parameters, 2 ** sum(system.mirrored)
     jump = _jump(system)
@@ -64,7 +65,10 @@ def energies(system: System, pressed: Solved) -> Energies:
 
 
 def _jump(system: System) -> dict[int, Vector]:
-    """All that stands on the teeth's lower side raised by 1: the load's work on it is the teeth's force."""
+    """Jump that raises everything above the teeth's lower side by 1.
+
+    The work of the load on this jump is the teeth's force.
+    """
     stack = system.stack
     sides = [(stack.tooth, 0)] + ([(stack.ring, -1)] if system.parameters.support == "rigid" else [])
     found = {}
@@ -77,7 +81,7 @@ def _jump(system: System) -> dict[int, Vector]:
 
 
 def forces_below(part: Part, stack: Stack, solved: Solved) -> Vector:
-    """Forces along z on the shape functions of the lower side of a part's elements, (elements, shapes) [N]."""
+    """Forces (elements, shapes) [N] along z on the shape functions of the lower side of a part's elements."""
     lowest = np.flatnonzero(part.body.height.local[0] == 0)[0]
     forces: Vector = _inside(part, stack, solved, slice(0, 1))[:, 0, 2, lowest]
     return forces
@@ -113,7 +117,7 @@ class _Evaluation:
             work, volume = work.sum(axis=0, keepdims=True), volume.sum(keepdims=True)
         tooth_work, tooth_volume = (self._whole(item) for item in self._work(stack.tooth))
         signals = self._signals()
-        # What a film's own voltage adds to its stresses.
+        # A film's own voltage adds to its stresses.
         pulled = np.outer(signals[:, 0], p.film.stiff()[1][:2]) / p.film_thickness
         return Forces(
             teeth,
@@ -124,14 +128,14 @@ class _Evaluation:
         )
 
     def _signals(self) -> Vector:
-        """Voltages and charges of the films, of the teeth's and then of the bases', shape (teeth + bases, 2)."""
+        """Voltages and charges (teeth + bases, 2) of the films, first of the teeth and then of the bases."""
         p, system, solved = self._system.parameters, self._system, self._solved
         cells = np.zeros((2, p.rows * p.columns, 3))
         for electrode, voltage, charge in zip(system.electrodes, solved.voltages, solved.charges, strict=True):
             below_tooth = electrode.cell is not None
             cell = electrode.cell if below_tooth else system.stack.plan.cell[electrode.part.body.plan.elements[0]]
             cells[0 if below_tooth else 1, cell] = voltage, charge, 1.0
-        # A film's parts in the mirror have the same voltage, and their charges add up.
+        # The mirrored parts of a film have the same voltage, and their charges add up.
         teeth, bases = (self._whole(kind) for kind in cells)
         if not p.separate_bases:
             bases = bases.sum(axis=0, keepdims=True)
@@ -139,7 +143,7 @@ class _Evaluation:
         return np.stack([found[:, 0] / found[:, 2], found[:, 1]], axis=1)
 
     def _whole(self, by_cell: Vector) -> Vector:
-        """What the cells of the whole sensor have, from those of the half or quarter that was solved for."""
+        """Values of all cells of the sensor, from those of the half or quarter that was solved."""
         p = self._system.parameters
         grid = by_cell.reshape(p.rows, p.columns, *by_cell.shape[1:])
         if self._system.mirrored[0]:
@@ -153,10 +157,10 @@ class _Evaluation:
         p = self._system.parameters
         total = self._over_teeth(stack.tooth, forces_below(stack.tooth, stack, self._solved))
         for electrode, voltage in zip(self._system.electrodes, self._solved.voltages, strict=True):
-            if electrode.cell is not None:  # the film's voltage presses, too
+            if electrode.cell is not None:  # the film's voltage adds a force
                 total[electrode.cell] -= voltage * p.film.stiff()[1][2] * electrode.area / p.film_thickness
         if p.support == "rigid":
-            # Where no gap parts them, the ring's edge hangs on the tooth.
+            # Where there is no gap, the ring's edge is joined to the tooth.
             total += self._over_teeth(stack.ring, _forces_above(stack.ring, stack, self._solved))
         return total
 
@@ -173,7 +177,7 @@ class _Evaluation:
         return self._by_cell(forces.sum(axis=1), stack.plan.cell[plan.elements])
 
     def _work(self, film: Part) -> tuple[Vector, Vector]:
-        """By cell: work of the forces inside on the displacements x and y, which is stress times volume; volume."""
+        """Stress times volume of each cell, by the inner forces' work on the displacements x and y; and volume."""
         plan, height = film.body.plan, film.body.height
         inside = np.einsum("esckn,sk->ecn", _inside(film, self._stack, self._solved), height.one[height.local])
         cells = self._stack.plan.cell[plan.elements]

@@ -34,13 +34,13 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """How fine a mesh is.
+    """Fineness of a mesh.
 
     Attributes:
         layers: steps that shrink towards each singular edge.
-        ratio: of one step to the next.
-        sectors: quadrilaterals along an eighth of the circle.
-        degree: of the shape functions, in the plan and along the height.
+        ratio: size of one step over the next.
+        sectors: number of quadrilaterals along an eighth of the circle.
+        degree: degree of the shape functions, in the plan and along the height.
     """
 
     layers: int
@@ -51,11 +51,11 @@ class Resolution:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Plan mesh with labels of its elements.
+    """Mesh of the plan with labels of its elements.
 
     Attributes:
-        region: shape (elements,), TOOTH, GAP, RING or OVERHANG.
-        cell: shape (elements,), index of the cell.
+        region: (elements,), TOOTH, GAP, RING or OVERHANG.
+        cell: (elements,), number of the cell.
     """
 
     mesh: Mesh
@@ -67,7 +67,7 @@ def graded(start: float, end: float, layers: int, ratio: float, towards: str) ->
     """Breaks from `start` to `end` whose steps shrink by `ratio` towards "start", "end", "both" or "none".
 
     Returns:
-        Shape (layers + 1,) for one end, (2 layers + 1,) for both.
+        (layers + 1,) breaks for one end, (2 layers + 1,) for both.
     """
     if towards == "none":
         return np.linspace(start, end, layers + 1)
@@ -132,7 +132,7 @@ def _quarter(cell: Cell, resolution: Resolution) -> tuple[Vector, NDArray[np.int
     core = 0.5 * cell.tooth_radius
     side = np.linspace(0, 1, 2 * m + 1)
     angle = np.linspace(0, np.pi / 2, 4 * m + 1)
-    # The middle of each arc stands out just as far as gives the parabola through its ends the arc's area.
+    # The middle of each arc is moved outwards so far that the parabola through its ends has the arc's area.
     half = np.pi / (8 * m)
     bulge = np.cos(half) + (2 * half - np.sin(2 * half)) * 3 / (8 * np.sin(half))
     circle = np.where(np.arange(4 * m + 1) % 2, bulge, 1.0) * np.array([np.cos(angle), np.sin(angle)])
@@ -171,7 +171,8 @@ def _quarter(cell: Cell, resolution: Resolution) -> tuple[Vector, NDArray[np.int
     for i, label in enumerate(region):
         for j in range(m):
             nine.append([ring_name(2 * i + a, 2 * j + b) for a, b in corner])
-            # From the other axis towards the diagonal: every edge has one direction in both its elements.
+            # These run from the other axis towards the diagonal, so that an edge has the same direction in both its
+            # elements.
             nine.append([ring_name(2 * i + a, 4 * m - 2 * j - b) for a, b in corner])
             labels += [label, label]
     return points, layer, (np.array(nine, dtype=np.intp).T, np.array(labels, dtype=np.intp))

@@ -38,21 +38,21 @@ PlaneStress = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class SolidSolution:
-    """What teeth, bases and films take. Forces are compressions [N], stresses tensions [Pa].
+    """Forces and stresses of teeth, bases and films. Forces [N] are positive in compression, stresses [Pa] in tension.
 
     Attributes:
-        tooth_forces: by row, then column.
-        base_forces: of the one common base, or of each tooth's own.
+        tooth_forces: force on each tooth, by row and then column.
+        base_forces: force on the common base, or on each tooth's own base.
         tooth_films: mean stresses along x and y of the film below each tooth; none on a rigid support.
-        base_films: of the film of each base; none on a rigid support.
-        voltage_error: bound on that of each voltage [V]; None of one mesh alone.
-        energies: what the mesh is judged by.
-        signals: voltage [V] and short-circuit charge [C] of the films, of the teeth's and then of the bases'.
-        total_force: that reaches the floor [N].
+        base_films: mean stresses of the film of each base; none on a rigid support.
+        voltage_error: bound on the error of each voltage [V]; None: only one mesh was solved.
+        energies: energies from which errors are estimated.
+        signals: voltage [V] and short-circuit charge [C] of each film, first of the teeth and then of the bases.
+        total_force: force that reaches the floor [N].
         force_ratio: sum of the tooth forces over the total force.
-        unknowns: displacements solved for.
-        residual: of the linear system, relative to the size of its terms.
-        seconds: of the processor, to assemble and factorise, and to solve.
+        unknowns: number of displacements.
+        residual: residual of the linear system, relative to the size of its terms.
+        seconds: processor time to assemble and factorise, and to solve [s].
     """
 
     tooth_forces: tuple[float, ...]
@@ -70,18 +70,20 @@ class SolidSolution:
 
     @property
     def judged(self) -> Judged:
-        """What its mesh is judged by."""
+        """Numbers from which the mesh's error is estimated."""
         return Judged(self.force_ratio, tuple(voltage for voltage, _ in self.signals), self.energies)
 
 
 def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> SolidSolution:
-    """Forces on the teeth, on the mesh of one refinement.
+    """Solve on the mesh of one refinement.
 
     Args:
+        parameters: the sensor.
+        refinement: number of the refinement, from 0.
         solver: "pardiso", "superlu", or "" for the faster that is installed.
 
     Raises:
-        RangeError: no such refinement.
+        RangeError: there is no such refinement.
         EstimateError: the linear system cannot be solved accurately.
         UnknownName: the solver is not installed.
     """
@@ -89,7 +91,7 @@ def solve(parameters: SolidParameters, refinement: int, solver: str = "") -> Sol
 
 
 def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = "") -> SolidSolution:
-    """Forces on the teeth, on any mesh.
+    """Solve on any mesh.
 
     Raises:
         EstimateError: the linear system cannot be solved accurately.
@@ -119,13 +121,16 @@ def solve_on(parameters: SolidParameters, resolution: Resolution, solver: str = 
 def point_loads(
     parameters: SolidParameters, places: Sequence[tuple[float, float]], refinement: int, solver: str = ""
 ) -> NDArray[np.float64]:
-    """Forces on the teeth under one point load after another, all in one factorisation.
+    """Forces on the teeth under one point load after another, with one factorisation.
 
     Args:
-        places: of the load, (x, y) from the corner of the object [m].
+        parameters: the sensor.
+        places: positions of the load, (x, y) from the corner of the object [m].
+        refinement: number of the refinement, from 0.
+        solver: "pardiso", "superlu", or "" for the faster that is installed.
 
     Returns:
-        Shape (places, teeth) [N].
+        Forces (places, teeth) [N].
 
     Raises:
         RangeError: a place is off the object, or there is no such refinement.
@@ -138,10 +143,10 @@ def point_loads(
     return np.array([evaluate(system, system.solve(system.load(place))).teeth for place in places])
 
 
-# A sample is mounted again and again, and a sweep asks for the same sensor at every load.
+# A sweep asks for the same sensor and sample at every load.
 @functools.lru_cache(maxsize=64)
 def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") -> tuple[SolidSolution, float]:
-    """Refine until a bound on the error of the force ratio meets `tolerance`: the solution, and the bound.
+    """Refine until the error estimate of the force ratio meets `tolerance`. Returns the solution and the estimate.
 
     Raises:
         RangeError: the tolerance is not positive and finite, or the finest mesh does not meet it.
@@ -168,7 +173,7 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 
 
 def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
-    """On the errors of the last of two or more refinements from the first on."""
+    """Bounds on the errors of the last of two or more refinements from the first on."""
     gap = parameters.ring_inner_radius - parameters.tooth_radius
     found = bounds(meshes, closed_gap=gap < CLOSED * parameters.tooth_radius, safety=SHARE_LEFT)
     return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
@@ -191,7 +196,7 @@ def _series(ratios: Sequence[float]) -> float:
 
 
 def resolution_of(refinement: int) -> Resolution:
-    """How fine the mesh of a refinement is.
+    """Resolution of the mesh of a refinement.
 
     Raises:
         RangeError: there is no such refinement.

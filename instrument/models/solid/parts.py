@@ -1,4 +1,4 @@
-"""The parts of the solid model: their meshes, how they are joined, and where they are held."""
+"""Parts of the solid model: their meshes, how they are joined, and where they are held."""
 
 from __future__ import annotations
 
@@ -21,21 +21,24 @@ ALL, NORMAL = (0, 1, 2), (2,)
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A body with the names of its unknowns, of the body's shape, HELD where fixed."""
+    """A body with the names of its unknowns, an array of the body's shape. Fixed unknowns are named HELD."""
 
     name: str
     body: Body
     names: Names
 
     def strained(self, solution: Vector, steps: slice = slice(None)) -> Vector:
-        """Unknowns of its elements, (elements, steps, unknowns), zero where held."""
+        """Displacements (elements, steps, unknowns) of the part's elements, zero where held."""
         return np.append(solution, 0.0)[self.body.local(self.names, steps)]
 
     def forces(self, solution: Vector, pressure: Vector, steps: slice = slice(None)) -> Vector:
-        """On the unknowns of its elements, (elements, steps, 3, heights, nodes) [N].
+        """Forces (elements, steps, 3, heights, nodes) [N] on the unknowns of the part's elements.
 
         Args:
-            pressure: that the matrix does not carry, (elements, all steps, pressures); of size 0 where it carries all.
+            solution: displacements of all unknowns.
+            pressure: (elements, all steps, pressures), part of the pressure that the matrix does not carry; of size 0
+                where it carries all.
+            steps: steps along the height.
         """
         body = self.body
         total = body.stiffness(steps) @ self.strained(solution, steps)[..., None]
@@ -44,7 +47,7 @@ class Part:
         return total.reshape(*total.shape[:2], 3, body.height.local.shape[1], body.plan.local.shape[1])
 
 
-# A part below, and the displacements that it shares.
+# A part below, and the displacements that both share.
 Join = tuple[Part, tuple[int, ...]]
 
 
@@ -52,16 +55,16 @@ class Stack:
     """All parts of one sensor, with one set of names for their unknowns.
 
     Attributes:
-        parts: from below.
+        parts: parts from below to above.
         object, ring: the sensed object, the rings.
         tooth: the part whose lower side carries the teeth's forces: their films, or the object on rigid teeth.
         floor: parts that stand on the floor.
-        base_films: the films of the bases; none on a rigid support.
+        base_films: films of the bases; none on a rigid support.
         touching: elements of the plan where the object touches teeth and rings.
         basis: shape functions of the plan.
         one: coefficients of the function 1 in the plan.
-        places: coefficients of the functions x and y in the plan [m], shape (2, nodes).
-        unknowns: how many there are.
+        places: (2, nodes), coefficients of the functions x and y in the plan [m].
+        unknowns: number of unknowns.
     """
 
     def __init__(self, parameters: SolidParameters, resolution: Resolution, mirrored: tuple[bool, bool]) -> None:
@@ -70,7 +73,7 @@ class Stack:
         self._mirrored = mirrored
         self.plan = plan_mesh(_cell(parameters), self._quarters(), resolution)
         self.basis = plan_basis(self.plan, resolution.degree)
-        # Hierarchical shape functions add nothing to the corners'.
+        # Hierarchical shape functions add nothing at the corners.
         corner = np.arange(self.basis.N) < self.plan.mesh.nvertices
         self.one = np.where(corner | (resolution.degree == 2), 1.0, 0.0)
         self.places = np.stack([self.basis.project(lambda at, axis=axis: at[axis]) for axis in (0, 1)])
@@ -87,7 +90,7 @@ class Stack:
         return np.isin(body.plan.nodes, over)
 
     def cell_of_node(self) -> Names:
-        """Number of the cell of every node of a tooth."""
+        """Number of the cell for each node of a tooth."""
         cells = np.full(self.basis.N, -1, dtype=np.intp)
         inside = self.plan.region == TOOTH
         cells[self.basis.element_dofs[:, inside]] = self.plan.cell[inside]
@@ -102,7 +105,7 @@ class Stack:
         }
 
     def _build(self) -> None:
-        """Parts from below: plates and films, tooth, ring, object. The sensor's face is at height 0."""
+        """Add all parts from below: plates and films, tooth, ring, object. The sensor's face is at height 0."""
         p, layers, ratio = self._parameters, self._resolution.layers, self._resolution.ratio
         region = self.plan.region
         everywhere = region != OVERHANG if p.outline == "round" else region >= 0
@@ -148,7 +151,7 @@ class Stack:
         return HeightElements(breaks, self._resolution.degree)
 
     def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
-        """Plate, film and plate below `top`, in one stack or one for each cell; the uppermost of each stack."""
+        """Add plate, film and plate below `top`, in one stack or one for each cell; returns the uppermost of each."""
         p, plan = self._parameters, self.plan
         plexiglas = Elastic(p.plate_modulus, p.plate_poisson)
         steps = max(1, self._resolution.layers - 1)
@@ -184,7 +187,7 @@ class Stack:
         platen: bool = False,
         capped: bool = False,
     ) -> Part:
-        """One more part, on the parts below, on the floor, or with some displacements held on rigid teeth.
+        """Add a part on the parts below, on the floor, or with some displacements held on rigid teeth.
 
         Its upper side stays flat and level below a platen, and in each cell where it is capped.
         """
@@ -230,7 +233,7 @@ class Stack:
         return [np.isin(nodes, body.plan.local[cells == cell]) for cell in np.unique(cells)]
 
     def _level(self, names: Names, body: Body, nodes: NDArray[np.bool_]) -> None:
-        """One unknown for the height of all that is at these nodes of the upper side; what would bend it is held."""
+        """Give one height to all of these nodes of the upper side, and hold the unknowns that would bend it."""
         flat = self.one[body.plan.nodes] == 1
         names[2, -1, nodes & ~flat] = HELD
         names[2, -1, nodes & flat] = self.unknowns
@@ -248,8 +251,8 @@ class Stack:
                 names[axis][:, np.isin(body.plan.nodes, self.basis.get_dofs(middle).flatten())] = HELD
 
     def _hold_sliding(self, names: Names, body: Body) -> None:
-        """Hold what nothing else holds of an object that slides: translation, and rotation about z."""
-        # The first nodes are the corners of the mesh.
+        """Hold translation and rotation about z of an object that slides, since nothing else holds them."""
+        # The mesh's corners are the first nodes.
         corners = self.plan.mesh.p[0, body.plan.nodes[body.plan.nodes < self.plan.mesh.nvertices]]
         far = int(np.argmax(corners))
         if not self._mirrored[0]:

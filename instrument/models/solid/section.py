@@ -1,4 +1,4 @@
-"""What the solid model's solution looks like in the plane through the teeth's axes: displacements, contact pressure."""
+"""Displacements and contact pressure of the solid model's solution in the plane through the teeth's axes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate.instrument.models.solid.system import Solved, System
 
 Vector = NDArray[np.float64]
 
-POINTS = np.linspace(0.0, 1.0, 5)  # a side of an element
+POINTS = np.linspace(0.0, 1.0, 5)  # along a side of an element
 GAUSS = (np.polynomial.legendre.leggauss(5)[0] + 1) / 2
 
 
@@ -30,8 +30,8 @@ class SectionField:
     """Displacements of a piece of a body on a grid of points of the section.
 
     Attributes:
-        x, z: of the points, undeformed, from the object's corner and from the sensor's face [m], (columns, rows).
-        along, up: displacements along x and z [m], (columns, rows).
+        x, z: (columns, rows), undeformed points from the object's corner and from the sensor's face [m].
+        along, up: (columns, rows), displacements along x and z [m].
     """
 
     x: Vector
@@ -42,12 +42,12 @@ class SectionField:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The plane y = constant through the axes of the middle row of teeth; upper one of two.
+    """Section in the plane y = constant through the axes of the middle row of teeth; of two rows, the upper one.
 
     Attributes:
-        bodies: name -> its pieces, by rising x.
-        x: places on the sensor's face that the object touches, from the object's corner [m].
-        pressure: of the object there, compression positive [Pa]. It is singular where tooth and ring end.
+        bodies: pieces of each body by its name, by rising x.
+        x: points on the sensor's face that the object touches, from the object's corner [m].
+        pressure: pressure of the object there, positive in compression [Pa]. It is singular where tooth and ring end.
     """
 
     bodies: Mapping[str, tuple[SectionField, ...]]
@@ -56,17 +56,17 @@ class Section:
 
 
 def section(parameters: SolidParameters, refinement: int, solver: str = "") -> Section:
-    """Solve, and cut.
+    """Solve and give the section.
 
     Raises:
-        RangeError, EstimateError, UnknownName: as `solid.solve`.
+        RangeError, EstimateError, UnknownName: as in `palpate.instrument.models.solid.model.solve`.
     """
     system = System(parameters, resolution_of(refinement), solver)
     return cut(system, system.solve(system.load(parameters.load_at)))
 
 
 def cut(system: System, solved: Solved) -> Section:
-    """The section of the whole sensor, mirrored where half of it was solved for."""
+    """Section of the whole sensor, mirrored where only a half of it was solved."""
     p, stack = system.parameters, system.stack
     height = (p.rows // 2 + 0.5) * p.cell_width
     line, face = (_Line(stack, height, points) for points in (POINTS, GAUSS))
@@ -84,17 +84,17 @@ class _Line:
     """Sides of the plan's elements on a line along x, by rising x.
 
     Attributes:
-        elements: of the plan that the sides belong to, one for each side.
-        x: shape (sides, points) [m].
-        values: of the shape functions, shape (sides, points, shapes).
-        names: of the shape functions in the plan, shape (sides, shapes).
+        elements: element of the plan for each side.
+        x: (sides, points), positions [m].
+        values: (sides, points, shapes), values of the shape functions.
+        names: (sides, shapes), names of the shape functions in the plan.
     """
 
     def __init__(self, stack: Stack, height: float, points: Vector) -> None:
         mesh = stack.plan.mesh
         x, y = mesh.p[:, mesh.facets]
         negligible = 1e-9 * mesh.p.max()
-        # A ring as wide as its cell leaves sides of no length beside it.
+        # Beside a ring as wide as its cell there are sides of zero length.
         facets = np.flatnonzero((np.abs(y - height).max(axis=0) < negligible) & (np.ptp(x, axis=0) > negligible))
         facets = facets[np.argsort(mesh.p[0, mesh.facets[:, facets]].mean(axis=0))]
         quadrature = (points[None], np.full(len(points), 1 / len(points)))
@@ -130,7 +130,7 @@ def _pieces(line: _Line, part: Part, solved: Solved) -> list[SectionField]:
 
 
 def _mirrored(pieces: list[SectionField], length: float) -> list[SectionField]:
-    """All pieces of a body of which the half at greater x is given; one that lies on the middle is made whole."""
+    """All pieces of a body, from its half at greater x. A piece that lies on the middle is made whole."""
     whole = list(pieces)
     for piece in pieces:
         x, z, along, up = (array[::-1] for array in (length - piece.x, piece.z, -piece.along, piece.up))

@@ -21,15 +21,15 @@ from palpate.instrument.models.solid.parts import Part, Stack
 
 Vector = NDArray[np.float64]
 
-# By refinement: more degree, more layers, then more of both layers and sectors. Layers alone leave the error along
-# the circle, up to 2e-4 of the force ratio, and of the wide steps between the edges.
+# Resolution by refinement: a higher degree, more layers, then more layers and sectors. Layers alone would leave the
+# error along the circle, up to 2e-4 of the force ratio, and that of the wide steps between the edges.
 RESOLUTIONS = (
     Resolution(layers=2, ratio=0.2, sectors=1, degree=2),
     Resolution(layers=2, ratio=0.2, sectors=1, degree=3),
     Resolution(layers=3, ratio=0.2, sectors=1, degree=3),
     Resolution(layers=4, ratio=0.2, sectors=2, degree=3),
 )
-# Number of a part of the stack -> its displacements beside those of the unknowns, of the body's shape.
+# Displacements of a part in addition to those of the unknowns, an array of the body's shape, by the part's number.
 Jump = Mapping[int, Vector]
 
 PRESSURE_STEPS = 200
@@ -38,14 +38,15 @@ PRESSURE_LIMIT = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Answer to one load.
+    """Solution under one load.
 
     Attributes:
-        displacement: of the unknowns [m].
-        pressures: by part, what the matrix does not carry: (elements, steps, pressures), of size 0 if it carries all.
-        residual: of the linear system, relative to the size of its terms.
-        voltages: of open films, as `System.electrodes` has them [V].
-        charges: that leave them when all are short-circuited [C].
+        displacement: displacements of the unknowns [m].
+        pressures: for each part the pressure (elements, steps, pressures) that the matrix does not carry; of size 0
+            where it carries all.
+        residual: residual of the linear system, relative to the size of its terms.
+        voltages: voltages of open films, in the order of `System.electrodes` [V].
+        charges: charges that leave the films when all are short-circuited [C].
     """
 
     displacement: Vector
@@ -57,12 +58,12 @@ class Solved:
 
 @dataclass(frozen=True, slots=True)
 class Electrode:
-    """Of the film under one tooth, or of one base, or as much of it as is solved for.
+    """Electrode of the film under one tooth or of one base, or the solved half or quarter of it.
 
     Attributes:
         part: the film.
-        cell: of the plan; None: all of the film.
-        area: [m2].
+        cell: number of the cell in the plan; None: the whole film.
+        area: area [m2].
     """
 
     part: Part
@@ -71,16 +72,16 @@ class Electrode:
 
 
 class System:
-    """Factors of one sensor's stiffness; any number of loads.
+    """Factors of one sensor's stiffness, for any number of loads.
 
     Attributes:
         stack: the sensor's parts.
-        electrodes: of the films; none on a rigid support.
-        circuits: of the films.
+        electrodes: electrodes of the films; none on a rigid support.
+        circuits: circuits of the films.
 
     Args:
-        mirrored: whether half of the length, and of the width, stands for the whole; every load must allow it.
-            None finds out from the parameters' own load.
+        mirrored: whether half of the length, and half of the width, is solved for the whole; every load must allow it.
+            None: as the parameters' own load allows.
 
     Raises:
         EstimateError: the system is singular to working precision.
@@ -108,7 +109,7 @@ class System:
 
     @property
     def unknowns(self) -> int:
-        """Displacements solved for."""
+        """Number of displacements."""
         return self.stack.unknowns
 
     def _stiffness(self) -> sparse.csc_array:
@@ -137,7 +138,7 @@ class System:
         return load
 
     def _held_by(self, part: int, moved: Vector) -> Vector:
-        """Forces on the unknowns of a part that is displaced, without those of the rest of the pressure."""
+        """Forces on the unknowns by a displaced part, without those of the pressure that the matrix does not carry."""
         body, names = self.stack.parts[part].body, self.stack.parts[part].names
         forces = (body.stiffness() @ body.local(moved)[..., None])[..., 0]
         total = np.zeros(self.unknowns + 1)
@@ -160,7 +161,7 @@ class System:
         return total[:-1]
 
     def _inside(self, electrode: Electrode) -> Vector:
-        """The same, by element of its part: (elements, steps, unknowns)."""
+        """The same forces for each element of the film: (elements, steps, unknowns)."""
         body, plan = electrode.part.body, self.stack.plan
         forces = body.polarised(self.parameters.film, self.stack.one[body.plan.nodes])
         if electrode.cell is not None:
@@ -168,7 +169,7 @@ class System:
         return forces
 
     def _torn(self, electrode: Electrode, jump: Jump) -> float:
-        """Charge by what the film is displaced by beside the unknowns [C]."""
+        """Charge by the film's displacements in addition to those of the unknowns [C]."""
         moved = jump.get(self.stack.parts.index(electrode.part))
         if moved is None:
             return 0.0
@@ -178,10 +179,11 @@ class System:
         """Displacements, pressures and voltages of open films under forces on the unknowns [N].
 
         Args:
-            jump: what some parts are displaced by beside that.
+            load: forces on the unknowns [N].
+            jump: displacements of some parts in addition to those of the unknowns.
 
         Raises:
-            EstimateError: as `_shorted`.
+            EstimateError: as in `_shorted`.
         """
         shorted = self._shorted(load, jump or {})
         charges = np.array([forces @ shorted.displacement for forces in self._polarised])
@@ -196,9 +198,9 @@ class System:
     def _shorted(self, load: Vector, jump: Jump) -> Solved:
         """Displacements and pressures with films in short circuit, under forces on the unknowns [N].
 
-        λ is limited in the matrix A. With the operator D of dilatation, the rest of the pressure follows from
-        (D A⁻¹ Dᵀ + c) p = D A⁻¹ f by conjugate gradients. Scaled by the limited λ most eigenvalues are close
-        to 1, for Poisson ratio 0.5 as well.
+        λ is limited in the matrix A. With the operator D of dilatation, the rest p of the pressure follows from (D A⁻¹
+        Dᵀ + c) p = D A⁻¹ f by conjugate gradients. Scaled by the limited λ, most eigenvalues are close to 1, also for
+        Poisson ratio 0.5.
 
         Raises:
             EstimateError: the residual of the system is too large, or the pressures do not settle.
@@ -226,12 +228,12 @@ class System:
 
 
 class _RestOfPressure:
-    """The pressures that the matrix does not carry, of all parts in one vector.
+    """The pressures of all parts that the matrix does not carry, as one vector.
 
     Attributes:
-        size: of the vector.
-        lame: λ [Pa] that the matrix carries, by pressure.
-        compliance: 1/(λ - λ carried) [1/Pa], by pressure.
+        size: size of the vector.
+        lame: part of λ that the matrix carries, for each pressure [Pa].
+        compliance: 1/(λ - part of λ in the matrix), for each pressure [1/Pa].
     """
 
     def __init__(self, stack: Stack) -> None:
@@ -247,13 +249,13 @@ class _RestOfPressure:
         self.compliance = np.repeat([m.compliance / m.pressure_left for m in held], sizes)
 
     def dilatations(self, displacement: Vector) -> Vector:
-        """Of every part, against its orthonormal polynomials."""
+        """Dilatations of every part, as coefficients of its orthonormal polynomials."""
         padded = np.append(displacement, 0.0)
         parts = [(o @ padded[self._names[k]][..., None]).ravel() for k, o in self._operators.items()]
         return np.concatenate(parts)
 
     def torn(self, jump: Jump) -> Vector:
-        """Dilatations by what parts are displaced by beside the unknowns."""
+        """Dilatations by displacements of parts in addition to those of the unknowns."""
         parts = [
             (o @ self._stack.parts[k].body.local(jump[k])[..., None]).ravel() if k in jump else np.zeros(o[..., 0].size)
             for k, o in self._operators.items()
@@ -261,7 +263,7 @@ class _RestOfPressure:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def forces(self, pressure: Vector) -> Vector:
-        """Of the pressures, on the unknowns [N]."""
+        """Forces of the pressures on the unknowns [N]."""
         total = np.zeros(self._stack.unknowns + 1)
         for k, own in enumerate(self.split(pressure)):
             if own.size:
@@ -270,7 +272,7 @@ class _RestOfPressure:
         return total[:-1]
 
     def split(self, pressure: Vector) -> list[Vector]:
-        """By part, (elements, steps, pressures), of size 0 where the matrix carries all."""
+        """Pressures (elements, steps, pressures) of each part; of size 0 where the matrix carries all."""
         pieces: list[Vector] = [np.empty(0) for _ in self._stack.parts]
         start = 0
         for k, operator in self._operators.items():

@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Moduli that a curve is sampled at, over that of the ring. Beyond them no model's ratio changes any more.
+# Range of moduli over the ring's in which a curve is sampled. No model's ratio changes any more beyond it.
 SOFTEST, HARDEST = 1e-3, 1e7
-# Of models that were built between closer ends.
+# Narrower ranges of some models.
 ENDS = {
     "surface": (surface.LOWEST, surface.HIGHEST),
     "column_fitted": (column_fitted.LOWEST, column_fitted.HIGHEST),
 }
-NODES = (16, 31, 61, 121, 241, 481, 961)  # each has the one before among its nodes
+NODES = (16, 31, 61, 121, 241, 481, 961)  # each set of nodes contains the one before
 CLOSED_FORM_TOLERANCE = 1e-11
-# Halving the steps of a spline of degree five divides its error by 64, once they are small; 42 was the least seen.
+# Halving small steps of a spline of degree five divides its error by 64; 42 was the least seen.
 GAIN = 16.0
 
 
@@ -50,10 +50,10 @@ class RatioCurve:
     """A model's force ratio over the modulus of the object: a piecewise polynomial in its logarithm.
 
     Attributes:
-        model: that it was made from.
+        model: name of the model.
         polynomial: ratio over ln(modulus / Pa); its breakpoints are the nodes.
-        turns: ln of the moduli where the ratio changes its direction, and of both ends.
-        error: bound on the error of the ratio: the model's error estimate and that of interpolation.
+        turns: logarithms of both ends and of the moduli at which the ratio changes its direction.
+        error: bound on the error of the ratio, from the model's error estimate and interpolation.
     """
 
     model: str
@@ -63,7 +63,7 @@ class RatioCurve:
 
     @property
     def moduli(self) -> tuple[float, float]:
-        """Least and greatest modulus that it answers for [Pa]."""
+        """Least and greatest modulus of the curve [Pa]."""
         return math.exp(self.turns[0]), math.exp(self.turns[-1])
 
     @property
@@ -74,14 +74,14 @@ class RatioCurve:
 
     @property
     def monotone(self) -> bool:
-        """Each ratio belongs to one modulus only."""
+        """Whether each ratio belongs to one modulus only."""
         return len(self.turns) == 2
 
     def force_ratio(self, moduli: ArrayLike) -> Array:
         """Tooth force over total force, of the shape of `moduli` [Pa].
 
         Raises:
-            RangeError: a modulus is outside the curve's, or is no number.
+            RangeError: a modulus is outside the curve, or is no number.
         """
         given = np.asarray(moduli, dtype=np.float64)
         low, high = self.moduli
@@ -96,16 +96,19 @@ class RatioCurve:
 
 
 def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None = None) -> RatioCurve:
-    """The curve of a model for a design and a load; the modulus of the load's object does not count.
+    """The curve of a model for a design and a load; the modulus of the load's object has no effect.
 
     A model in closed form takes less than a second, the finite elements 31 solutions or more. "auto" is the cheapest
     model that meets the tolerance at all moduli of the price list.
 
     Args:
+        design: the sensor.
+        load: the load; its object's modulus is replaced.
+        model: name of the model.
         tolerance: greatest error of the force ratio at a node, and of interpolation; None: the model's own.
 
     Raises:
-        UnknownName: no such model.
+        UnknownName: there is no such model.
         RangeError: the model does not answer for this design or load, or not to this tolerance.
         EstimateError: a linear system cannot be solved accurately, or the curve does not meet the tolerance.
     """
@@ -131,7 +134,7 @@ def ratio_curve(design: Design, load: Load, model: str, tolerance: float | None 
         return found.force_ratio, max(own_error, found.error_estimate or 0.0)
 
     if model == "experiment" and design.thesis_force_ratio:
-        # Six points, and the curve that the model has between them.
+        # The model's own six points, and its interpolant between them.
         moduli = sorted(SAMPLES[name].modulus for name in design.thesis_force_ratio)
         return curve_through(moduli, [answer(modulus)[0] for modulus in moduli], model)
     own = MODELS[model].default_tolerance if model in MODELS else None
@@ -143,11 +146,12 @@ def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float
 
     Args:
         moduli: at least two, ascending [Pa].
-        ratios: one for each.
-        error: bound on that of the ratios.
+        ratios: one for each modulus.
+        model: name of the model.
+        error: bound on the error of the ratios.
 
     Raises:
-        RangeError: fewer than two points, or moduli that are not positive, finite and ascending.
+        RangeError: there are fewer than two points, or moduli are not positive, finite and ascending.
     """
     from scipy.interpolate import PchipInterpolator, PPoly
 
@@ -161,12 +165,13 @@ def curve_through(moduli: ArrayLike, ratios: ArrayLike, model: str, error: float
 def sampled_curve(
     answer: Callable[[float], tuple[float, float]], lowest: float, highest: float, model: str, tolerance: float
 ) -> RatioCurve:
-    """The curve of anything that gives a smooth force ratio: nodes are doubled until the tolerance is met.
+    """The curve of any function that gives a smooth force ratio. Nodes are doubled until the tolerance is met.
 
     Args:
-        answer: modulus [Pa] -> force ratio, and a bound on its error.
+        answer: function of the modulus [Pa] that gives the force ratio and a bound on its error.
         lowest, highest: moduli between which it is asked [Pa].
-        tolerance: of interpolation; a thousandth of the model's own error is good enough, too.
+        model: name of the model.
+        tolerance: tolerance of interpolation; a thousandth of the model's own error suffices, too.
 
     Raises:
         EstimateError: 961 nodes do not meet the tolerance.

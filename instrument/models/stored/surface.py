@@ -2,9 +2,9 @@
 
     find(get_design("single"), load).force_ratio(load.sensed.modulus / 24e3)
 
-R runs from the share of a soft object to that of a hard one, both finite, and is analytic in between, so
-Chebyshev interpolation in log10 of the object's modulus over the ring's converges geometrically. The error
-bound is measured at points between the nodes, where the polynomial never saw the model.
+The force ratio runs from that of a very soft object to that of a very hard one and is analytic in between. So Chebyshev
+interpolation in log10 of the object's modulus over the ring's converges geometrically. The error bound is measured at
+points between the nodes, which the polynomial was not fitted to.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ Ratios = TypeVar("Ratios", float, NDArray[np.float64])
 Parameters = RoundParameters | SolidParameters
 
 LOWEST, HIGHEST = 0.1, 1e7
-# Raise it with every change of the models' numbers: surfaces of another version are refused.
+# To be raised with every change of the models' numbers: surfaces of another version are refused.
 CODE_VERSION = 3
 REFINEMENTS = {"axisymmetric": 3, "solid": 1}  # of the stored surfaces
-# More teeth take the solid model's coarsest mesh: each modulus would cost a minute on the next one.
+# Designs with more teeth use the solid model's coarsest mesh; the next one takes a minute for each modulus.
 FEW_TEETH = 4
 STORED = Path(__file__).with_name("surfaces")
-# Parameter sets that surfaces are stored of; of the identified one those of the designs that the thesis measured.
+# Parameter sets with stored surfaces; the identified set has those of the designs that the thesis measured.
 SETS = ("physical", "identified")
-LARGEST_SURFACE = 1_000_000  # bytes unpacked; 97 nodes have a few thousand
+LARGEST_SURFACE = 1_000_000  # bytes unpacked; 97 nodes take a few thousand
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +46,14 @@ class ResponseSurface:
     """Force ratio over the modulus ratio, for one sensor and one object's thickness and Poisson ratio.
 
     Attributes:
-        coefficients: of Chebyshev polynomials in log10 of the modulus ratio, -1 at `lowest`, 1 at `highest`.
-        lowest, highest: modulus ratios between which it answers.
+        coefficients: coefficients of Chebyshev polynomials in log10 of the modulus ratio, -1 at `lowest`, 1 at
+            `highest`.
+        lowest, highest: least and greatest modulus ratio of the surface.
         error_bound: greatest relative difference from the finite-element model.
         discretisation: bound on the error of the finite-element model's force ratio.
-        seconds: that it took to build, on the wall.
-        model: the finite-element model's name.
-        design_hash: of parameters, refinement and code version.
+        seconds: wall time that building took [s].
+        model: name of the finite-element model.
+        design_hash: hash of parameters, refinement and code version.
     """
 
     coefficients: Array
@@ -68,7 +69,7 @@ class ResponseSurface:
         """Tooth force over total force, of the shape of `modulus_ratio`.
 
         Raises:
-            RangeError: a modulus ratio lies outside the surface's, or is no number.
+            RangeError: a modulus ratio lies outside the surface, or is no number.
         """
         ratios = np.asarray(modulus_ratio, dtype=np.float64)
         bad = ~((ratios >= self.lowest) & (ratios <= self.highest))
@@ -83,7 +84,7 @@ class ResponseSurface:
         return value if isinstance(modulus_ratio, np.ndarray) else float(value)
 
     def thinned(self, stride: int) -> ResponseSurface:
-        """The surface through every so many of the nodes; its error bound is not known."""
+        """The surface through every `stride`-th node; its error bound is not known."""
         count = len(self.coefficients)
         kept = np.cos(math.pi * np.arange(0, count, stride) / (count - 1))
         coefficients = interpolate(np.polynomial.chebyshev.chebval(kept, self.coefficients).astype(np.float64))
@@ -116,9 +117,9 @@ class ResponseSurface:
 
 
 def fixed(parameters: Parameters) -> str:
-    """All that a force ratio depends on but the object's modulus.
+    """Text of everything on which a force ratio depends, except the object's modulus.
 
-    The ring's modulus counts: it sets the sensor's own stiffness against the plates.
+    The ring's modulus is in it, because it sets the sensor's stiffness against that of the plates.
     """
     apart = replace(parameters, sensed_modulus=parameters.compliant_modulus)
     if isinstance(apart, SolidParameters):
@@ -127,7 +128,7 @@ def fixed(parameters: Parameters) -> str:
 
 
 def design_hash(parameters: Parameters, refinement: int | None = None) -> str:
-    """SHA-256 of what a surface depends on; without a refinement that of the stored surfaces."""
+    """SHA-256 of everything on which a surface depends; None: with the refinement of the stored surfaces."""
     model = model_of(parameters)
     used = refinement_of(parameters) if refinement is None else refinement
     text = f"surface {CODE_VERSION};{model};refinement={used};{fixed(parameters)}"
@@ -140,18 +141,18 @@ def stored_at(design: str, parameters: str) -> Path:
 
 
 def surface_parameters(design: Design, load: Load) -> Parameters:
-    """What the surface of a design is built of: the axisymmetric model where the design is round, or the solid one."""
+    """Parameters of a design's surface: the axisymmetric model's for a round design, else the solid one's."""
     return (round_parameters if design.outline == "round" else solid_parameters)(design, load)
 
 
 def read(path: Path) -> ResponseSurface:
-    """What `ResponseSurface.save` wrote.
+    """Read a file that `ResponseSurface.save` wrote.
 
     Raises:
-        ConfigError: no such file, or it is corrupt.
+        ConfigError: there is no such file, or it is corrupt.
     """
     try:
-        # np.load leaves a file that it opened itself open when it turns out to be cut off.
+        # np.load would leave a file open that it opened itself and found to be cut off.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             _hold_limits(stored.zip)
             lowest, highest, bound, discretisation, seconds = (float(value) for value in stored["numbers"])
@@ -166,7 +167,7 @@ def read(path: Path) -> ResponseSurface:
                 design_hash=str(stored["design_hash"]),
             )
             content = str(stored["content_hash"])
-    except Exception as error:  # zipfile and numpy raise nearly anything at a damaged file
+    except Exception as error:  # zipfile and numpy raise many kinds of errors for a damaged file
         raise ConfigError(f"response surface {path}: not readable ({error}); build it again") from error
     if content != surface._content_hash():
         raise ConfigError(f"response surface {path}: content hash does not fit its content; build it again")
@@ -174,14 +175,14 @@ def read(path: Path) -> ResponseSurface:
 
 
 def _hold_limits(archive: zipfile.ZipFile) -> None:
-    """Raises ValueError: unpacked it is larger than a surface."""
+    """Check that an unpacked file is not larger than a surface can be. Raises ValueError."""
     size = sum(entry.file_size for entry in archive.infolist())
     if size > LARGEST_SURFACE:
         raise ValueError(f"{size} bytes unpacked, {LARGEST_SURFACE} are the most")
 
 
 def find(design: Design, load: Load) -> ResponseSurface:
-    """The surface that comes with palpate, for a design and an object.
+    """The stored surface for a design and an object.
 
     Raises:
         RangeError: there is none for that design, object or load.
@@ -192,7 +193,7 @@ def find(design: Design, load: Load) -> ResponseSurface:
 
 @functools.lru_cache(maxsize=64)
 def _find(design: Design, load: Load) -> ResponseSurface:
-    """`find`, once for all moduli and forces: a surface itself answers faster than its file is looked up."""
+    """`find` with its results kept: a surface answers faster than its file is looked up."""
     parameters = surface_parameters(design, load)
     wanted = design_hash(parameters)
     for path in sorted(STORED.glob(f"{design.name}.*npz")):
@@ -222,10 +223,10 @@ def model_of(parameters: Parameters) -> str:
 
 
 def refinement_of(parameters: Parameters) -> int:
-    """Of the stored surface."""
+    """Refinement of the stored surface."""
     return 0 if has_many_teeth(parameters) else REFINEMENTS[model_of(parameters)]
 
 
 def has_many_teeth(parameters: Parameters) -> bool:
-    """More than FEW_TEETH."""
+    """Whether there are more than FEW_TEETH teeth."""
     return isinstance(parameters, SolidParameters) and parameters.columns * parameters.rows > FEW_TEETH

@@ -2,7 +2,7 @@
 
     build(surface_parameters(get_design("single"), load)).save(path)
 
-The error bound is measured at points between the nodes, where the polynomial never saw the model.
+The error bound is measured at points between the nodes, which the polynomial was not fitted to.
 """
 
 from __future__ import annotations
@@ -34,22 +34,24 @@ from palpate.instrument.models.stored.surface import (
 
 Array = NDArray[np.float64]
 
-# Relative error of the polynomial: a hundredth of what the solid's mesh leaves, at most.
+# Greatest relative error of the polynomial: at most a hundredth of the error of the solid's mesh.
 ERROR_LIMITS = {"axisymmetric": 1e-6, "solid": 1e-5}
-NODES = (25, 49, 97)  # each has the one before among its nodes
-# Modulus ratios at which the mesh is compared with the next finer one: it tells most where tooth and ring share
-# the force.
+NODES = (25, 49, 97)  # each set of nodes contains the one before
+# Modulus ratios at which the mesh is compared with the next finer one. The difference is greatest where tooth and ring
+# share the force.
 PROBES = (4.0, 40.0)
 
 
 def build(
     parameters: Parameters, refinement: int | None = None, apply: Callable[..., Iterable[float]] = map
 ) -> ResponseSurface:
-    """Build the surface of a sensor over modulus ratios 0.1 to 1e7; `parameters.sensed_modulus` does not count.
+    """Build the surface of a sensor over modulus ratios 0.1 to 1e7; `parameters.sensed_modulus` has no effect.
 
     Args:
-        refinement: of the finite-element model; there must be a finer one. None: that of the stored surfaces.
-        apply: `map`, or that of an executor: where the finite-element model is solved at many moduli.
+        parameters: the sensor.
+        refinement: refinement of the finite-element model; there must be a finer one. None: that of the stored
+            surfaces.
+        apply: `map`, or an executor's `map`, by which the model is solved at many moduli.
 
     Raises:
         EstimateError: 97 nodes do not reach a relative error of ERROR_LIMITS.
@@ -68,11 +70,11 @@ def build(
     bound = math.inf
     for count in NODES:
         coefficients = interpolate(at(_angles(count)))
-        # Every second point between the nodes is a node of twice the count.
+        # Every second point between the nodes is a node of the set with twice the count.
         between = [Fraction(2 * index + 1, 2 * (count - 1)) for index in range(0, count - 1, 2)]
         places = np.cos(math.pi * np.array(between, dtype=np.float64))
         error = np.abs(np.polynomial.chebyshev.chebval(places, coefficients) / at(between) - 1)
-        # Twice the worst of those looked at stands for those in between.
+        # Twice the worst error that was seen bounds the errors in between.
         bound = 2 * float(error.max()) + 1e-12
         if bound < limit:
             break
@@ -87,7 +89,7 @@ def build(
         lowest=LOWEST,
         highest=HIGHEST,
         error_bound=bound,
-        # A refinement divides the error by three at least, so that the change is two thirds of it or more.
+        # A refinement divides the error by three at least, so the change is two thirds of the error or more.
         discretisation=2 * float(np.abs(np.subtract(finer, own)).max()),
         seconds=time.perf_counter() - start,
         model=model_of(parameters),
@@ -96,7 +98,7 @@ def build(
 
 
 def _angles(count: int) -> list[Fraction]:
-    """Extreme points: the ends are met exactly, and every second one is a node of half the count."""
+    """Angles over π of the Chebyshev extreme points. Every second one is an angle of half the count."""
     return [Fraction(index, count - 1) for index in range(count)]
 
 
@@ -106,7 +108,7 @@ def _modulus_ratio(angle: Fraction) -> float:
 
 
 def _solve(parameters: Parameters, refinement: int, modulus_ratio: float) -> float:
-    """The finite-element model's force ratio. Of the module, so that another process can call it."""
+    """Force ratio by the finite-element model. A function of the module, so that another process can call it."""
     modulus = parameters.compliant_modulus * modulus_ratio
     if isinstance(parameters, RoundParameters):
         return axisymmetric.solve(replace(parameters, sensed_modulus=modulus), refinement).force_ratio
