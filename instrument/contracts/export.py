@@ -18,6 +18,7 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Value
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, WITH_NODE_ID
 from palpate.instrument.errors import RecordError
+from palpate.instrument.extras import library
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -49,6 +50,7 @@ def export_contracts(folder: Path) -> list[Path]:
         The three paths, in that order.
 
     Raises:
+        UsageError: the library that writes a DBC is not installed.
         RecordError: the folder cannot be made, or a file in it cannot be written.
     """
     texts = {
@@ -174,6 +176,7 @@ def node_eds(contract: Contract) -> str:
 
 def bench_dbc(contract: Contract) -> str:
     """DBC of everything that nodes 1 to 20 send (TPDOs, heartbeat, emergency), and of SYNC."""
+    library("cantools", "dbc")
     from cantools.database.can import Database, Message, Node
 
     messages = [

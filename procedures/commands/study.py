@@ -35,6 +35,7 @@ def study(
     from importlib import metadata
 
     from palpate.instrument.errors import EstimateError, UsageError
+    from palpate.procedures.records.export import check_format
     from palpate.procedures.records.holes import check_holes
     from palpate.procedures.study.description import read_study
     from palpate.procedures.study.report import plot_study, print_study
@@ -47,6 +48,7 @@ def study(
     output = Output(as_json, quiet)
     if workers is not None and dask is not None:
         raise UsageError("--workers and --dask: the scheduler has workers of its own; leave one option out")
+    check_format(to)
     asked = read_study(study)
     sweep = Sweep.of(asked, str(study))
     folder = store() / FOLDER / study.stem if out is None else out

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from palpate.instrument.errors import UnknownName, UsageError
-from palpate.procedures.records.extras import library
+from palpate.instrument.extras import library
 from palpate.procedures.records.run import Run, storing
 
 if TYPE_CHECKING:
@@ -19,7 +19,16 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMATS = ("csv", "parquet")
+PARQUET = "parquet"  # a format, and the extra that brings the library
 COORDINATES = ("sample", "load_N")  # of points that have them
+
+
+def check_format(to: str) -> None:
+    """Raises UnknownName: no such format of tables; UsageError: the library that writes it is not installed."""
+    if to not in FORMATS:
+        raise UnknownName("export format", to, FORMATS)
+    if to == PARQUET:
+        library("pyarrow", PARQUET)
 
 
 def export(run: Run, to: str, folder: Path) -> list[Path]:
@@ -34,11 +43,10 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
 
     Raises:
         UnknownName: another format.
-        UsageError: one of the files exists.
+        UsageError: one of the files exists, or the library that writes them is not installed.
         RecordError: the run is damaged or the files cannot be written. None is left then.
     """
-    if to not in FORMATS:
-        raise UnknownName("export format", to, FORMATS)
+    check_format(to)
     points, waveforms = folder / f"points.{to}", folder / f"waveforms.{to}"
     for path in (points, waveforms):
         if path.exists():
@@ -130,9 +138,7 @@ def _write_csv(file: BinaryIO, frames: Iterator[pd.DataFrame]) -> None:
 
 
 def _write_parquet(file: BinaryIO, frames: Iterator[pd.DataFrame]) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa, pq = library("pyarrow", PARQUET), library("pyarrow.parquet", PARQUET)
     with contextlib.ExitStack() as stack:
         writer = None
         for frame in frames:

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.instrument.errors import PalpateError, RecordError, UnknownName
+from palpate.instrument.errors import PalpateError, RecordError
+from palpate.instrument.extras import library
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.quantity import parse
 from palpate.procedures.records.encoding import as_json
-from palpate.procedures.records.export import FORMATS
-from palpate.procedures.records.extras import library
+from palpate.procedures.records.export import check_format
 from palpate.procedures.records.holes import check_holes
 from palpate.procedures.records.run import storing
 from palpate.procedures.study.description import Study, StudyFile, Value, parted, study_of
@@ -174,9 +174,8 @@ class Results:
         return [(name, *coordinate([each[name] for each in varied])) for name in self.study.axes]
 
     def export(self, to: str, folder: Path) -> Path:
-        """Writes `points.<to>`, the table, anew. Raises UnknownName: neither "csv" nor "parquet"; RecordError."""
-        if to not in FORMATS:
-            raise UnknownName("export format", to, FORMATS)
+        """Writes `points.<to>`, the table, anew. Raises as `check_format`; RecordError."""
+        check_format(to)
         path, frame = folder / f"{POINTS}.{to}", self.table()
         with storing(path):
             if to == "csv":

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
-from palpate.procedures.records.extras import library
+from palpate.instrument.extras import library
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from tests.benchmarks import (
     estimators,
     exponential,
     faults,
+    first_result,
     fixture,
     kills,
     load,
@@ -65,6 +66,7 @@ PARTS = {
     "masters": masters.measure,
     "study": study.measure,
     "start_up": start_up.measure,
+    "first_result": first_result.measure,
 }
 # A quarter of an hour and more (bounds, estimates: hours, resumable): only by name.
 LONG = {

@@ -20,7 +20,7 @@ from canopen.objectdictionary import datatypes
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Pdo
 from palpate.instrument.contracts.export import bench_dbc, export_contracts, node_eds, register_table
-from palpate.instrument.errors import RecordError
+from palpate.instrument.errors import RecordError, UsageError
 
 NODE = CONTRACTS["sensor_node"]
 NAMES = ["registers.md", "sensor_node.eds", "bench.dbc"]
@@ -286,3 +286,10 @@ def test_a_scaled_and_limited_field_keeps_both_in_the_dbc() -> None:
     assert (signal.start, signal.scale, signal.unit) == (8, 0.1, "degC")
     assert (signal.minimum, signal.maximum) == (-40, 125)
     assert dbc.decode_message("SN01_heat", b"\x00\xfb\xff") == {"saturation": 0, "warm": -0.5}
+
+
+def test_without_the_library_of_a_dbc_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cantools", None)
+    with pytest.raises(UsageError, match=r"cantools cannot be imported .*pip install 'palpate\[dbc\]'"):
+        export_contracts(tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import sqlite3
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -391,3 +392,10 @@ def test_an_export_of_a_damaged_run_leaves_no_half_file(tmp_path: Path) -> None:
 def test_an_export_to_another_format_is_refused_with_the_formats(tmp_path: Path) -> None:
     with pytest.raises(UnknownName, match="valid: csv, parquet"):
         export(finished(tmp_path / "run"), "xlsx", tmp_path)
+
+
+def test_without_the_library_of_a_format_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(UsageError, match=r"pyarrow cannot be imported .*pip install 'palpate\[parquet\]'"):
+        export(finished(tmp_path / "run"), "parquet", tmp_path / "tables")
+    assert not (tmp_path / "tables").exists()

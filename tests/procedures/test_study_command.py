@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -163,7 +164,7 @@ def test_two_processes_give_what_one_gives(palpate: Palpate) -> None:
     assert Path("one/points.csv").read_bytes() == Path("two/points.csv").read_bytes()
 
 
-def test_what_is_wrong_is_told_before_anything_is_computed(palpate: Palpate) -> None:
+def test_what_is_wrong_is_told_before_anything_is_computed(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("small.toml").write_text(STUDY.replace("thesis_single", "thesis_singel"), encoding="utf-8")
     refused = palpate("study", "small.toml")
     assert refused.status == 2
@@ -175,5 +176,9 @@ def test_what_is_wrong_is_told_before_anything_is_computed(palpate: Palpate) -> 
     Path("lab/plot.png").write_text("of a run")
     assert "lab holds other files; choose a new or empty folder" in palpate("study", "small.toml", "--out", "lab").err
     assert [path.name for path in Path("lab").iterdir()] == ["plot.png"]
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "pyarrow", None)
+        assert "give: pip install 'palpate[parquet]'" in palpate("study", "small.toml", "--to", "parquet").complaint
+    assert not Path("runs").exists()
     both = palpate("study", "small.toml", "--workers", "2", "--dask", "tcp://127.0.0.1:1")
     assert both.complaint.startswith("--workers and --dask: the scheduler has workers of its own")
