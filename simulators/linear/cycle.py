@@ -259,6 +259,7 @@ class Cycle:
         rates, shapes, inverse = leg.modes
         modes = np.zeros((len(self._rates), len(mean)), complex)
         modes[: len(rates)] = ((rows[0] @ shapes) * (inverse @ gap)).T
+        modes[: len(rates)].imag[rates.imag == 0] = 0.0  # left by rounding where poles repeat: a decay has no sine
         weights = np.concatenate([phasors.real.T, -phasors.imag.T, _split(modes)])
         weights[np.abs(weights) < LOST * (np.abs(mean) + np.abs(weights).sum(axis=0))] = 0.0
         return mean, weights

@@ -243,3 +243,8 @@ def test_gains_that_scatter_change_what_passes_them_and_not_what_is_added_behind
     found = changes(without, with_it, question, phases=8)
     assert 0 < max(force for force, _ in found) <= bound.force < 0.002
     assert 0 < max(ratio for _, ratio in found) <= bound.ratio < 0.01
+
+
+def test_poles_that_repeat_in_every_film_recur() -> None:
+    """Random scene 7387: charge amplifiers alike, whose common pole rounding takes apart into shapes with a sine."""
+    assert tried(7387).greatest[0] == pytest.approx(0.948, abs=1e-3)
