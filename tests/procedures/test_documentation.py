@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterator
 from itertools import takewhile
 from pathlib import Path
@@ -26,6 +27,13 @@ def table(page: str) -> list[tuple[str, ...]]:
 
 def test_the_table_of_incidents_is_that_of_the_policies() -> None:
     assert table("explanation/incidents.md") == [(p.incident, p.does, str(p.attempts)) for p in POLICIES]
+
+
+def test_the_table_of_extras_has_each_once() -> None:
+    pyproject = tomllib.loads((DOCUMENTATION.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    assert sorted(row[0].strip("`") for row in table("how-to/install.md")) == sorted(
+        pyproject["project"]["optional-dependencies"]
+    )
 
 
 def commands(group: click.Group, path: str = "palpate") -> Iterator[str]:
