@@ -1,13 +1,14 @@
 """An append-only file of frames, each with the hash of the one before it, and a head of fixed size beside it.
 
-A frame says by itself what it is: magic bytes, the chain it belongs to, its number, kind and id, its length, the hash
-of the frame before, then its content and the SHA-256 over all of that. So whatever is whole can be found by looking for
-magic bytes, and whatever is changed, left out or moved breaks the chain. A chain that has lost its end would still be a
-chain: therefore the head, a file of its own, tells how far the chain had come. It is synced after the frames, so that
-it never tells of what is not on disk. Each of its two entries fills a sector; they are written in turn, so that one is
-whole whenever the power fails, and counted, so that one that is overwritten by the other or by an older one is noticed.
+A frame describes itself: magic bytes, the chain it belongs to, its number, kind and id, its length, the hash of the
+frame before, then its content and the SHA-256 over all of that. So whole frames can be found by their magic bytes, and
+a changed, missing or moved frame breaks the chain. A chain that lost its end would still be a chain. Therefore the
+head, a file of its own, tells how long the chain is. It is synced after the frames, so that it never counts frames that
+are not on disk. It has two entries, each in a sector of its own. They are written in turn, so that one of them is whole
+whenever the power fails. They are counted, so that an entry that was overwritten by an older one is noticed.
 
-Behind the frames the file holds zeros until it is closed: to write over them costs a sync less than to grow.
+Behind the frames the file holds zeros until it is closed: writing over zeros needs one sync less than making the file
+longer.
 """
 
 from __future__ import annotations
@@ -29,20 +30,20 @@ FRAME = struct.Struct("<8s16sQ4sIII32s")  # magic, chain, number, kind, id, flag
 _HEAD = struct.Struct("<8s16sQQQQQ32s")  # magic, chain, turn, frames, length, points, events, hash of the last frame
 HASH = 32  # bytes
 AROUND = FRAME.size + HASH  # bytes of a frame beside its content
-MOST_IN_VAIN = 4_000_000_000  # bytes that are hashed for frames that are none: a forged file could ask for any number
-SECTOR = 512  # bytes; a disk writes one whole or not at all
-AT_A_TIME = 1_000_000  # bytes that are looked through
-READINGS = 3  # of a head that is not whole: it may have been under the writer's pen
-NOTHING = bytes(HASH)  # stands for the hash before the first frame
+MOST_IN_VAIN = 4_000_000_000  # bytes hashed for false frames: a forged file could ask for any number
+SECTOR = 512  # bytes; a disk writes a sector whole or not at all
+AT_A_TIME = 1_000_000  # bytes that a search reads at once
+READINGS = 3  # tries to read a head that is not whole: it may just be being written
+NOTHING = bytes(HASH)  # hash before the first frame
 
-LAST = 1 << 31  # flag of the last frame that was added at a time
+LAST = 1 << 31  # flag of the last frame of each addition
 
 Bytes = bytes | memoryview
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame in a file: `at` is where it begins, `hash` what it says its own is."""
+    """A frame in a file: `at` is where it begins, `hash` is the hash that it holds of itself."""
 
     chain: bytes
     number: int
@@ -61,9 +62,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """How far a chain had come: its frames, their bytes, how many points and events they hold, and the last hash.
+    """Length of a chain: number of its frames, their bytes, the points and events in them, and the last hash.
 
-    `turn` counts the entries of the head's file from 0; the even ones are written to its first sector.
+    `turn` counts the entries of the head's file from 0. Even ones are written to its first sector, odd ones to its
+    second.
     """
 
     chain: bytes
@@ -75,18 +77,18 @@ class Head:
     hash: bytes
 
     def packed(self) -> bytes:
-        """An entry of the head's file."""
+        """The bytes of an entry of the head's file."""
         told = (self.turn, self.frames, self.length, self.points, self.events, self.hash)
         content = _HEAD.pack(MAGIC, self.chain, *told)
         return (content + hashlib.sha256(content).digest()).ljust(SECTOR, b"\0")
 
     def again(self) -> Head:
-        """The same, as the next entry."""
+        """The same numbers as the next entry."""
         return replace(self, turn=self.turn + 1)
 
 
 def head_of(entry: bytes) -> Head | None:
-    """What an entry says; None: it is not as it was written."""
+    """Read an entry of the head's file. None: it is damaged."""
     content, check = entry[: _HEAD.size], entry[_HEAD.size : _HEAD.size + HASH]
     if hashlib.sha256(content).digest() != check or any(entry[_HEAD.size + HASH :]):
         return None
@@ -95,7 +97,7 @@ def head_of(entry: bytes) -> Head | None:
 
 
 def read_head(path: Path) -> tuple[Head | None, str]:
-    """The newer whole entry of a head's file, and what is wrong with the file ("": nothing)."""
+    """The newer undamaged entry of a head's file, and what is wrong with the file ("": nothing)."""
     for _ in range(READINGS):
         try:
             with ChainFile(path) as file:
@@ -120,7 +122,7 @@ def _newer(content: bytes, name: str) -> tuple[Head | None, str]:
 
 
 class ChainFile:
-    """The file of a chain, for reading: frames where they lie, each at a time. Everything raises OSError."""
+    """The file of a chain, for reading frame by frame. All methods raise OSError."""
 
     def __init__(self, path: Path) -> None:
         self._handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would be waited for
@@ -130,7 +132,7 @@ class ChainFile:
 
     @property
     def size(self) -> int:
-        """Of a file that may be growing."""
+        """Size of the file, which may be growing [bytes]."""
         return os.fstat(self._handle).st_size
 
     def __enter__(self) -> ChainFile:
@@ -140,7 +142,7 @@ class ChainFile:
         os.close(self._handle)
 
     def read(self, at: int, length: int) -> bytes:
-        """So many bytes, fewer where the file ends."""
+        """Read so many bytes; fewer where the file ends."""
         parts = []
         while length > 0 and (part := os.pread(self._handle, length, at)):
             parts.append(part)
@@ -148,7 +150,10 @@ class ChainFile:
         return b"".join(parts)
 
     def frame(self, at: int) -> Frame | None:
-        """What says of itself to be a frame and ends within the file; its content is not looked at."""
+        """The frame that begins at a place; None: none begins there and ends within the file.
+
+        Its content is not checked.
+        """
         start = self.read(at, FRAME.size)
         if len(start) < FRAME.size or not start.startswith(MAGIC):
             return None
@@ -159,7 +164,7 @@ class ChainFile:
         return Frame(chain, number, kind, own, flags, length, before, check, at) if len(check) == HASH else None
 
     def content(self, frame: Frame) -> bytes | None:
-        """The content of a frame; None: the frame is not as it was written."""
+        """Content of a frame; None: the frame is damaged."""
         whole = self.read(frame.at, AROUND + frame.length)
         body = memoryview(whole)[:-HASH]
         if hashlib.sha256(body).digest() != frame.hash or whole[-HASH:] != frame.hash:
@@ -167,10 +172,10 @@ class ChainFile:
         return bytes(body[FRAME.size :])
 
     def walk(self, head: Head | None) -> Iterator[Frame]:
-        """The chain from its first frame to where it breaks or ends.
+        """Frames of the chain from the first one to where the chain breaks or ends.
 
-        Up to what the head tells of, the links are followed, which its hash vouches for; behind that each frame must be
-        whole, since what was not yet acknowledged may be torn.
+        Of frames that the head counts only the links are checked, because the head's hash proves them. Behind them each
+        frame is checked as a whole, since frames that were not yet acknowledged may be torn.
         """
         at, number, before, chain = 0, 0, NOTHING, None
         while (frame := self.frame(at)) is not None:
@@ -182,7 +187,7 @@ class ChainFile:
             at, number, before, chain = frame.end, number + 1, frame.hash, frame.chain
 
     def scan(self) -> Iterator[Frame]:
-        """Every whole frame, wherever it lies; up to a limit on what only says of itself to be one."""
+        """Every undamaged frame, wherever it lies. The search ends after too many bytes of false frames."""
         at, in_vain = 0, 0
         while (at := self._find(MAGIC, at)) >= 0 and in_vain < MOST_IN_VAIN:
             frame = self.frame(at)
@@ -194,7 +199,7 @@ class ChainFile:
                 at += 1
 
     def only_zeros(self, at: int) -> bool:
-        """Whether nothing but zeros follows."""
+        """Whether only zeros follow."""
         while part := self.read(at, AT_A_TIME):
             if part.strip(b"\0"):
                 return False
@@ -211,7 +216,7 @@ class ChainFile:
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """A file of frames that are linked as far as its head tells; contents are verified when they are read."""
+    """A chain whose links are checked as far as its head counts. Contents are verified when they are read."""
 
     file: ChainFile
     head: Head
@@ -220,7 +225,7 @@ class Chain:
 
 @contextlib.contextmanager
 def opened(path: Path, head_path: Path) -> Iterator[Chain]:
-    """The chain in a file, also while it is written. Raises OSError: it is not there. ValueError: it is damaged."""
+    """Open the chain in a file, also while it is being written. Raises OSError: no file; ValueError: it is damaged."""
     with ChainFile(path) as file:
         told = read_head(head_path)
         while True:
@@ -229,7 +234,7 @@ def opened(path: Path, head_path: Path) -> Iterator[Chain]:
                 break
             except ValueError:
                 before, told = told, read_head(head_path)
-                if told == before:  # else it is being written, and has gone on meanwhile
+                if told == before:  # otherwise the chain is being written and grew meanwhile
                     raise
         yield chain
 

@@ -15,7 +15,7 @@ from palpate.procedures.records.stored import Stored
 
 @dataclass(slots=True)
 class Found:
-    """What a check found.
+    """Result of a check.
 
     Attributes:
         hashed: whether a lost row would have been noticed; None: the run cannot be read.

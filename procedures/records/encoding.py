@@ -1,4 +1,4 @@
-"""What a point is on disk: canonical JSON, float32 samples, and a CRC-32 over each row."""
+"""A point on disk: canonical JSON, float32 samples, and a CRC-32 over each row."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=Fal
 
 
 def encoded(data: Mapping[str, object], waveforms: Waveforms) -> tuple[str, list[tuple[str, float, np.ndarray]]]:
-    """A point as it is stored: its text, and name, rate and float32 samples of each waveform. Raises RangeError."""
+    """Encode a point: its text, and name, rate and float32 samples of each waveform. Raises RangeError."""
     if taken := _OWN_COLUMNS & data.keys():
         raise RangeError(f"a point may not have a value {', '.join(sorted(taken))}: the record sets it")
     stored = [(name, float(rate), _float32(name, rate, samples)) for name, (rate, samples) in waveforms.items()]
@@ -27,7 +27,7 @@ def encoded(data: Mapping[str, object], waveforms: Waveforms) -> tuple[str, list
 
 
 def as_json(value: object) -> str:
-    """One text for one value: keys sorted, no spaces, ASCII, null for NaN and infinities."""
+    """Canonical JSON of a value: keys sorted, no spaces, ASCII, null for NaN and infinities."""
     try:
         return _ENCODER.encode(value)
     except (TypeError, ValueError):  # numpy's values, NaN, or what is no JSON at all
@@ -35,7 +35,7 @@ def as_json(value: object) -> str:
 
 
 def row_crc32(*values: object) -> int:
-    """CRC-32 of what stands in a row."""
+    """CRC-32 of the values in a row."""
     return zlib.crc32(json.dumps(values).encode())
 
 
@@ -45,7 +45,7 @@ def waveform_crc32(point_id: int, name: str, rate: float, samples: np.ndarray) -
 
 
 def verify(what: str, crc32: int, *values: object) -> None:
-    """Raises ValueError: a row is damaged."""
+    """Check the CRC-32 of a row. Raises ValueError: the row is damaged."""
     if row_crc32(*values) != crc32:
         raise ValueError(f"{what} is not as it was written, CRC-32 differs")
 

@@ -1,4 +1,4 @@
-"""A run for other programs: CSV or Parquet, or an xarray Dataset."""
+"""Export of a run for other programs: as CSV, Parquet or an xarray Dataset."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COORDINATES = ("sample", "load_N")  # of points that have them
 
 
 def check_format(to: str) -> None:
-    """Raises UnknownName: no such format of tables; UsageError: the library that writes it is not installed."""
+    """Check a format. Raises UnknownName: there is no such format; UsageError: the library for it is not installed."""
     if to not in FORMATS:
         raise UnknownName("export format", to, FORMATS)
     if to == PARQUET:
@@ -65,10 +65,10 @@ def export(run: Run, to: str, folder: Path) -> list[Path]:
 
 
 def as_dataset(run: Run) -> xr.Dataset:
-    """The points over `point`, by their ids, and their waveforms [V] over `index`, all in memory.
+    """The points over the dimension `point`, by their ids, and their waveforms [V] over `index`, all in memory.
 
-    Numbers and texts of the points are variables, sample and load coordinates. `time_s` is that of a sample since the
-    waveform's first, over `index` alone where all have one rate. Shorter waveforms end in NaN.
+    Numbers and texts of the points are variables; sample and load are coordinates. `time_s` is the time of a sample
+    since the waveform's first one, over `index` alone if all waveforms have one rate. Shorter waveforms end in NaN.
 
     Raises:
         UsageError: xarray is not installed.
@@ -108,7 +108,7 @@ def as_dataset(run: Run) -> xr.Dataset:
 
 
 def _waveform_frames(run: Run) -> Iterator[pd.DataFrame]:
-    """A long table a point: a long run does not fit in memory at once."""
+    """One long table for each point, because a long run does not fit into memory at once."""
     import pandas as pd
 
     for point_id, waveforms in itertools.groupby(run.waveforms(), key=lambda waveform: waveform.point_id):

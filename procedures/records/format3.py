@@ -100,7 +100,7 @@ class Database:
             yield waveform_of(*row)
 
     def faults(self) -> Iterator[str]:
-        """What only the database itself shows."""
+        """Damage that only the database as a whole shows."""
         said = "; ".join(text for (text,) in self._database.execute("PRAGMA integrity_check"))
         if said != "ok":
             yield f"{DATABASE}: {said}"
@@ -121,7 +121,7 @@ class Database:
 
 
 def waveform_of(point_id: int, name: str, rate: float, samples: bytes, crc32: int) -> Waveform:
-    """What stands in a row. Raises ValueError, TypeError: it is damaged."""
+    """The waveform in a row. Raises ValueError, TypeError: the row is damaged."""
     found = np.frombuffer(samples, SAMPLE)
     if waveform_crc32(point_id, name, rate, found) != crc32 or not rate > 0:
         raise ValueError(f"waveform {name!r} of point {point_id} is not as it was written, CRC-32 differs")
@@ -135,10 +135,10 @@ def _tables(database: sqlite3.Connection) -> set[str]:
 
 @contextlib.contextmanager
 def opened(folder: Path) -> Iterator[Database]:
-    """The database in a folder, for as short as it takes.
+    """Open the database in a folder for a short time.
 
     Raises:
-        RecordError: it is none of a run, or of another format. Else as `Stored`.
+        RecordError: it holds no run, or one of another format. Otherwise as in `Stored`.
     """
     path = folder / DATABASE
     for file in (path, folder / LOG):
@@ -160,7 +160,7 @@ def _snapshot(path: Path, mode: str, stack: contextlib.ExitStack) -> sqlite3.Con
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
     connection.execute("BEGIN")
     (others,) = connection.execute("SELECT count(*) FROM sqlite_schema WHERE type NOT IN ('table', 'index')").fetchone()
-    if others:  # a view could go on for ever
+    if others:  # reading a view might never end
         raise ValueError("it has views or triggers, a run has none")
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     if application != APPLICATION_ID:

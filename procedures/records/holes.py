@@ -1,4 +1,4 @@
-"""Files that claim to be longer than what is on disk of them: a hole of 200 GB takes no space, but hours to read."""
+"""Sparse files: a hole of 200 GB takes no space on disk, but hours to read."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 from palpate.instrument.errors import RecordError
 
-MOST = 1_000_000_000  # bytes that were never written; a file of a run has none, a copy of it some MB
+MOST = 1_000_000_000  # bytes of holes; a file of a run has none, a copy of it some MB
 
 
 def check_holes(path: Path) -> None:
-    """Refuse a file with too much that was never written. Raises RecordError. What is no file is left to its reader."""
+    """Refuse a file whose holes are too large. Raises RecordError. A path that is no file is left to its reader."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would be waited for
     except OSError:
@@ -29,7 +29,7 @@ def check_holes(path: Path) -> None:
 
 
 def _too_many(handle: int, size: int) -> int | None:
-    """Where the hole begins that makes them too many; None: there are not so many."""
+    """Start of the hole with which all holes together become too large; None: they do not."""
     at = holes = 0
     while at < size:
         begins = os.lseek(handle, at, os.SEEK_HOLE)

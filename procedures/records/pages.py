@@ -1,7 +1,7 @@
-"""The rows that the pages of an SQLite database and its log hold, without the help of its schema and its trees.
+"""Rows on the pages of an SQLite database and its log, found without its schema and its trees.
 
-Format: https://www.sqlite.org/fileformat2.html. Rows are found on leaf pages of tables; where such a page's own header
-is damaged, at any offset of it. Nothing here tells whether a row is as it was written: that is up to its checksum.
+Format: https://www.sqlite.org/fileformat2.html. Rows are found on leaf pages of tables; where the header of such a page
+is damaged, rows are looked for at any offset. Only a row's checksum tells whether the row is as it was written.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ LEAF = 13  # type of a page
 _WAL_HEADER, _WAL_FRAME = 32, 24  # bytes
 _INTEGERS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}  # bytes of serial types
 
-Row = tuple[int, list[Any]]  # its number, and what its columns hold; texts are bytes
+Row = tuple[int, list[Any]]  # number of the row, and the values of its columns; texts are bytes
 
 
 @dataclass(slots=True)
 class Pages:
-    """Every image of every page, the most trusted last: of a log that was begun anew, of the database, of its log."""
+    """All images of all pages, the most reliable last: from a log that was begun anew, the database, its log."""
 
     size: int
     images: list[bytes]
@@ -29,7 +29,7 @@ class Pages:
     _followed: set[int] = field(default_factory=set)
 
     def rows(self) -> Iterator[tuple[bool, int, list[Any]]]:
-        """From leaf pages (True), then from what may have been one. A row comes as often as there are images of it."""
+        """Rows from leaf pages (True), then from pages that may have been some; one for each image of a row."""
         doubtful = []
         for image in self.images:
             start = 100 if image.startswith(b"SQLite format 3\0") else 0
@@ -115,7 +115,7 @@ def _varint(content: bytes, at: int) -> tuple[int, int]:
 
 
 def _values(payload: bytes) -> list[Any]:
-    """What the columns of a record hold. Raises ValueError, IndexError, struct.error: it is none."""
+    """Values of the columns of a record. Raises ValueError, IndexError, struct.error: it is no record."""
     header, at = _varint(payload, 0)
     types = []
     while at < header:

@@ -51,7 +51,7 @@ class Recorder:
     """
 
     def __init__(self, folder: Path, header: Mapping[str, object] | None = None) -> None:
-        """Lock the folder against other writers. With a `header` begin a run in it; without, a run is there already.
+        """Lock the folder against other writers. With a `header`, begin a run; without, go on with one.
 
         Raises:
             UsageError: another process is writing this run, or a run is to begin where there is one already.
@@ -143,7 +143,7 @@ class Recorder:
 
     @property
     def points(self) -> int:
-        """How many points are stored."""
+        """Number of stored points."""
         return self._points
 
     def finished(self, _kind: type[T]) -> list[T]:
@@ -195,7 +195,7 @@ class Recorder:
         self._check_files()
 
     def _check_files(self) -> None:
-        """See that the files still have their names: Linux lets a program write to a file that is removed."""
+        """Check that the files still have their names, because Linux lets a program write to a removed file."""
         for path in self._files:
             with storing(path):
                 inode = path.stat().st_ino
@@ -208,7 +208,7 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._writer is None:  # it was not begun to go on
+        if self._writer is None:  # nothing was written yet
             self.close()
         if self._closed:
             return
@@ -216,7 +216,7 @@ class Recorder:
             self.finish("stopped", {}, "the procedure ended without a result")
             return
         wanted = isinstance(error, (KeyboardInterrupt, SystemExit))
-        with contextlib.suppress(RecordError):  # the exception under way says more
+        with contextlib.suppress(RecordError):  # the exception that is being raised says more
             self.finish("stopped" if wanted else "failed", {}, f"{type(error).__name__}: {error}")
 
 

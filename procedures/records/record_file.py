@@ -7,9 +7,9 @@
     EVNT  event  {"bench_ns": …, "kind": …, "message": …}
     STAT  0      {"header": {…}, "status": …, "summary": {…}}; the last one counts, without one the run is "running"
 
-Points and events are numbered from 1. The header in a STAT frame has entries that hold from there on. Frames of other
-kinds are passed over. A waveform may lie in several frames, and they may be written long before their point. Flag 1
-says in every frame that the run is simulated. Behind what the head tells of lies at most what was added last.
+Points and events are numbered from 1. The header in a STAT frame holds entries that replace earlier ones from there on.
+Frames of other kinds are ignored. A waveform may be in several frames, which may be written long before their point.
+Flag 1 in every frame says that the run is simulated. Behind the frames that the head counts lies at most one addition.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ IN_A_FRAME = 1 << 18  # samples
 
 
 def chain_of(header: Mapping[str, object]) -> bytes:
-    """The name of a run's chain: equal runs have equal bytes, so it comes of the header."""
+    """Name of a run's chain. It is made from the header, so that equal runs have equal bytes."""
     return hashlib.sha256(as_json(header).encode()).digest()[:16]
 
 
@@ -48,7 +48,7 @@ def header_frame(header: Mapping[str, object]) -> Content:
 
 
 def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> list[Content]:
-    """Raises RangeError: they cannot be stored."""
+    """Frames of a point with its waveforms. Raises RangeError: they cannot be stored."""
     text, stored = encoded(data, waveforms)
     frames: list[Content] = []
     for name, rate, samples in stored:
@@ -64,7 +64,7 @@ def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms
 
 
 def event_frame(event_id: int, kind: str, message: str, bench_ns: int) -> Content:
-    # File names in a message can hold bytes that are no UTF-8.
+    # A file's name in a message can hold bytes that are not UTF-8.
     text = message.encode(errors="backslashreplace").decode()
     return EVENT, event_id, [as_json({"bench_ns": bench_ns, "kind": kind, "message": text}).encode()]
 
@@ -75,12 +75,12 @@ def status_frame(status: str, summary: Mapping[str, object], header: Mapping[str
 
 
 class Record:
-    """A record that is whole as far as its links tell; contents are verified when they are read. Meets `Stored`."""
+    """A record whose links are whole. Contents are verified when they are read. Implements `Stored`."""
 
     hashed = True
 
     def __init__(self, linked: Chain) -> None:
-        """Raises ValueError: it is no run, or damaged."""
+        """Read the frames of a chain. Raises ValueError: it is no run, or damaged."""
         self._file, self.head, self.frames = linked.file, linked.head, linked.frames
         head = self.head
         self.status = "running"
@@ -107,7 +107,7 @@ class Record:
                     self.status, self.summary = found["status"], found["summary"]
                     self.header = {**self.header, **found["header"]}
                 case _:
-                    self.json(frame)  # what it says of its kind may be damaged
+                    self.json(frame)  # its kind may be damaged
         if len(self._points) < head.points or len(self._events) < head.events:
             raise ValueError(f"of {head.points} points and {head.events} events not all are there")
 
@@ -143,7 +143,7 @@ class Record:
             yield f"{RECORD} goes on behind its end, from byte {end} on"
 
     def head_at_end(self) -> Head:
-        """The head with all that is whole, its last complete point, event or status included."""
+        """Head that counts all whole frames up to the last complete point, event or status."""
         # Waveforms at the end have no point: the writer was killed between them.
         last = max(n for n, frame in enumerate(self.frames) if frame.kind != WAVE or n < self.head.frames)
         end = self.frames[last]
@@ -151,7 +151,7 @@ class Record:
         return replace(self.head, frames=last + 1, length=end.end, points=points, events=events, hash=end.hash)
 
     def tail(self) -> bytes:
-        """What is whole behind that of which the head tells, as it lies in the file."""
+        """Bytes of the whole frames that the head does not count yet."""
         return self._file.read(self.head.length, self.head_at_end().length - self.head.length)
 
     def json(self, frame: Frame) -> Any:
@@ -163,10 +163,12 @@ class Record:
 
 
 def whole_waveforms(file: ChainFile, frames: Iterable[Frame], listed: list[Any]) -> dict[str, np.ndarray]:
-    """By name the samples, (n,) float32, of each waveform of a point that its WAVE frames hold whole.
+    """Samples (n,) float32 by name, of each waveform of a point that its WAVE frames hold completely.
 
     Args:
-        listed: name, rate and number of samples of each, as the point says.
+        file: file of the chain.
+        frames: the WAVE frames of the point.
+        listed: name, rate and number of samples of each waveform, as the point says.
     """
     parts: dict[tuple[str, float], list[tuple[int, np.ndarray]]] = {}
     for frame in frames:
@@ -188,7 +190,7 @@ def whole_waveforms(file: ChainFile, frames: Iterable[Frame], listed: list[Any])
 
 
 def named(frame: Frame) -> str:
-    """What a frame is, in a message."""
+    """Name of a frame in messages."""
     match frame.kind:
         case b"HEAD":
             return "the header"
@@ -205,6 +207,6 @@ def named(frame: Frame) -> str:
 
 @contextlib.contextmanager
 def opened(folder: Path) -> Iterator[Record]:
-    """The record in a folder. Raises OSError: it is not there. ValueError: it is damaged."""
+    """Open the record in a folder. Raises OSError: there is none; ValueError: it is damaged."""
     with chain.opened(folder / RECORD, folder / HEAD_FILE) as found:
         yield Record(found)

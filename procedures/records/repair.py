@@ -1,4 +1,4 @@
-"""Salvaging a damaged run into a new one, which says what is gone. The damaged one is only read."""
+"""Repair of a damaged run: everything whole is written into a new run, which says what is lost."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from palpate.procedures.records.run import is_format4, last_modified
 from palpate.procedures.records.salvage import Left, salvaging
 
 ENDED = ("complete", "stopped", "failed")
-UNKNOWN = "unknown"  # procedure of a run whose header is gone
+UNKNOWN = "unknown"  # procedure of a run whose header is lost
 
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """The new run's folder, points and waveforms, what is gone (a sentence each), and whether the old was hashed."""
+    """Result of a repair: folder, points and waveforms of the new run, losses, and whether the old one was hashed."""
 
     folder: Path
     points: int
@@ -29,11 +29,11 @@ class Repaired:
 def repair(folder: Path, out: Path) -> Repaired:
     """Write every whole row of the run in `folder` into a new run in `out`.
 
-    Points are numbered anew where some are gone. The new run is complete only where the old one was and nothing is
-    gone; else it is stopped, without a summary.
+    Points are numbered anew where some are lost. The new run is complete only where the old one was complete and
+    nothing is lost; otherwise it is stopped and has no summary.
 
     Raises:
-        RecordError: nothing can be salvaged, or `out` cannot be written to.
+        RecordError: nothing can be saved, or `out` cannot be written to.
         UsageError: `out` holds a run.
     """
     folder = folder.absolute()
@@ -60,7 +60,7 @@ def repair(folder: Path, out: Path) -> Repaired:
 
 
 def _header(left: Left, folder: Path) -> dict[str, Any]:
-    """What is left of the header. What every run must have and this one has lost is made up, and listed as gone."""
+    """What is left of the header. Required entries that are lost are replaced and listed as lost."""
     header = dict(left.header)
     made_up = {
         "procedure": UNKNOWN,

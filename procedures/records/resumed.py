@@ -1,8 +1,8 @@
-"""A run that goes on where it ended: nothing finished is lost, and nothing is stored twice.
+"""A resumed run: nothing finished is lost, and nothing is stored twice.
 
-A real bench begins at the first point that is not stored. A simulated one gets to where it was by doing everything
-again, because what it gives depends on all that was done to it before; what is stored already is compared with what it
-gives now, and not stored a second time. So the finished run is that of a bench that was never interrupted.
+A real bench begins at the first point that is not stored. A simulated bench does everything again, because its readings
+depend on everything that was done before. Points that are stored already are compared with what the bench gives now and
+are not stored a second time. So the finished run equals that of a bench that was never interrupted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from palpate.procedures.steps.pause import PAUSED, Pause
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED = "continued", "changed"
-MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the record's, not of the procedure's
+MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the record, not of the procedure
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
@@ -41,7 +41,7 @@ class _Scene(BaseModel):
 
 
 class _Header(BaseModel):
-    """What the record of a procedure on a bench says of its beginning; see `procedures/lab/open.py`."""
+    """Header of a procedure's record on a bench; see `procedures/lab/open.py`."""
 
     settings: dict[str, Any]
     scene: _Scene | None
@@ -54,14 +54,15 @@ class _Header(BaseModel):
 
 
 class Resumed(Recorder):
-    """The one writer of a run that goes on: opened, then `begin`, then as any recorder."""
+    """The one writer of a resumed run. It is opened, then `begin` is called, then it is used as any recorder."""
 
     def __init__(self, run: Run, *, replay: bool, accept: bool) -> None:
         """Keep other writers out; nothing is written yet.
 
         Args:
-            replay: the bench is a simulated one that begins at its start again.
-            accept: what has changed since is recorded, not refused.
+            run: the run to go on with.
+            replay: whether the bench is a simulated one, which begins at its start again.
+            accept: whether changes of the bench are recorded instead of refused.
 
         Raises:
             UsageError: the run is complete, or another process is writing it.
@@ -93,10 +94,13 @@ class Resumed(Recorder):
         return self._bench_ns
 
     def begin(self, header: Mapping[str, object]) -> None:
-        """Go on, on the bench that `header` describes as that of a new run.
+        """Go on with the run on a bench.
+
+        Args:
+            header: the header that a new run on this bench would have.
 
         Raises:
-            UsageError: it is not the bench of the record; names each difference.
+            UsageError: it is not the bench of the record; the message names each difference.
         """
         if bool(header["simulated"]) != self.run.simulated:
             raise UsageError(f"{self.folder} is {'' if self.run.simulated else 'not '}simulated, this bench is another")
@@ -124,7 +128,7 @@ class Resumed(Recorder):
         self._append([status_frame("running", {}, known), *events], events=len(events))
 
     def _convert(self) -> None:
-        """Makes a record of what the database of record format 3 holds, beside it; it is left as it is."""
+        """Write the content of a database of record format 3 into a record beside it. The database stays as it is."""
         frames = [header_frame(self.run.header)]
         with reading(self.folder) as stored:
             for number, event in enumerate(stored.events(), 1):
@@ -136,10 +140,10 @@ class Resumed(Recorder):
             begin(self.folder, self.run.header, frames)
 
     def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:
-        """As `Recorder.point`; one that is stored already is compared.
+        """The same as `Recorder.point`, but a point that is stored already is compared with this one.
 
         Raises:
-            RecordError: it is not what the bench gives now.
+            RecordError: the stored point differs from what the bench gives now.
         """
         if self._points >= len(self._stored):
             if self._events:
@@ -167,9 +171,9 @@ class Resumed(Recorder):
         return all(np.allclose(one, other, ALIKE, ALIKE * _largest(one), equal_nan=True) for one, other in pairs)
 
     def event(self, kind: str, message: str, bench_ns: int) -> None:
-        """As `Recorder.event`; one that is stored already is compared. Raises RecordError as `point`."""
+        """The same as `Recorder.event`, but a stored event is compared. Raises RecordError as `point` does."""
         if self._events:
-            if (kind, bench_ns) == self._events[0]:  # messages can name addresses, which are new
+            if (kind, bench_ns) == self._events[0]:  # messages can name addresses, which change
                 self._events.popleft()
                 return
             self._differs(f"event {self._events[0][0]!r}", bench_ns)
@@ -184,7 +188,7 @@ class Resumed(Recorder):
             raise RecordError(f"{self.folder}: its points are of another palpate ({_first(error)}); run anew") from None
 
     def paused(self, bench_ns: int) -> bool:
-        """Whether the run was paused at this moment before."""
+        """Whether the recorded run was paused at this bench time."""
         return bool(self._events) and self._events[0] == (PAUSED, bench_ns)
 
     def _differs(self, what: str, bench_ns: int) -> None:
@@ -203,7 +207,7 @@ def _largest(samples: np.ndarray) -> float:
 
 
 class PausedAgain:
-    """Pauses a replayed run where it was paused before, for no time, and else where somebody asks. A `Pause`."""
+    """A `Pause` for replayed runs: it pauses for no time where the run was paused, else where somebody asks."""
 
     def __init__(self, record: Resumed, bench: Bench, pause: Pause) -> None:
         self._record, self._bench, self._pause = record, bench, pause
@@ -219,7 +223,7 @@ class PausedAgain:
 
 
 def header_of(run: Run) -> Mapping[str, Any]:
-    """The header of a run that a procedure began on a bench. Raises RecordError: it has another."""
+    """The header of a run that a procedure began on a bench. Raises RecordError: the run has another kind of header."""
     header: Mapping[str, Any] = run.header
     try:
         _Header.model_validate(header, strict=True)
@@ -234,7 +238,7 @@ def header_of(run: Run) -> Mapping[str, Any]:
 
 
 def settings_of(run: Run, kind: type[T]) -> T:
-    """The settings that a run was begun with, as their dataclass. Raises RecordError."""
+    """The settings of a run, as their dataclass. Raises RecordError."""
     try:
         (settings,) = _as(kind, [run.header["settings"]])
     except ValidationError as error:
@@ -248,7 +252,7 @@ def _first(error: ValidationError) -> str:
 
 
 def _comparable(header: Mapping[str, Any]) -> dict[str, Any]:
-    """What has to be as it was; a simulated bench has new addresses each time, its scene says what it is."""
+    """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
     found = {key: header[key] for key in COMPARED}
     found["devices"] = {name.partition(" at ")[0]: serial for name, serial in header["devices"].items()}
     if found["scene"] is None:
@@ -260,7 +264,7 @@ def _comparable(header: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _differences(before: Any, now: Any, key: str = "") -> Iterator[str]:
-    """Each value that differs, with its key."""
+    """One text for each value that differs, with its key."""
     if isinstance(before, dict) and isinstance(now, dict):
         for name in dict.fromkeys((*before, *now)):
             yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else name)
@@ -269,7 +273,7 @@ def _differences(before: Any, now: Any, key: str = "") -> Iterator[str]:
 
 
 def _as(kind: type[T], data: list[Any]) -> list[T]:
-    """`data` from JSON as dataclasses; a null where a number belongs was NaN."""
+    """Turn JSON `data` into dataclasses; a null in the place of a number becomes NaN."""
     adapter = TypeAdapter(list[kind])  # type: ignore[valid-type]
     try:
         return adapter.validate_python(data)

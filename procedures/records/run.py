@@ -47,8 +47,8 @@ class Run:
 
     Attributes:
         started: UTC.
-        status: as it is stored; the run of a program that was killed stays "running".
-        hashed: whether a lost row would be noticed; in record format 3 it would not.
+        status: the stored status; the run of a killed program stays "running".
+        hashed: whether a lost row would be noticed; in record format 3 it would not be.
 
     All methods raise RecordError, which names what is damaged.
     """
@@ -64,7 +64,7 @@ class Run:
 
     @classmethod
     def open(cls, folder: Path) -> Self:
-        """Raises RecordError: no run there, a damaged one, or one of another record format."""
+        """Open a run. Raises RecordError: there is no run, it is damaged, or it has another record format."""
         folder = folder.absolute()
         with reading(folder) as stored:
             header, summary = stored.header, stored.summary
@@ -79,7 +79,7 @@ class Run:
             )
 
     def points(self) -> list[dict[str, Any]]:
-        """All points in order: what was stored, with `id` and `bench_ns`; null is None."""
+        """All points in order, as they were stored, with `id` and `bench_ns`; null is None."""
         with reading(self.folder) as stored:
             return [{"id": point.id, "bench_ns": point.bench_ns, **json.loads(point.text)} for point in stored.points()]
 
@@ -137,9 +137,10 @@ def is_run(folder: Path) -> bool:
 
 
 def is_format4(folder: Path) -> bool:
-    """Whether a run has a record, or a head that tells of one; a database beside it is what it has gone on from.
+    """Whether a run is of record format 4: whether it has a record, or a head that tells of one.
 
-    Raises RecordError: one of its files has holes that nobody would read to the end.
+    A database beside the record is the older part of a resumed run. Raises RecordError: the holes of a file are too
+    large.
     """
     for name in (RECORD, format3.DATABASE, format3.LOG):
         check_holes(folder / name)
@@ -154,7 +155,7 @@ def _has_record(folder: Path) -> bool:
 
 
 def _is_there(path: Path) -> bool:
-    """Whether there is anything of that name: also a broken link, or what may not be read, which its reader reports."""
+    """Whether anything has that name, even a broken link or a file that may not be read; its reader reports that."""
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -165,7 +166,7 @@ def _is_there(path: Path) -> bool:
 
 
 def last_modified(folder: Path) -> datetime:
-    """When the newest file in a folder was last written; where its files may not be listed, when the folder was."""
+    """Time of the last write to any file in a folder; to the folder itself where its files may not be listed."""
     times = [0.0]
     with contextlib.suppress(OSError):
         times = [folder.lstat().st_mtime]
@@ -175,7 +176,7 @@ def last_modified(folder: Path) -> datetime:
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[Stored]:
-    """A run as it is now, open for reading. Raises RecordError, also for damage that is found inside the block."""
+    """Open a run as it is now for reading. Raises RecordError, also for damage that is found inside the block."""
     if _is_there(folder / format3.DATABASE) and not is_format4(folder):
         with _reading(folder / format3.DATABASE), format3.opened(folder) as database:
             yield database
@@ -186,7 +187,7 @@ def reading(folder: Path) -> Iterator[Stored]:
 
 @contextlib.contextmanager
 def reading_record(folder: Path) -> Iterator[record_file.Record]:
-    """As `reading`, of a run of record format 4."""
+    """The same as `reading`, for a run of record format 4."""
     check_holes(folder / RECORD)
     with _reading(folder / RECORD), record_file.opened(folder) as record:
         yield record

@@ -1,4 +1,4 @@
-"""Where runs are kept: listing and finding them."""
+"""Listing and finding runs in a store."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.procedures.records.stored import Status
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """A line in a list of runs; of a damaged one only `folder`, `started` (file time) and `fault` hold."""
+    """A line in a list of runs. Of a damaged run only `folder`, `started` (time of its file) and `fault` are known."""
 
     folder: Path
     started: datetime
@@ -51,7 +51,7 @@ def find_run(text: str, store: Path) -> Path:
     """The folder of the run that `text` names: a path, or a name in `store`.
 
     Raises:
-        UnknownName: neither; lists the runs of the store.
+        UnknownName: there is no such run; the message lists the runs of the store.
     """
     for folder in (Path(text), store / text):
         if is_run(folder):

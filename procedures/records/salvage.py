@@ -1,4 +1,4 @@
-"""What is left of a run, row by row, however damaged the file is that holds it; and what is gone."""
+"""Search of a damaged run's file for everything that is left, row by row, and the list of what is lost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Waves = dict[str, tuple[float, np.ndarray]]
 
 @dataclass(frozen=True, slots=True)
 class LeftPoint:
-    """A point: its data, and how many waveforms it had."""
+    """A point that is left: its data, and the number of waveforms that it had."""
 
     bench_ns: int
     data: dict[str, Any]
@@ -38,11 +38,11 @@ class Left:
     """What is left of a run.
 
     Attributes:
-        header: what is left of it.
-        simulated: None: nothing tells.
-        points, events: by their numbers, from 1.
-        waveforms: of a point by its number those that are whole: rate and samples by name.
-        gone: what is not there or not as it was written, each in a few words.
+        header: what is left of the header.
+        simulated: whether the run is simulated; None: nothing tells.
+        points, events: points and events by their numbers, from 1.
+        waveforms: whole waveforms of each point by its number: rate and samples by name.
+        gone: a few words for each thing that is missing or damaged.
     """
 
     header: dict[str, Any] = field(default_factory=dict)
@@ -55,7 +55,7 @@ class Left:
     gone: list[str] = field(default_factory=list)
 
     def note_gone(self, last_point: int, last_event: int) -> None:
-        """Of the points and events up to these numbers, and of their waveforms."""
+        """Note which points and events up to these numbers are missing, and which of their waveforms."""
         self.gone += _missing("point {}", "points {} to {}", self.points, last_point)
         for number, point in self.points.items():
             whole = self.waveforms(number)
@@ -79,7 +79,7 @@ def salvaging(folder: Path) -> Iterator[Left]:
 
 def _of_chain(file: ChainFile, head_file: Path) -> Left:
     head, fault = read_head(head_file)
-    # A frame in its place in the chain counts before one with its number elsewhere.
+    # A frame in its place in the chain counts more than another one with the same number elsewhere.
     found = [*(frame for frame in file.walk(head) if file.content(frame) is not None), *file.scan()]
     chain, _ = Counter(frame.chain for frame in found).most_common(1)[0] if found else (b"", 0)
     if head is not None and head.chain != chain:
@@ -188,16 +188,16 @@ def _content(path: Path) -> bytes:
 
 
 def _text(value: object) -> str:
-    """Of a text, or of one that has become a blob: the bit that tells them apart is not in a checksum."""
+    """Text of a column. It may have become a blob, because no checksum holds the bit that tells them apart."""
     if not isinstance(value, bytes):
         raise TypeError
     return value.decode()
 
 
 def _missing(one: str, several: str, there: Iterable[int], last: int) -> list[str]:
-    """The numbers from 1 to the last that are not among them, each gap in one text.
+    """The numbers from 1 to the last that are missing, with one text for each gap.
 
-    A damaged number may be as great as 2^48, so that gaps are not counted through.
+    A damaged number may be as great as 2^48, so gaps are not counted number by number.
     """
     numbers = {0, *there}
     ends = sorted({*numbers, max(last, *numbers) + 1})

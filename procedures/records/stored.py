@@ -1,4 +1,4 @@
-"""What can be read from a run on disk, in whatever format it is stored."""
+"""Reading a run on disk, whatever its record format is."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Stored(Protocol):
     """A run as it was at one moment. Reading a damaged part raises ValueError, TypeError, KeyError or sqlite3.Error.
 
     Attributes:
-        hashed: whether each row carries the hash of the one before, so that none can be lost unnoticed.
-        header: without `status` and `summary`.
+        hashed: whether each row holds the hash of the row before, so that none can be lost unnoticed.
+        header: the header, without `status` and `summary`.
     """
 
     @property
@@ -49,21 +49,21 @@ class Stored(Protocol):
     def summary(self) -> Mapping[str, Any]: ...
 
     def count(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         ...
 
     def points(self) -> Iterator[Point]:
-        """In order."""
+        """All points in order."""
         ...
 
     def events(self) -> list[dict[str, Any]]:
-        """In order: `bench_ns`, `kind`, `message`."""
+        """All events in order: `bench_ns`, `kind`, `message`."""
         ...
 
     def waveforms(self, point_id: int | None = None, name: str | None = None) -> Iterator[Waveform]:
-        """In order, one in memory at a time; of one point and name alone where they are given."""
+        """Waveforms in order, one in memory at a time; only those of a point and a name where these are given."""
         ...
 
     def faults(self) -> Iterator[str]:
-        """Damage that no point, waveform or event shows, each in a sentence: it lies in the file between them."""
+        """One sentence for each damage between points, waveforms and events, which none of them shows."""
         ...

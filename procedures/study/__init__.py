@@ -1,1 +1,1 @@
-"""Many scenes, each swept through the loads: what a study is, how it is run anywhere, what it found."""
+"""Studies: many scenes, each swept through the loads. Their description, how they are run, and their results."""

@@ -1,4 +1,4 @@
-"""What a study asks: a grid, or draws at random, over scenes, seeds, designs, models, materials and effects.
+"""Description of a study: a grid or random draws over scenes, seeds, designs, models, materials and effects.
 
 study = read_study(Path("study.toml"))
 len(study), study.cell(7)           # {"scene": "thesis_single", "seed": 8, "sample": "2"}
@@ -35,11 +35,11 @@ VALID: Mapping[str, Sequence[str]] = {"design": tuple(DESIGNS), "model": tuple(M
 MOST_CELLS, MOST_POINTS = 100_000, 1_000_000
 LARGEST_SEED = 2**63 - 1
 LONGEST_SEEDS = 39  # characters of two seeds with a dash
-DIGITS = 6  # of what is drawn from a range
+DIGITS = 6  # of a number that is drawn from a range
 
 
 class RandomFile(Config):
-    """Draws instead of the whole grid."""
+    """Random draws instead of the whole grid."""
 
     cells: int = Field(ge=1, le=MOST_CELLS, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
@@ -58,7 +58,7 @@ class StudyFile(Config):
 
 
 class _Range(Config):
-    """Of numbers or quantities of one unit."""
+    """Range of numbers, or of quantities with one unit."""
 
     low: str | float
     high: str | float
@@ -75,7 +75,7 @@ class Span:
     log: bool
 
     def at(self, share: float) -> Value:
-        """The value that far along, 0 to 1."""
+        """The value at a share of the way from `low` to `high`, 0 to 1."""
         value = self.low + (self.high - self.low) * share
         if self.log:
             value = self.low * (self.high / self.low) ** share
@@ -91,9 +91,9 @@ class Study:
     """A checked study.
 
     Attributes:
-        axes: what varies: values, or a span to draw from.
-        loads: of each cell, peak to peak [N].
-        file: as it was read.
+        axes: values of each thing that varies, or a span to draw them from.
+        loads: loads of each cell, peak to peak [N].
+        file: the study's file as it was read.
     """
 
     axes: Mapping[str, Axis]
@@ -106,15 +106,15 @@ class Study:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Values on each axis of a grid."""
+        """Number of values on each axis of a grid."""
         return tuple(len(axis) for axis in self.axes.values() if not isinstance(axis, Span))
 
     def cell(self, number: int) -> dict[str, Value]:
-        """What cell `number`, from 0, has on each axis, and the defaults. Of a grid the last axis goes fastest."""
+        """Values of cell `number`, from 0, on all axes, and the defaults. In a grid the last axis varies fastest."""
         return {**DEFAULTS, **self.varied(number)}
 
     def varied(self, number: int) -> dict[str, Value]:
-        """The same on the axes alone."""
+        """Values of a cell on the varied axes alone."""
         draw = self.file.random
         if draw is None:
             after = [*accumulate(reversed(self.shape), initial=1, func=lambda a, b: a * b)][-2::-1]
@@ -124,13 +124,15 @@ class Study:
             }
         drawn = {}
         for name, axis in self.axes.items():
-            share = random.Random(f"{draw.seed} {number} {name}").random()  # the same in every Python
+            share = random.Random(
+                f"{draw.seed} {number} {name}"
+            ).random()  # gives the same number in every version of Python
             drawn[name] = axis.at(share) if isinstance(axis, Span) else axis[int(share * len(axis))]
         return drawn
 
 
 def read_study(path: Path) -> Study:
-    """The study in a TOML file. Raises ConfigError: it is not readable, or is wrong; names file and key."""
+    """Read the study in a TOML file. Raises ConfigError, which names file and key."""
     return study_of(read(path, StudyFile), str(path))
 
 
@@ -159,7 +161,7 @@ def study_of(file: StudyFile, where: str) -> Study:
 
 
 def _flat(tables: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Tables within tables by their dotted keys; a range is none."""
+    """Values of nested tables by their dotted keys. A range counts as a value."""
     flat: dict[str, Any] = {}
     for key, value in tables.items():
         name = f"{before}{key}"

@@ -1,4 +1,4 @@
-"""What a study found: a line for each group of cells that differ in their seeds alone, and the ratio over each axis."""
+"""Report of a study: a line for each group of cells that differ in their seeds alone, and plots over each axis."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from palpate.procedures.showing.text import STAMP, new_table, number, print_all,
 from palpate.procedures.study.results import Results, coordinate
 
 MOST_LINES, MOST_PANELS, MOST_REASONS = 40, 3, 5
-DECADE_AND_MORE = 30.0  # between the ends of an axis, which is drawn logarithmic then
+DECADE_AND_MORE = 30.0  # ratio of an axis' ends from which on it is drawn logarithmic
 
 
 def print_study(results: Results, outcome: dict[str, Any]) -> None:
-    """Groups, failures, files."""
+    """Print groups, failures and files."""
     groups = results.groups()
     names = [name for name in results.study.axes if name != "seed"]
     table = new_table(

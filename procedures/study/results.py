@@ -1,4 +1,4 @@
-"""What a study found, by the numbers of its cells: as a table, as an xarray Dataset, and by group.
+"""Results of a study by the numbers of its cells: as a table, as an xarray Dataset, and by group.
 
 results = read_results(Path("runs/studies/softness"))
 results.table().groupby("sample").force_ratio.mean()
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
     import xarray as xr
 
 POINTS = "points"
-UNITS = ("N", "V")  # that names of columns end in
+UNITS = ("N", "V")  # units at the end of columns' names
 
 
 @dataclass(frozen=True, slots=True)
 class CellMean:
-    """A cell over its valid load sets.
+    """Mean of a cell over its valid load sets.
 
     Attributes:
-        axes: what it has on each axis.
-        force_ratio: None: no load set is valid. Its standard uncertainty counts gain scatter and noise, which are of
-            each load set alone.
-        model_force_ratio: what the scene's model says.
-        reason: why it failed; empty: it did not.
+        axes: value of the cell on each axis.
+        force_ratio: mean force ratio; None: no load set is valid. Its standard uncertainty holds gain scatter and
+            noise, which are independent in each load set.
+        model_force_ratio: force ratio by the scene's model.
+        reason: why the cell failed; empty: it did not.
     """
 
     cell: int
@@ -61,9 +61,10 @@ class Group:
     """Cells that differ in their seeds alone.
 
     Attributes:
-        axes: what they share.
-        force_ratio: mean of theirs, `spread` their standard deviation; None: there are too few.
-        force_ratio_u: mean of theirs.
+        axes: values that the cells share.
+        force_ratio: mean of the cells' force ratios; None: there are too few.
+        spread: standard deviation of the cells' force ratios; None: there are too few.
+        force_ratio_u: mean of the cells' standard uncertainties.
     """
 
     axes: dict[str, Value]
@@ -77,20 +78,20 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """A study and what is known of its cells, in their order."""
+    """A study and the outcomes of its cells, in their order."""
 
     study: Study
     outcomes: Sequence[Outcome]
 
     def digest(self) -> str:
-        """SHA-256 over the points of all cells, hex: the same whatever computed them, in whatever order."""
+        """SHA-256 over the points of all cells, hexadecimal, whatever computed them in whatever order."""
         total = hashlib.sha256()
-        for outcome in self.outcomes:  # a reason may name an address that is another each time
+        for outcome in self.outcomes:  # a reason may name an address, which changes
             total.update(as_json((outcome.cell, bool(outcome.reason), outcome.data)).encode() + b"\n")
         return total.hexdigest()
 
     def means(self) -> list[CellMean]:
-        """Each cell that is known."""
+        """Mean of each cell that has an outcome."""
         means = []
         for outcome in self.outcomes:
             points = outcome.points
@@ -110,7 +111,7 @@ class Results:
         return means
 
     def groups(self) -> list[Group]:
-        """Cells by all that varies but the seed."""
+        """Groups of cells that agree in everything but the seed."""
         alike: dict[str, list[CellMean]] = {}
         for mean in self.means():
             shared = {name: value for name, value in mean.axes.items() if name != "seed"}
@@ -118,9 +119,9 @@ class Results:
         return [_group(means) for means in alike.values()]
 
     def table(self) -> pd.DataFrame:
-        """A row for each load set of each cell that did not fail.
+        """One row for each load set of each cell that did not fail.
 
-        `cell`, `simulated`, a column for each axis (of quantities with their unit in its name), then the values.
+        Columns are `cell`, `simulated`, one for each axis (quantities have their unit in the name), then the values.
         """
         import pandas as pd
 
@@ -131,7 +132,9 @@ class Results:
         return head.join(pd.DataFrame([point for _, point in points]))
 
     def dataset(self) -> xr.Dataset:
-        """Values over the axes of a grid, or over `cell` where cells were drawn, and over `load_N`; NaN where none is.
+        """Values over the axes of a grid, or over `cell` where cells were drawn, and over `load_N`.
+
+        Missing values are NaN.
 
         Raises:
             UsageError: xarray is not installed.
@@ -169,12 +172,12 @@ class Results:
         return found
 
     def coordinates(self, cells: Sequence[int]) -> list[tuple[str, list[Value], str]]:
-        """Of each axis its name, what these cells have on it, and the unit."""
+        """Name of each axis, the values of these cells on it, and the unit."""
         varied = [self.study.varied(cell) for cell in cells]
         return [(name, *coordinate([each[name] for each in varied])) for name in self.study.axes]
 
     def export(self, to: str, folder: Path) -> Path:
-        """Writes `points.<to>`, the table, anew. Raises as `check_format`; RecordError."""
+        """Write the table to `points.<to>`, replacing an older one. Raises RecordError, or as `check_format` does."""
         check_format(to)
         path, frame = folder / f"{POINTS}.{to}", self.table()
         with storing(path):
@@ -186,7 +189,7 @@ class Results:
 
 
 def read_results(folder: Path) -> Results:
-    """The study in a folder, as far as it is known; also while it runs.
+    """Read the results of the study in a folder, also while it runs.
 
     Raises:
         UsageError: there is none.
@@ -201,7 +204,7 @@ def read_results(folder: Path) -> Results:
 
 
 def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
-    """Texts that are quantities as numbers in the unit of the first, and that unit; else as they are, and ""."""
+    """Quantities as numbers in the unit of the first one, and that unit; other values as they are, and ""."""
     try:
         if values and all(isinstance(value, str) for value in values):
             unit = parted(values[0])[1]
@@ -212,7 +215,7 @@ def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:
 
 
 class _RatioPoint:
-    """A stored point; what one of before has not is 0 or not known. Meets `mean_ratio.RatioPoint`."""
+    """A stored point, a `mean_ratio.RatioPoint`. Numbers that earlier versions did not store are 0 or None."""
 
     def __init__(self, stored: Mapping[str, Any]) -> None:
         self.force_ratio, self.force_ratio_u = float(stored["force_ratio"]), float(stored["force_ratio_u"])

@@ -1,4 +1,4 @@
-"""Running a study on any executor: cells that are not stored yet are computed, in whatever order they come.
+"""Running a study on any executor: cells that are not stored yet are computed, in any order.
 
 with Store(folder, asked) as store, ProcessPoolExecutor() as executor:
     run(study, evaluate, executor, store, progress, ahead=8)
@@ -21,14 +21,18 @@ Progress = Callable[[int, int, str], None]
 
 
 def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, progress: Progress, ahead: int) -> None:
-    """Compute what is missing; each cell is on disk before `progress` hears of it.
+    """Compute the missing cells. Each cell is on disk before `progress` is told of it.
 
-    On Ctrl-C no cell is begun any more; those that are being computed are waited for and stored.
+    On Ctrl-C no further cell is begun; cells that are being computed are waited for and stored.
 
     Args:
-        evaluate: what a cell has on its axes -> its points, the same for the same cell; the executor must be able to
-            send it. What it raises is the cell's reason to fail, and the others go on.
-        ahead: how many cells the executor is given at a time.
+        study: the study.
+        evaluate: function from a cell's values to its points, which must be the same for the same cell. The executor
+            must be able to send it to a worker. If it raises, the cell fails for that reason and the others go on.
+        executor: where cells are computed.
+        store: where they are stored.
+        progress: is told of each cell.
+        ahead: number of cells that the executor is given at a time.
 
     Raises:
         BenchError: the executor lost a worker.
@@ -56,7 +60,7 @@ def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, prog
         stand = f"{len(store.done)} of {total} cells are kept in {store.folder}; give the command again to go on"
         if isinstance(error, Exception) and not isinstance(
             error, PalpateError
-        ):  # what cells raise is in their outcomes
+        ):  # errors of cells are in their outcomes
             raise BenchError(
                 f"a worker ended without an answer ({error}), for want of memory perhaps; {stand}"
             ) from error
@@ -65,7 +69,7 @@ def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, prog
 
 
 def attempt(evaluate: Evaluate, number: int, cell: Mapping[str, Value]) -> Outcome:
-    """What becomes of a cell, wherever that is found out."""
+    """Outcome of a cell; called in whatever process computes it."""
     try:
         return Outcome(number, "", as_json(list(evaluate(cell))))
     except PalpateError as error:

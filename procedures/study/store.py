@@ -1,7 +1,7 @@
-"""The folder of a study: what was asked, and each cell as soon as it is known; a stored cell is never computed again.
+"""Folder of a study: its description, and each cell as soon as it is known. A stored cell is never computed again.
 
-`study.record` is a chain of hashed rows with a head (`records/chain.py`), as a run's is. Rows stand in the order in
-which cells came; whoever reads them gets them by their numbers, also while the study runs.
+`study.record` is a chain of hashed rows with a head (`records/chain.py`), like that of a run. Rows are in the order in
+which cells came. Readers get them by the numbers of the cells, also while the study runs.
 
     kind  id    content
     STUD  0     what was asked, JSON; the first frame
@@ -35,7 +35,7 @@ LONGEST_VALUE = 60  # characters, in a message
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a cell: `data`, the JSON list of its points, or the reason why it failed."""
+    """Outcome of a cell: `data`, the JSON list of its points, or the reason why it failed."""
 
     cell: int
     reason: str
@@ -51,13 +51,15 @@ class Store:
     """The one writer of a study. A context manager; what cannot be stored is a RecordError that names the file."""
 
     def __init__(self, folder: Path, asked: Mapping[str, Any]) -> None:
-        """Opens the study in a folder, or begins it there; the folder is made with its parents.
+        """Open the study in a folder, or begin it there. The folder is made with its parents.
 
         Args:
-            asked: what the study is, as JSON has it.
+            folder: folder of the study.
+            asked: the study's description as JSON has it.
 
         Raises:
-            UsageError: another study or something else lies there, with what differs, or another process is at it.
+            UsageError: the folder holds another study (the message says what differs) or something else, or another
+                process writes it.
             RecordError: it is damaged, or cannot be written.
         """
         self.folder = folder
@@ -70,13 +72,15 @@ class Store:
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
                 try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # a kill lets it go
+                    fcntl.flock(
+                        lock, fcntl.LOCK_EX | fcntl.LOCK_NB
+                    )  # the lock ends with the process, even if it is killed
                 except BlockingIOError:
                     raise UsageError(f"{folder} is being worked on by another process; let that end first") from None
                 if not path.exists():
                     if not _is_begun_in_vain(folder):
                         raise UsageError(f"{folder} holds other files; choose a new or empty folder with --out")
-                    text = json.dumps(asked, allow_nan=False).encode()  # its order counts
+                    text = json.dumps(asked, allow_nan=False).encode()  # the order of keys counts
                     create(path, head_path, hashlib.sha256(text).digest()[:16], [(STUDY, 0, [text])], 0)
             with _sound(path), chain.opened(path, head_path) as found:
                 _refuse_other(folder, _asked(found), asked)
@@ -92,7 +96,7 @@ class Store:
             self._undo = undo.pop_all()
 
     def add(self, outcomes: Iterable[Outcome]) -> None:
-        """Store what became of some cells; they are on disk when this returns. What is stored already stays."""
+        """Store the outcomes of some cells. They are on disk when this returns. Stored cells stay as they are."""
         new = {outcome.cell: outcome for outcome in outcomes if outcome.cell not in self.done}
         frames = [(CELL, cell, [f"{json.dumps(new[cell].reason)}\n{new[cell].data}".encode()]) for cell in new]
         if frames:
@@ -110,7 +114,7 @@ class Store:
 
 
 def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
-    """What a study in a folder is, and the cells that are known of it by their numbers; also while it runs.
+    """Description and known cells, by their numbers, of the study in a folder; also while it runs.
 
     Raises:
         UsageError: the folder holds none.
@@ -132,7 +136,7 @@ def _outcomes(found: Chain) -> Iterator[Outcome]:
 
 
 def _is_begun_in_vain(folder: Path) -> bool:
-    """Whether nothing lies there but what a start that was killed has left."""
+    """Whether a folder holds only what a start that was killed left behind."""
     head, _ = chain.read_head(folder / HEAD_FILE)
     names = {path.name for path in folder.iterdir()}
     return names <= {HEAD_FILE, f"{RECORD}.new"} and (head is None or not head.frames)
@@ -157,7 +161,7 @@ def _content(found: Chain, frame: Frame) -> str:
 
 @contextlib.contextmanager
 def _sound(path: Path) -> Iterator[None]:
-    """What a damaged file gives is a RecordError."""
+    """Turn errors by a damaged file into a RecordError."""
     try:
         yield
     except (UsageError, RecordError):
@@ -180,7 +184,7 @@ def _refuse_other(folder: Path, there: Mapping[str, Any], here: Mapping[str, Any
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Of tables within tables, by their dotted keys."""
+    """Values of nested tables by their dotted keys."""
     if isinstance(value, dict) and value:
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}" if name else key)
