@@ -1,0 +1,89 @@
+"""Which tests reach which line of a module, and how long each takes: measured once, by coverage.py."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.mutation.mutants import Mutant
+from tests.mutation.tried import PYTEST, in_child, silence
+
+LONGEST = 900  # s, for all tests without a mistake
+ENOUGH = 20.0  # s of tests for one mutant
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Tests that pass without a mistake.
+
+    Attributes:
+        seconds: that each test takes, its fixtures included.
+        lines: for each file, by its path from here, the tests that run a line of it.
+    """
+
+    seconds: dict[str, float]
+    lines: dict[str, dict[int, list[str]]]
+
+    def tests(self, file: Path, mutant: Mutant) -> list[str]:
+        """Those that may find a mistake, the fastest first; where the line runs at import, all, the nearest first."""
+        lines = self.lines.get(str(file), {})
+        near = {test for line in lines.values() for test in line}
+        found = self.seconds.keys() if mutant.runs_at_import else set(lines.get(mutant.line, ()))
+        chosen, spent = [], 0.0
+        for test in sorted(found, key=lambda test: (test not in near, self.seconds[test], test)):
+            spent += self.seconds[test]
+            if spent > ENOUGH and chosen:
+                break
+            chosen.append(test)
+        return chosen
+
+
+def reach(files: Sequence[Path], tests: Sequence[str], kept: Path) -> Reach:
+    """Run the tests once, in a process of its own. SystemExit where one of them fails."""
+    log = kept.with_suffix(".log")
+    status = in_child(lambda: _measured(files, tests, kept, log), LONGEST)
+    if status != 0:
+        raise SystemExit(f"the tests do not pass as they stand (pytest ended with {status}); see {log}")
+    found = json.loads(kept.read_text())
+    lines = {file: {int(line): names for line, names in by.items()} for file, by in found["lines"].items()}
+    return Reach(found["seconds"], lines)
+
+
+class _Contexts:
+    """Tells coverage.py which test runs."""
+
+    def __init__(self, coverage: object) -> None:
+        self.coverage = coverage
+        self.seconds: dict[str, float] = {}
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        self.coverage.switch_context(item.nodeid)  # type: ignore[attr-defined]
+        return (yield)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+
+
+def _measured(files: Sequence[Path], tests: Sequence[str], kept: Path, log: Path) -> int:
+    from coverage import Coverage
+
+    silence(log)
+    measured = Coverage(data_file=None, config_file=False, include=[str(file.resolve()) for file in files])
+    measured.start()
+    contexts = _Contexts(measured)
+    status = int(pytest.main([*PYTEST, *tests], plugins=[contexts]))
+    measured.stop()
+    data = measured.get_data()
+    known = {str(file.resolve()): str(file) for file in files}
+    lines = {
+        known[name]: {line: [test for test in by if test] for line, by in data.contexts_by_lineno(name).items()}
+        for name in data.measured_files()
+        if name in known
+    }
+    kept.write_text(json.dumps({"seconds": contexts.seconds, "lines": lines}))
+    return status

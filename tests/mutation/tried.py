@@ -1,0 +1,95 @@
+"""Trying a mutant: its module is imported with the mistake in it, and the tests that reach the line are run.
+
+Each try is a process of its own, forked from one that has imported the libraries, so that it begins at once. No file
+is changed: the mistake is made on the way from the source to the code of the module.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import CodeType
+
+LIBRARIES = (
+    "numpy", "numpy.testing", "scipy.special", "scipy.linalg", "pydantic", "pymodbus.client", "pymodbus.server", "can",
+    "canopen", "serial", "pint", "click", "rich.console", "pandas", "pyarrow", "tomli_w", "hypothesis.strategies",
+)  # fmt: skip
+# Rewritten assertions would make the code of modules, too, by a way of its own.
+PYTEST = ("-n0", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "--assert=plain", "-m", "not slow")
+KILLED, SURVIVED, ENDLESS = "killed", "survived", "timed out"
+POLL = 0.01  # s
+
+
+def import_libraries() -> None:
+    """What takes long and is not to be mutated."""
+    os.environ["OMP_NUM_THREADS"] = "1"  # a process of one thread may be forked
+    for name in LIBRARIES:
+        importlib.import_module(name)
+
+
+def tried(file: Path, code: Callable[[], CodeType], tests: Sequence[str], seconds: float) -> str:
+    """Run tests while a module has a mistake in it, for so many seconds at most."""
+    return {0: SURVIVED, None: ENDLESS}.get(in_child(lambda: _survives(file, code, tests), seconds), KILLED)
+
+
+def in_child(work: Callable[[], int], seconds: float) -> int | None:
+    """What `work` returns in a process of its own, as its exit status; None: it did not end in time."""
+    sys.stdout.flush()
+    child = os.fork()
+    if child == 0:
+        os.setsid()  # what the tests start ends with it
+        status = 70
+        try:
+            status = work()
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            os._exit(status)
+    end = time.monotonic() + seconds
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            break
+        if time.monotonic() > end:
+            _kill(child)
+            os.waitpid(child, 0)
+            return None
+        time.sleep(POLL)  # noqa: TID251
+    _kill(child)
+    return os.waitstatus_to_exitcode(status)
+
+
+def _kill(group: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
+
+
+def _survives(file: Path, code: Callable[[], CodeType], tests: Sequence[str]) -> int:
+    """0 where all tests pass."""
+    import pytest
+
+    silence()
+    original = SourceFileLoader.get_code
+
+    def get_code(self: SourceFileLoader, name: str) -> CodeType | None:
+        return code() if Path(self.path).resolve() == file.resolve() else original(self, name)
+
+    SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
+    return int(pytest.main([*PYTEST, *tests]))
+
+
+def silence(said: Path = Path(os.devnull)) -> None:
+    """What is printed from here on goes into a file, or is lost."""
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    out = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for descriptor in (1, 2):
+        os.dup2(out, descriptor)
