@@ -2,7 +2,7 @@
 
     python -m tests.mutation drivers policy contracts record     all mistakes in these parts
     python -m tests.mutation drivers --share 0.1                 one in ten of them
-    python -m tests.mutation instrument/noise.py                 in one file
+    python -m tests.mutation instrument/signals/noise.py         in one file
     python -m tests.mutation --since HEAD~3                      in the lines changed since a commit
 
 It prints each mistake that no test finds, and for each file how many of a hundred are found. A file in
@@ -42,15 +42,17 @@ class Part:
 
 
 PARTS = {
-    "drivers": Part(("drivers/**/*.py",), ("tests/drivers/**/test_*.py",)),
+    "drivers": Part(("drivers/**/*.py",), ("tests/drivers/test_*.py",)),
     "contracts": Part(
-        ("instrument/contract.py", "instrument/contracts/*.py"),
+        ("instrument/contracts/*.py",),
         ("tests/instrument/test_contract*.py", "tests/instrument/test_export.py",
          "tests/drivers/test_golden_frames.py"),
     ),
-    "policy": Part(("procedures/policy.py",), ("tests/procedures/test_policy.py", "tests/procedures/test_readme.py")),
+    "policy": Part(
+        ("procedures/steps/policy.py",), ("tests/procedures/test_policy.py",)
+    ),
     "record": Part(
-        ("procedures/record.py", "procedures/record_file.py", "procedures/chain*.py", "procedures/encoding.py"),
+        ("procedures/records/record*.py", "procedures/records/chain*.py", "procedures/records/encoding.py"),
         ("tests/procedures/test_record.py", "tests/procedures/test_check.py", "tests/procedures/test_lost_tail.py"),
     ),
 }  # fmt: skip
@@ -97,7 +99,7 @@ def parts_of(names: Iterable[str]) -> Iterator[Part]:
 
 def naming(file: Path) -> Iterator[str]:
     """Tests that import from a module, or are named after it."""
-    module = re.compile(rf"\b{re.escape('.'.join(file.with_suffix('').parts))}\b")
+    module = re.compile(rf"\b{re.escape('.'.join(('palpate', *file.with_suffix('').parts)))}\b")
     for test in sorted(Path("tests").rglob("test_*.py")):
         if test.stem == f"test_{file.stem}" or module.search(test.read_text()):
             yield str(test)

@@ -6,6 +6,7 @@ is changed: the mistake is made on the way from the source to the code of the mo
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -21,6 +22,7 @@ from types import CodeType
 LIBRARIES = (
     "numpy", "numpy.testing", "scipy.special", "scipy.linalg", "pydantic", "pymodbus.client", "pymodbus.server", "can",
     "canopen", "serial", "pint", "click", "rich.console", "pandas", "pyarrow", "tomli_w", "hypothesis.strategies",
+    "matplotlib.figure",
 )  # fmt: skip
 # Rewritten assertions would make the code of modules, too, by a way of its own.
 PYTEST = ("-n0", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "--assert=plain", "-m", "not slow")
@@ -33,6 +35,7 @@ def import_libraries() -> None:
     os.environ["OMP_NUM_THREADS"] = "1"  # a process of one thread may be forked
     for name in LIBRARIES:
         importlib.import_module(name)
+    gc.freeze()  # a child need not look through all of that
 
 
 def tried(file: Path, code: Callable[[], CodeType], tests: Sequence[str], seconds: float) -> str:
