@@ -327,7 +327,7 @@ class Pushed:
 def test_moduli_of_a_pad_are_those_of_gtc(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the single loads on, so that a load and the line through it hang together by themselves."""
     monkeypatch.setattr(propagation, "TRIALS", 2000)
-    calibration = THESIS_LOAD_CELL
+    calibration = THESIS_LOAD_CELL.model_copy(update={"degrees_of_freedom": 7})
     series = three(noise=1.5)
     found = compress(*series, calibration, AREA, 2e-6)
     names = ("bare", "loading", "unloading")
@@ -338,7 +338,7 @@ def test_moduli_of_a_pad_are_those_of_gtc(monkeypatch: pytest.MonkeyPatch) -> No
     covariance = np.array([
         [calibration.zero_u**2, calibration.covariance], [calibration.covariance, calibration.sensitivity_u**2]
     ])  # fmt: skip
-    zero, sensitivity = together((0.0, 1.0), covariance / scale**2)
+    zero, sensitivity = together((0.0, 1.0), covariance / scale**2, calibration.degrees_of_freedom)
     area, steps = gtc.ureal(AREA, 2e-6), gtc.ureal(0, 1e-6 / math.sqrt(6))
     contact = up.middle - (up.mean - zero) / up.slope
     thickness = bare.middle - (bare.mean - zero) / bare.slope - contact + steps
@@ -367,6 +367,7 @@ def test_moduli_of_a_pad_are_those_of_gtc(monkeypatch: pytest.MonkeyPatch) -> No
     for name, result in results.items():
         budget = getattr(found, name).budget
         assert (budget.value, budget.u) == pytest.approx((result.x, result.u), rel=1e-4), name
+        assert budget.degrees_of_freedom == pytest.approx(result.df, rel=1e-3), name
     points = [*zip(up.positions, up.loads, strict=True), *zip(down.positions, down.loads, strict=True)]
     for point, (position, load) in zip(found.points, points, strict=True):
         assert point.stress_u == pytest.approx(stress(load).u, rel=1e-4)
