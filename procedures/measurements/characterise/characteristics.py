@@ -183,7 +183,8 @@ def _film(
 
     # Relative, of the slope; the noise is that of all samples.
     of_line = Component("line", math.sqrt(line.covariance[1, 1]) / slope, 1.0, *_repeats(line))
-    of_cell = Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N)
+    known = float(calibration.degrees_of_freedom or math.inf)
+    of_cell = Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N, 1.0, known)
     of_noise = Component("noise, as measured", 1 / math.sqrt(2 * sum(p.samples for p in up)), kind="A")
 
     def row(quantity: str, value: float, how: str, *parts: Component, each: float = 1.0) -> Row:
