@@ -1,1 +1,1 @@
-"""The thesis' tables and figures beside what the models give: one file a kind of table."""
+"""The thesis' tables and figures beside ours: one file for each kind of table."""

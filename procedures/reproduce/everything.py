@@ -50,21 +50,21 @@ class Recorded(Protocol):
 
     @property
     def model(self) -> str | None:
-        """The sensor model that its force ratios come from; None: nothing is simulated."""
+        """The sensor model from which force ratios come; None: nothing is simulated."""
 
 
 class Open(Protocol):
-    """Opens such a bench; on the way out its run is complete."""
+    """Opens such a bench as a context manager. At its end the run is complete."""
 
     def __call__(
         self, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
     ) -> AbstractContextManager[Recorded]:
-        """Of a scene, by its own model or by that one, with its parameter set."""
+        """Open the bench of a scene, with the scene's model or with another one and its parameter set."""
 
 
 @dataclass(slots=True)
 class Everything:
-    """What is done so far: the models' part, tables of rows with their files, and the page of all."""
+    """Everything that is done so far: the models' part, tables of rows with their files, and the page."""
 
     models: Reproduction
     tables: list[tuple[RowTable, Path]] = field(default_factory=list)
@@ -74,11 +74,11 @@ class Everything:
     page: Path | None = None
 
     def all_tables(self) -> list[RowTable]:
-        """Those of the experiments, and those of the models."""
+        """Tables of the experiments and tables of the models."""
         return [table for table, _ in self.tables] + [found.row_table() for found, _ in self.models.tables]
 
     def verdicts(self) -> dict[Evidence, Verdict]:
-        """What each class of rows comes to."""
+        """Verdict on each class of rows."""
         return judge(self.all_tables())
 
     def outside(self) -> list[tuple[str, Row]]:
@@ -86,11 +86,11 @@ class Everything:
         return [(table.number, row) for table in self.all_tables() for row in table.judged if not row.within]
 
     def met(self) -> bool:
-        """Whether every class has what is required of it, and the orders are right."""
+        """Whether every class meets its requirement and the orders are right."""
         return all(verdict.met for verdict in self.verdicts().values()) and all(self.orders.values())
 
     def summary(self) -> dict[str, Any]:
-        """Under public names."""
+        """The summary with the names that JSON has."""
         return {
             "evidence": {evidence.value: verdict.record() for evidence, verdict in self.verdicts().items()},
             "softness_order_right": self.orders,

@@ -1,4 +1,4 @@
-"""What the page has of figures: each of chapters 4 and 5 under its number, and a list of all that is numbered."""
+"""Figures on the page: those of chapters 4 and 5 under their numbers, and a list of all numbered tables and figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.procedures.reproduce.figures.picture import Picture
 
 ALL = "All tables and figures of the thesis"
 WITH_SECTION = ("Figure 4.", "Figure 5.")
-# Schematics of chapter 3 that show what a figure of chapter 4 shows, or a part of it.
+# Schematics of chapter 3 that show the same as a figure of chapter 4, or a part of it.
 DRAWN_AT = {
     **{f"Figure 3.{part}": "Figure 4.1a" for part in range(1, 8)}, "Figure 3.8": "Figure 4.9",
     "Figure 3.9": "Figure 4.11a",
@@ -22,7 +22,7 @@ KINDS = {"compared": "compared", "drawn": "drawn", "part": "a part of palpate", 
 
 
 def figure_sections(pictures: Sequence[Picture]) -> list[str]:
-    """Each figure of chapters 4 and 5: what it shows, what of palpate stands beside it, the picture if there is one."""
+    """A section for each figure of chapters 4 and 5: what it shows, what palpate has for it, and the picture."""
     return [_section(each, pictures) for each in contents().values() if each.number.startswith(WITH_SECTION)]
 
 
@@ -32,12 +32,12 @@ def pictures_of(number: str, pictures: Sequence[Picture]) -> str:
 
 
 def heading(number: str, shows: str) -> str:
-    """Of a table or figure, which the list links to."""
+    """Heading of a table or figure, to which the list links."""
     return f'<h2 id="{escape(anchor(number))}">{escape(f"{number}: {shows}")}</h2>'
 
 
 def anchor(number: str) -> str:
-    """What the list links to, from a number such as "Figure 4.8"."""
+    """Anchor of a table or figure, from its number such as "Figure 4.8"."""
     return number.lower().replace(" ", "-")
 
 

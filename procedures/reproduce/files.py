@@ -1,4 +1,4 @@
-"""What a reproduction leaves on disk and says to machines: a CSV a table, one summary of all, one JSON object."""
+"""Files of a reproduction: a CSV for each table, one summary, one JSON object."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ identified sets are fitted to Tables A2.1 and A2.3, the capped one to A2.7: effe
 
 
 def write_table(comparison: Comparison, folder: Path) -> Path:
-    """Every cell as CSV; returns the file.
+    """Write every cell as CSV; returns the file.
 
     Raises:
         RecordError: it cannot be written.
@@ -39,7 +39,7 @@ def write_table(comparison: Comparison, folder: Path) -> Path:
 
 
 def write_summary(tables: Sequence[tuple[Comparison, Path]], pictures: Sequence[Picture], folder: Path) -> Path:
-    """All tables' deviations and sentences, first columns, repaired cells and pictures, as Markdown.
+    """Write all tables' deviations and sentences, first columns, repaired cells and pictures as Markdown.
 
     Raises:
         RecordError: it cannot be written.
@@ -53,7 +53,7 @@ def write_summary(tables: Sequence[tuple[Comparison, Path]], pictures: Sequence[
 
 
 def table_object(comparison: Comparison, file: Path) -> dict[str, Any]:
-    """A table for machines."""
+    """A table as JSON has it."""
     table = comparison.table
     return {
         "table": table.number,
@@ -97,7 +97,7 @@ def _deviations(comparison: Comparison) -> list[tuple[str, ...]]:
 
 
 def _side_by_side(comparison: Comparison) -> list[tuple[str, ...]]:
-    """The first column, whole."""
+    """All rows of the first column."""
     column = comparison.columns[0]
     header = [comparison.table.key, column.quantity]
     for series in column.ours:

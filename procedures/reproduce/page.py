@@ -55,7 +55,7 @@ HEADER = (
 
 
 def write_page(done: Everything, folder: Path) -> Path:
-    """The page, with pictures in it; returns the file. Raises RecordError."""
+    """Write the page with its pictures; returns the file. Raises RecordError."""
     path = folder / "index.html"
     tables = [table for table, _ in done.tables]
     drawn = done.models.pictures
@@ -100,7 +100,7 @@ def write_page(done: Everything, folder: Path) -> Path:
 
 
 def orders(done: Everything) -> list[str]:
-    """Whether samples stand in the order of the thesis' figures."""
+    """Sentences that tell whether samples are in the order of the thesis' figures."""
     return [
         f"softness order by force ratio, design {design}: {'right' if right else 'WRONG'}"
         f" ({done.order_evidence[design].value})"
@@ -109,13 +109,13 @@ def orders(done: Everything) -> list[str]:
 
 
 def legend() -> str:
-    """What each class means, with the mark that its rows bear at their left edge."""
+    """Meaning of each class, with the mark at the left edge of its rows."""
     rows = "".join(f'<tr class="{each.value}"><td><b>{each.value}</b><td>{escape(each.meaning)}' for each in Evidence)
     return f"<table class=words>{rows}</table>"
 
 
 def _title(name: str) -> str:
-    """Of a part of the page, which the links at its top lead to."""
+    """Heading of a part of the page, to which the links at its top lead."""
     return f'<h1 id="{anchor(name)}">{name}</h1>'
 
 
@@ -125,7 +125,11 @@ def _links() -> str:
 
 
 def _overview(tables: Sequence[RowTable]) -> list[str]:
-    """Each class of each table; the theories of a table that the bench has, too, stand under its number as well."""
+    """Rows of the overview: each class of each table.
+
+    The theories of a table that the bench has, too, are under the same number.
+
+    """
     seen: set[str] = set()
     rows = []
     for table in tables:
@@ -176,14 +180,14 @@ def _row(row: Row) -> str:
 
 
 def _because(row: Row) -> str:
-    """Why a row is outside, where it is: a model that is off explains itself."""
+    """Reason why a row is outside, if it is; a model that is off needs none."""
     if row.within is not False:
         return ""
     return row.because or ("the model" if row.by else "not known")
 
 
 def _comparison(comparison: Comparison, taken: Container[str]) -> str:
-    """A section for a table; where the bench has one of its number, this is of the theories behind it."""
+    """Section for a table; where the bench has a table of that number, this one is for the theories behind it."""
     table = comparison.table
     header = (
         "quantity",

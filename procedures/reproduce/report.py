@@ -1,4 +1,4 @@
-"""What reproducing everything found."""
+"""Printing the results of `reproduce`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from palpate.procedures.showing.text import new_table, print_all, stamped
 
 
 def print_everything(done: Everything) -> None:
-    """Each class of each table, what each class comes to, and where all else stands."""
+    """Print each class of each table, the verdict on each class, and the place of everything else."""
     overview = new_table(
         stamped(True, "The thesis beside ours: rows within twice their stated scatter"),
         "table", *(each.value for each in Evidence), "",

@@ -1,4 +1,4 @@
-"""What a reproduction says to people."""
+"""Printing the results of `reproduce models`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.procedures.showing.text import new_table, print_all, stamped
 
 
 def print_reproduction(done: Reproduction) -> None:
-    """A table of deviations a thesis table, each with its sentences, and where everything lies."""
+    """Print a table of deviations for each table of the thesis, its sentences, and the place of the files."""
     for comparison, _ in done.tables:
         table = comparison.table
         shown = new_table(
@@ -16,7 +16,7 @@ def print_reproduction(done: Reproduction) -> None:
             "quantity", "set", "model", "worst", "at", "rms", "ours / thesis", "within goal", "evidence",
         )  # fmt: skip
         deviations = comparison.deviations()
-        # Where there is a goal, the columns without one say the same again, or are the voltages of the sentences.
+        # Where a column has a goal, the others repeat it, or are voltages, on which there is a sentence.
         goals = any(d.goal is not None for d in deviations)
         for d in deviations:
             if goals and d.goal is None:

@@ -124,9 +124,7 @@ class Study:
             }
         drawn = {}
         for name, axis in self.axes.items():
-            share = random.Random(
-                f"{draw.seed} {number} {name}"
-            ).random()  # gives the same number in every version of Python
+            share = random.Random(f"{draw.seed} {number} {name}").random()  # equal in every version of Python
             drawn[name] = axis.at(share) if isinstance(axis, Span) else axis[int(share * len(axis))]
         return drawn
 

@@ -72,9 +72,7 @@ class Store:
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
                 try:
-                    fcntl.flock(
-                        lock, fcntl.LOCK_EX | fcntl.LOCK_NB
-                    )  # the lock ends with the process, even if it is killed
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # it ends with the process
                 except BlockingIOError:
                     raise UsageError(f"{folder} is being worked on by another process; let that end first") from None
                 if not path.exists():

@@ -39,13 +39,13 @@ QUANTITIES = 5
 
 
 def ring_of(table: Table) -> float:
-    """Young modulus of the ring that a table of finite elements is for [Pa]."""
+    """Young modulus of the ring in a table of finite elements [Pa]."""
     return float(table.values("compliant_modulus_Pa")[0])
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One curve: which sensor, by which finite-element model, from which parameter set, on which ring [Pa]."""
+    """Case of one curve: sensor, finite-element model, parameter set, and modulus of the ring [Pa]."""
 
     design: str
     model: str
@@ -63,13 +63,13 @@ class Case:
         return replace(design, ring=replace(design.ring, material=material))
 
     def parameters_at(self, modulus: float) -> RoundParameters | SolidParameters:
-        """What its model is asked at a modulus of the object [Pa]."""
+        """Parameters of the model at a modulus of the object [Pa]."""
         sensor, load = self.sensor(), self.parameter_set.load(modulus)
         return (round_parameters if self.model == "axisymmetric" else solid_parameters)(sensor, load)
 
     @property
     def like(self) -> Case | None:
-        """A case of nearly the same curve over the ratio of moduli: the softer ring's, or the common base's."""
+        """A case with nearly the same curve over the ratio of moduli: the softer ring's, or the common base's."""
         if self.ring != RING:
             return replace(self, ring=RING)
         if self.design == "different_base":
@@ -78,18 +78,18 @@ class Case:
 
     @property
     def as_like(self) -> bool:
-        """On a rigid support neither the base nor the ring's own modulus counts: the curves are the same."""
+        """Whether the curve equals that of `like`: on a rigid support base and modulus of the ring have no effect."""
         return self.like is not None and self.sensor().support == "rigid"
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A sensor under 1 N.
+    """Curves of a sensor under 1 N.
 
     Attributes:
         sensor: the design.
-        log_odds: of tooth force over the rest, against the logarithm of the object's modulus over the ring's.
-        stresses: film, "tooth" or "base" -> mean stresses along its axes 1 and 2 [Pa], against the same.
+        log_odds: logarithm of tooth force over the rest, against the logarithm of the object's modulus over the ring's.
+        stresses: mean stresses along axes 1 and 2 of the film "tooth" or "base" [Pa], against the same.
     """
 
     sensor: Design
@@ -114,7 +114,7 @@ class Curve:
 
 
 def film_voltages(sensor: Design, film: str, forces: Array, along: Array, across: Array) -> Array:
-    """Voltages [V] of an open film under forces [N] and the stresses in its plane [Pa] that it has when open."""
+    """Voltages [V] of an open film under forces [N] and stresses in its plane [Pa]."""
     kind = "rigid" if film == TOOTH else "total"
     area = sensor.film_area(next(f for f in sensor.films if f.kind == kind))
     material, thickness = sensor.film_sheet.material, sensor.film_sheet.thickness
@@ -127,12 +127,12 @@ def film_voltages(sensor: Design, film: str, forces: Array, along: Array, across
 
 
 class Curves:
-    """Curves by case, each made once; finite-element solutions are counted as they are done.
+    """Curves by case. Each is made once, and finite-element solutions are counted for the progress.
 
     Args:
         wanted: all cases that will be asked for.
-        extra: solutions that `step` counts beside those of the curves.
-        solutions: those that are known; None: none.
+        extra: number of solutions that `step` counts beside those of the curves.
+        solutions: known solutions; None: there are none.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class Curves:
     def _interpolate(
         self, case: Case, mesh: int, nodes: int, quantity: int = 0, less: tuple[Case, int] | None = None
     ) -> Chebyshev:
-        """A quantity of a case on a mesh, less that of another where one is given, against log(modulus ratio)."""
+        """Interpolant of a case's quantity over log(modulus ratio), less that of another case where one is given."""
 
         def sampled(places: Array) -> Array:
             values = np.array([self._solve(case, place, mesh)[quantity] for place in places])
@@ -188,8 +188,8 @@ class Curves:
         return Chebyshev.interpolate(sampled, nodes - 1, domain=[math.log(LOWEST), math.log(HIGHEST)])
 
     def _solve(self, case: Case, place: float, mesh: int) -> Solved:
-        """As `solve`, at a logarithm of the modulus ratio."""
-        key = (case, round(place, 9), mesh)  # a node of two interpolants is the same but for rounding
+        """The result of `solve` at a logarithm of the modulus ratio."""
+        key = (case, round(place, 9), mesh)  # nodes of two interpolants differ by rounding only
         if key not in self._solved:
             modulus = case.ring * math.exp(place)
             solved = self.solutions.of(case.parameters_at(modulus), f"mesh {mesh}", lambda: solve(case, modulus, mesh))
@@ -199,8 +199,10 @@ class Curves:
 
 
 def solve(case: Case, modulus: float, mesh: int) -> Solved:
-    """Logarithm of the odds, tooth force over the rest; mean stresses of the first tooth's film, then of the base's,
-    along their axes 1 and 2 [Pa] under 1 N, zero on a rigid support.
+    """Logarithm of the odds, tooth force over the rest, and mean stresses of films [Pa], under 1 N.
+
+    The stresses are those of the first tooth's film and then of the base's, along their axes 1 and 2. They are zero on
+    a rigid support.
 
     Raises:
         EstimateError: the linear system cannot be solved accurately.
@@ -225,7 +227,7 @@ def solve(case: Case, modulus: float, mesh: int) -> Solved:
 
 
 def _cost(case: Case) -> int:
-    """Finite-element solutions that a curve takes, when that of its like is there."""
+    """Number of finite-element solutions for a curve, once the curve of `like` is known."""
     if case.like is not None:
         return 0 if case.as_like else LIKE_NODES
     return NODES + (FINE_NODES if case.model == "solid" else 0)

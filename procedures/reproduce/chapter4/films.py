@@ -1,4 +1,4 @@
-"""What is to be said of the thesis' film voltages: their scale is off, and they are linear in the force."""
+"""A sentence on the thesis' film voltages: their scale is wrong, and they are linear in the force."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ G33 = 0.15  # V m/N, Table 3.2, as a magnitude
 
 
 def voltage_sentence(table: Table, column: str, force: Array, sensor: Design, film: str, ours: dict[str, Array]) -> str:
-    """A film's voltage over force, of the thesis, of g33 t / A, and of our models.
+    """Sentence that compares voltage over force of the thesis, of g33 t / A, and of our models.
 
     Args:
-        column: of the voltages [V].
-        force: of the thesis on the film, by row [N].
+        table: table of the thesis.
+        column: name of its column of voltages [V].
+        force: the thesis' force on the film in each row [N].
+        sensor: the design.
         film: "tooth" or "base".
-        ours: what gave it -> voltage over force by row [V/N].
+        ours: voltage over force in each row [V/N], by the name of the model.
     """
     thesis = np.abs(table.values(column)) / force
     kind = "rigid" if film == TOOTH else "total"

@@ -24,7 +24,7 @@ SETS = ("physical", "identified")
 BOTH = "both"
 
 Compare = Callable[[Sequence[str], Curves], Comparison]
-# In the order in which they are made.
+# Tables in the order in which they are made.
 TABLES: Mapping[str, Compare] = MappingProxyType(
     {
         **{number: partial(single.compare, number) for number in ("A2.1", "4.1", "A2.2", "4.2")},
@@ -40,7 +40,7 @@ TABLES: Mapping[str, Compare] = MappingProxyType(
 
 @dataclass(slots=True)
 class Reproduction:
-    """What is done so far, each with its file in `folder`; `summary` is the one of all."""
+    """Tables and pictures that are done so far, with their files in `folder`; `summary` lists all."""
 
     folder: Path
     tables: list[tuple[Comparison, Path]] = field(default_factory=list)
@@ -49,10 +49,10 @@ class Reproduction:
 
 
 def parameter_sets(name: str) -> tuple[str, ...]:
-    """The sets that "physical", "identified" or "both" stands for.
+    """Names of the parameter sets that "physical", "identified" or "both" means.
 
     Raises:
-        UnknownName: none of these.
+        UnknownName: it is none of these.
     """
     if name not in (*SETS, BOTH):
         raise UnknownName("parameter set", name, (*SETS, BOTH))
@@ -68,12 +68,15 @@ def cases(parameters: Sequence[str]) -> list[Case]:
 
 
 def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
-    """Make table after table, then the figures; each is on disk and in `done` before the next begins, the summary last.
+    """Make all tables, then the figures, then the summary. Each is on disk and in `done` before the next begins.
 
-    Returns what the figures of chapter 5 need as well.
+    Returns the curves, which the figures of chapter 5 need as well.
 
     Args:
-        fresh: solve everything anew, and write the solutions, instead of taking those that are known.
+        parameters: names of the parameter sets.
+        done: is filled.
+        progress: is told of each solution.
+        fresh: whether everything is solved anew and the solutions are written, instead of using known ones.
 
     Raises:
         EstimateError: a linear system cannot be solved accurately.
@@ -90,7 +93,7 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh
         for draw in FIGURES.values():
             done.pictures.append(draw(parameters, curves, done.folder))
     finally:
-        if done.tables:  # also of what was interrupted
+        if done.tables:  # also after an interruption
             done.summary = write_summary(done.tables, done.pictures, done.folder)
     if fresh:
         solutions.write(done.folder)

@@ -14,7 +14,7 @@ from palpate.procedures.reproduce.judging.comparison import Comparison, column_o
 from palpate.procedures.reproduce.judging.odds import odds_sentence
 
 GOAL = 0.015
-# Table -> design, and the table of the same layout on a common base.
+# Design of each table, and the table of the same layout on a common base.
 TWINS = {"4.3": "4.5", "4.4": "4.6", "A2.5": "A2.3", "A2.6": "A2.4"}
 DESIGNS = {
     **dict.fromkeys(TWINS, "different_base"),
@@ -23,12 +23,12 @@ DESIGNS = {
 
 
 def cases(parameters: Sequence[str], design: str, ring: float) -> dict[tuple[str, str], Case]:
-    """The curves that a table of a ring [Pa] needs, by parameter set and model."""
+    """Cases that a table for a ring [Pa] needs, by parameter set and model."""
     return {(name, "solid"): Case(design, "solid", name, ring) for name in parameters}
 
 
 def compare(number: str, parameters: Sequence[str], curves: Curves) -> Comparison:
-    """One of the eight tables; the tooth films take half of the teeth's force each."""
+    """One of the eight tables. Each tooth film takes half of the teeth's force."""
     table, design = read_table(number), DESIGNS[number]
     moduli, ring = table.keys(), ring_of(table)
     by = {key: curves.of(case) for key, case in cases(parameters, design, ring).items()}
@@ -66,7 +66,7 @@ def compare(number: str, parameters: Sequence[str], curves: Curves) -> Compariso
 
 
 def twin_sentence(table: Table, twin: Table) -> str:
-    """How many cells of a different-base table are those of the common-base one."""
+    """Sentence that tells how many cells of a different-base table equal those of the common-base one."""
     pairs = [
         (float(table.values(name)[row]), float(twin.values(other)[row]))
         for name, other in (

@@ -16,20 +16,20 @@ from palpate.procedures.reproduce.chapter4.theory import table_ratio
 from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
 
 MODEL = "solid"
-# The table does not say; at this one Table A2.3 has the ratio that A2.7 has for loads beside the teeth.
+# Modulus of the object, which the table does not tell: with it Table A2.3 has the ratio that A2.7 has beside the teeth.
 MODULUS = 430e3
-# Fitted with the rest of its set: 4.5 times the ring's.
+# Modulus of set `capped`, fitted with the rest of the set: 4.5 times the ring's.
 CAPPED, CAPPED_MODULUS = "capped", 4.5 * RING
-GOAL = 0.04  # N of 1 N: what the fit of the cap is good for; all sets are held to it
+GOAL = 0.04  # N of 1 N: the fit of the cap reaches it; all sets are compared with it
 
 
 def sets(parameters: Sequence[str]) -> tuple[str, ...]:
-    """The parameter sets of this table: beside the identified one, what was fitted to no other table."""
+    """Parameter sets of this table: with "identified" also `capped`, which was fitted to this table alone."""
     return (*parameters, CAPPED) if "identified" in parameters else tuple(parameters)
 
 
 def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
-    """The table; the mesh is the coarsest, within 5e-3 N of the next finer one, the capped set's within 0.014 N."""
+    """Table A2.7 on the coarsest mesh, which is within 5e-3 N of the next finer one (set `capped`: 0.014 N)."""
     table = read_table("A2.7")
     x = 1e-3 * table.keys()
     forces = {}

@@ -1,4 +1,4 @@
-"""What a parameter set that was fitted on one ring says of the other: a prediction, and how far off it is."""
+"""Predictions for one ring by a parameter set that was fitted to the other ring, and how far off they are."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from palpate.procedures.reproduce.judging.comparison import Column, Comparison
 
 Array = NDArray[np.float64]
 
-NEWTONS_PER_VOLT = 1000.0  # of the tooth's film in Tables A2.1 and A2.2, within 0.2 %
+NEWTONS_PER_VOLT = 1000.0  # force over voltage of the tooth's film in Tables A2.1 and A2.2, within 0.2 %
 
 
 def prediction_sentences(comparison: Comparison, quantity: str, film: str | None = None) -> Iterator[str]:
-    """One for each fitted set and model where the table is a prediction, and what it is worth; else nothing.
+    """Sentences on each fitted set and model for which the table is a prediction; none where it is not.
 
     Args:
+        comparison: the table.
         quantity: column of the force ratio, or of the tooth's force under 1 N.
-        film: column of the tooth film's voltages, which tell the force once more; None: of none.
+        film: column of the tooth film's voltages, which also tell the force; None: there is none.
     """
     table, moduli = comparison.table, comparison.table.keys()
     columns = {column.quantity: column for column in comparison.columns}
@@ -42,7 +43,7 @@ def prediction_sentences(comparison: Comparison, quantity: str, film: str | None
 
 
 def _softer_and_harder(difference: Array, moduli: Array, ring: float) -> str:
-    """The worst of the objects that are softer than the ring, and of the others."""
+    """Text of the greatest difference for objects softer than the ring, and for the others."""
     parts = []
     for which, here in (("softer than the ring", moduli < ring), ("harder", moduli >= ring)):
         worst = int(np.argmax(np.where(here, np.abs(difference), -1.0)))
@@ -51,7 +52,7 @@ def _softer_and_harder(difference: Array, moduli: Array, ring: float) -> str:
 
 
 def _by_film(column: Column, ratio: Array, moduli: Array, ring: float) -> str:
-    """The same against printed voltages; of those that are repaired, each that is further off than all others."""
+    """Text of the same against printed voltages, with each repaired one that is farther off than all others."""
     difference = ratio - NEWTONS_PER_VOLT * np.array([abs(float(cell.printed)) for cell in column.cells])
     sound = np.array([not cell.reason for cell in column.cells])
     most = np.abs(difference[sound & (moduli >= ring)]).max()
@@ -68,12 +69,12 @@ def _by_film(column: Column, ratio: Array, moduli: Array, ring: float) -> str:
 
 
 def _scaled(column: Column, number: str, moduli: Array, ring: float) -> str:
-    """How well the thesis' own table of the other ring does it, at the same ratio of moduli."""
+    """Text that tells how well the thesis' own table of the other ring predicts this one."""
     other = read_table(OTHER_RING[number])
     name = "force_ratio" if "force_ratio" in other.columns else "force_rigid_N"
     ratio, softer = abs(other.values(name)), moduli * RING / ring
     inside = softer >= other.keys()[0]
-    odds = np.interp(softer[inside], other.keys(), ratio / (1 - ratio))  # they run straight in the modulus
+    odds = np.interp(softer[inside], other.keys(), ratio / (1 - ratio))  # the odds are a straight line in the modulus
     off = float(np.abs(odds / (1 + odds) - column.thesis[inside]).max())
     return (
         f"Table {other.number} at the same ratio of moduli has this column within {off:.4f}: both rings lie on one"

@@ -12,16 +12,16 @@ from palpate.procedures.reproduce.judging.comparison import Comparison, column_o
 from palpate.procedures.reproduce.judging.odds import odds_sentence
 
 MODELS = ("axisymmetric", "solid")
-GOAL = 0.012  # of the set that is identified from A2.1 and A2.3 together
+GOAL = 0.012  # for the set that was identified from A2.1 and A2.3 together
 
 
 def cases(parameters: Sequence[str], ring: float) -> dict[tuple[str, str], Case]:
-    """The curves that the tables of a ring [Pa] need, by parameter set and model."""
+    """Cases that the tables for a ring [Pa] need, by parameter set and model."""
     return {(name, model): Case("single", model, name, ring) for name in parameters for model in MODELS}
 
 
 def compare(number: str, parameters: Sequence[str], curves: Curves) -> Comparison:
-    """One of the four tables; under 1 N the tooth's force is the force ratio."""
+    """One of the four tables. Under 1 N the tooth's force equals the force ratio."""
     table = read_table(number)
     moduli = table.keys()
     by = {key: curves.of(case) for key, case in cases(parameters, ring_of(table)).items()}

@@ -1,8 +1,8 @@
-"""Finite-element solutions that reproducing the thesis takes, kept: they are a minute and more, and always the same.
+"""Kept finite-element solutions for reproducing the thesis: they take more than a minute and are always the same.
 
-Each is kept under a hash of every number that it depends on and of the version of the models' code, so that a changed
-design or model misses it and is solved anew. `palpate reproduce models --fresh` solves all, and writes what
-`solutions.json` here holds.
+Each is kept under a hash of every number on which it depends and of the version of the models' code. So a changed
+design or model does not find it and is solved anew. `palpate reproduce models --fresh` solves everything and writes the
+content of `solutions.json`.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from palpate.instrument.models.stored.surface import CODE_VERSION
 from palpate.procedures.records.run import storing
 
 SHIPPED = Path(__file__).with_name("solutions.json")
-DIGITS = 10  # of a modulus: nodes are the same on every machine but for rounding
+DIGITS = 10  # of a modulus: nodes differ by rounding from machine to machine
 
 
 @dataclass(slots=True)
 class Solutions:
-    """What is known, and what was asked for so far."""
+    """Known solutions, and the solutions that were asked for so far."""
 
     known: dict[str, list[float]] = field(default_factory=dict)
     asked: dict[str, list[float]] = field(default_factory=dict)
 
     @classmethod
     def shipped(cls, file: Path = SHIPPED, renew: str = "palpate reproduce models --fresh") -> Self:
-        """Those that come with palpate, in a file that the command `renew` writes. Raises ConfigError."""
+        """Solutions that come with palpate, from a file that the command `renew` writes. Raises ConfigError."""
         try:
             known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
             if all(isinstance(number, float) for numbers in known.values() for number in numbers):
@@ -47,7 +47,7 @@ class Solutions:
         what: str,
         solve: Callable[[], Sequence[float]],
     ) -> list[float]:
-        """The kept numbers for these parameters, or what `solve` gives; `what` names mesh and quantity."""
+        """Kept numbers for these parameters, else the result of `solve`; `what` names mesh and quantity."""
         modulus = float(f"{parameters.sensed_modulus:.{DIGITS}g}")
         rounded = replace(parameters, sensed_modulus=modulus).canonical()
         text = f"{CODE_VERSION};{type(parameters).__name__};{what};{rounded}"
@@ -56,12 +56,12 @@ class Solutions:
         return self.asked[key]
 
     def write(self, folder: Path) -> Path:
-        """All that were asked for, as a file to ship. Raises RecordError."""
+        """Write all solutions that were asked for, as a file to ship. Raises RecordError."""
         path = folder / SHIPPED.name
         with storing(path):
             path.write_text(self.text(), encoding="utf-8")
         return path
 
     def text(self) -> str:
-        """All that were asked for, as the file has them."""
+        """Text of the file with all solutions that were asked for."""
         return json.dumps(self.asked, indent=0, sort_keys=True) + "\n"

@@ -19,9 +19,9 @@ from palpate.procedures.reproduce.judging.comparison import Column, Comparison, 
 
 Array = NDArray[np.float64]
 
-GOAL = 0.012  # as of Table A2.1
+GOAL = 0.012  # as for Table A2.1
 BEAMS = ("beam", "beam_printed")
-# Column -> design, models, table that has the theory itself, whether the error is one of the experiment.
+# Of each column: design, models, table with the theory itself, whether the error is percent of the experiment.
 COLUMNS: dict[str, tuple[str, tuple[str, ...], str | None, bool]] = {
     "single_vs_3D": ("single", ("axisymmetric", "solid"), "A2.1", False),
     "single_vs_2D": ("single", BEAMS, None, False),
@@ -32,12 +32,12 @@ OF_THEORY, OF_EXPERIMENT = "error_of_theory", "error_of_experiment"
 
 
 def rebuilt(experiment: Array, percent: Array, of_experiment: bool) -> Array:
-    """The theory's force ratio from the experiment's and its error, by either definition of the percentage."""
+    """The theory's force ratio from the experiment's and the error in percent of the experiment or the theory."""
     return experiment * (1 - percent / 100) if of_experiment else experiment / (1 + percent / 100)
 
 
 def implied(column: str) -> dict[str, Array]:
-    """The rebuilt theory by definition: sample by sample, in the table's order."""
+    """The theory rebuilt by each definition of the error, for each sample in the table's order."""
     table = read_table("5.8")
     samples = _samples(table)
     measured = get_design(COLUMNS[column][0]).thesis_force_ratio
@@ -47,12 +47,12 @@ def implied(column: str) -> dict[str, Array]:
 
 
 def sample_moduli() -> Array:
-    """Of the samples in the table's order [Pa]."""
+    """Moduli of the samples in the table's order [Pa]."""
     return np.array([get_sample(sample).modulus for sample in _samples(read_table("5.8"))])
 
 
 def beam_ratios(moduli: Array, ring: float = RING, model: str = "beam") -> Array:
-    """Single sensor, by a two-dimensional theory, fitted to Table 5.8: at moduli of the object [Pa], on a ring [Pa]."""
+    """Force ratios of the single sensor by a two-dimensional theory, at moduli of the object [Pa], with a ring [Pa]."""
     case = Case("single", model, "physical", ring)
     sensor, load = case.sensor(), case.parameter_set.load
     return np.array([response(sensor, load(float(modulus)), model).force_ratio for modulus in moduli])
@@ -74,7 +74,7 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
         theories, taken = implied(name), OF_EXPERIMENT if of_experiment else OF_THEORY
         for definition, values in theories.items():
             cells = tuple(Cell(e.printed, float(v), e.reason) for e, v in zip(errors, values, strict=False))
-            # What has a table of its own is held to a goal there.
+            # A theory with a table of its own has its goal there.
             goal = GOAL if source is None and definition == taken else None
             columns.append(Column(f"{name}_{definition}", cells, ours, goal, () if source is None else (source,)))
         said.append(_definition(name, theories, taken, source, moduli))
@@ -98,7 +98,7 @@ def compare(parameters: Sequence[str], curves: Curves) -> Comparison:
 
 
 def program_sentence(moduli: Array) -> str:
-    """What the program of Appendix A2.1 gives as it is printed, at moduli of the object [Pa]."""
+    """Sentence on the ratios of the printed program of Appendix A2.1, at moduli of the object [Pa]."""
     single, hardest = get_design("single"), float(moduli.max())
     printed = [beam_printed.force_ratio(single, replace(get_sample("1"), modulus=float(m))) for m in moduli]
     frozen, renewed = (beam_printed.ratios(single, beam_printed.SERIES, each) for each in (True, False))
@@ -123,7 +123,7 @@ def _ratios(curves: Curves, design: str, model: str, parameters: str, moduli: Ar
 
 
 def _definition(name: str, theories: dict[str, Array], taken: str, source: str | None, moduli: Array) -> str:
-    """Which definition of the error fits, and to what."""
+    """Sentence that tells which definition of the error fits, and to which theory."""
     other = OF_THEORY if taken == OF_EXPERIMENT else OF_EXPERIMENT
     words = {OF_THEORY: "percent of the theory", OF_EXPERIMENT: "percent of the experiment"}
     references = {"the corrected beam": beam_ratios(moduli)}

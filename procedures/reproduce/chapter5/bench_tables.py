@@ -16,7 +16,7 @@ from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
 from palpate.procedures.measurements.modulus.procedure import ModulusResult
 from palpate.procedures.reproduce.judging.rows import Group, Row, RowTable
 
-DIGIT_U = math.sqrt(2 / 3)  # mV: Table 5.1 knows each reading to ±1 digit, and so do we
+DIGIT_U = math.sqrt(2 / 3)  # mV: both readings are known to ±1 digit
 WENT_IN = GIVEN.evidence(())  # load cell and rubbers are simulated by the thesis' own line and moduli
 
 
@@ -55,7 +55,7 @@ def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
     for index, row in enumerate(table.rows):
         strain = table.columns["strain"][index].value
         for name, ours, scale in (("stress_Pa", tangent * strain, strain), ("modulus_Pa", tangent, 1.0)):
-            group = Group(name, u * scale, tangent_u * scale)  # of all rows ours is one line
+            group = Group(name, u * scale, tangent_u * scale)  # one line of ours gives all rows
             rows.append(Row(row, name, table.columns[name][index], ours, u * scale, WENT_IN, group=group))
     mean = float(printed.mean())
     group = Group("mean modulus", tangent_u, 0.0)
@@ -69,14 +69,14 @@ def compression(number: str, sample: str, found: ModulusResult) -> RowTable:
 
 
 def catalogue(tested: Mapping[str, ModulusResult]) -> RowTable:
-    """Table 5.4: whether a modulus lies in the range of its rubber; tested where we did, else the one on file."""
+    """Table 5.4: whether the modulus of each rubber, tested or else stored, lies in its range."""
     table = read_table("5.4")
     low, high = table.values("compression_deflection_min_Pa"), table.values("compression_deflection_max_Pa")
     rows = []
     for index, row in enumerate(table.rows):
         ours = tested[row].compression.tangent.value if row in tested else SAMPLES[row].modulus
         cell = Cell(f"{low[index]:g} to {high[index]:g}", float(np.mean([low[index], high[index]])))
-        # Twice the standard uncertainty is half the range: inside it is within.
+        # Half the range is two standard uncertainties, so that a modulus inside the range is within.
         rows.append(Row(row, "modulus_Pa", cell, ours, float(high[index] - low[index]) / 4, WENT_IN))
     said = ("thesis: the middle of the catalogue's range; half the range counts as two standard uncertainties",)
     return RowTable("5.4", table.title, table.doubt, tuple(rows), said)

@@ -1,8 +1,8 @@
-"""The whole bench without a number of the thesis' experiments in its force ratios: what the models predict of them.
+"""Blind runs: the whole bench with force ratios by models that know nothing of the thesis' experiments.
 
-The scenes of the thesis' own means answer with what was measured. Here the same scenes answer by finite elements, with
-the materials as they are told ("physical") and with the set that was fitted to the thesis' finite elements
-("identified"), and what the sweeps measure stands beside the measured means. One sign throughout: model less measured
+The thesis' scenes normally give the measured means. Here the same scenes give force ratios by finite elements, with the
+materials as the thesis tells them ("physical"), and with the set that was fitted to the thesis' finite elements
+("identified"). The means of these sweeps are compared with the measured means. All differences are model less measured
 mean, in percent of the measured mean.
 """
 
@@ -23,25 +23,25 @@ from palpate.procedures.reproduce.chapter5.columns import RATIO
 from palpate.procedures.reproduce.chapter5.experiments import AT_3_N, Arrangement
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
 
-MODEL = "surface"  # of the solid model: it answers at once
+MODEL = "surface"  # of the solid model, because it answers at once
 SETS = ("physical", "identified")
 OTHER_SIGN = "the columns of percent below keep the sign of Table 5.8, which is the other one: experiment less theory"
-# Columns of Table 5.8, by design: the thesis' own finite elements.
+# Column of Table 5.8 with the thesis' own finite elements, for each design.
 OWN_THEORY = {
     design: name for name, (design, _, source, _) in theory.COLUMNS.items() if source is not None
 }  # fmt: skip
 
 
 def loads_of(arrangement: Arrangement) -> tuple[float, ...]:
-    """Three of its loads [N]: models are linear in the load, and each load costs a second."""
+    """Three of an arrangement's loads [N]. Models are linear in the load, and each load takes a second."""
     return arrangement.loads[0], AT_3_N, arrangement.loads[-1]
 
 
 def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tuple[RowTable, Validation]:
-    """The means of a sweep by a parameter set beside the measured ones, sample by sample."""
+    """Means of a sweep by a parameter set beside the measured means, for each sample."""
     design = get_design(arrangement.design)
     ratio = ratio_by(MODEL, parameters)
-    tables = tuple(arrangement.tables.values()) or (arrangement.summary,)  # in which the means are printed
+    tables = tuple(arrangement.tables.values()) or (arrangement.summary,)  # these print the means
     means = {mean.sample: mean for mean in swept.samples}
     rows, percent = [], {}
     for sample in SAMPLES:
@@ -60,7 +60,7 @@ def compare(arrangement: Arrangement, parameters: str, swept: SweepResult) -> tu
 
 
 def told(found: Validation) -> str:
-    """The distance in one sentence."""
+    """Sentence on the distance from the measured means."""
     by_sample = ", ".join(f"{sample} {value:+.0f} %" for sample, value in found.percent.items())
     return (
         f"{found.design}, {found.parameters} set by model {found.model!r}: mean {found.mean:+.1f} %,"
@@ -69,7 +69,7 @@ def told(found: Validation) -> str:
 
 
 def _own_theory(design: str) -> str:
-    """The finite elements of the thesis by the same sign, rebuilt from the errors of Table 5.8."""
+    """Sentence on the thesis' own finite elements with the same sign, rebuilt from the errors of Table 5.8."""
     column = OWN_THEORY[design]
     *_, of_experiment_ = theory.COLUMNS[column]
     rebuilt = theory.implied(column)[theory.OF_EXPERIMENT if of_experiment_ else theory.OF_THEORY]

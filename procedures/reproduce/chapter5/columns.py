@@ -1,4 +1,4 @@
-"""Columns of the thesis' tables of experiments: what a point of ours has of each, and how both scatter."""
+"""Columns of the thesis' tables of experiments: our value of each from a point, and the scatter of both."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.thesis import Table, read_table
 from palpate.procedures.measurements.loads.procedure import LoadPoint
 
-# True over set force is 1.029 in the thesis, 2.0 % between samples and 2.4 % within: nobody set it so.
+# True over set force in the thesis: 1.029, with a scatter of 2.0 % between samples and 2.4 % within a sample.
 LOAD_OFFSET, LOAD_BETWEEN, LOAD_WITHIN = 0.029, 0.020, 0.024
 METER_U = 1.0  # mV: the lower limit factor of ASTM E74 of Table 5.1, 0.096 N
 FORCES, RATIO, METER = "forces and voltages", "force_ratio", "meter_reading_mV"
@@ -23,14 +23,15 @@ Expected = Callable[[float, float], float]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A column.
+    """A column of a table.
 
     Attributes:
-        value: how ours is read from a point.
-        expected: without any scatter, of a load [N] and the thesis' mean ratio of the sample.
-        scatter: relative, of a cell of the thesis and of one of ours without what its load adds; 0: of the meter, whose
-            own is not relative.
-        film: names of the columns of voltage and force of the film that it is read off; None: of none alone.
+        value: function that reads our value from a point.
+        expected: function of a load [N] and the thesis' mean ratio of the sample that gives the value without scatter.
+        scatter: relative scatter of a cell of the thesis, and of one of ours without the scatter of its load; 0 for the
+            meter, whose scatter is not relative.
+        film: names of the columns of voltage and force of the film from which the value is read; None: there is not one
+            film alone.
     """
 
     column: str
@@ -40,16 +41,16 @@ class Quantity:
     film: tuple[str, str] | None = None
 
     def own(self, point: LoadPoint) -> float:
-        """Relative scatter of ours: a load is set as well as the load cell tells it."""
+        """Relative scatter of our value: a load is set as exactly as the load cell tells it."""
         return math.hypot(self.scatter, point.load_measured_u / point.load_N) if self.film else self.scatter
 
     def theirs(self, *load: float) -> float:
-        """Relative scatter of a cell of the thesis, whose load scatters by these."""
+        """Relative scatter of a cell of the thesis, whose load has these relative scatters."""
         return math.hypot(self.scatter, *load) if self.film else self.scatter
 
 
 def quantities(design: Design) -> list[Quantity]:
-    """What a point has of the columns of the design's tables."""
+    """Columns of the design's tables."""
     teeth = [film for film in design.films if film.kind == FILM_KINDS[0]]
     bases = [film for film in design.films if film.kind == FILM_KINDS[1]]
 
@@ -88,14 +89,14 @@ def between_samples(numbers: Iterable[str], film: tuple[str, str]) -> float:
 
 
 def load_told(table: Table, set_loads: Iterable[float]) -> float:
-    """The load by the thesis' own films on the base, over the one that was set, in the mean over a table."""
+    """Load by the thesis' own base films over the set load, in the mean over a table."""
     bases = [column for column in table.columns if "total" in column and column.endswith("_N")]
     told = sum(table.values(column) for column in bases)
     return float(np.mean(told / np.array(list(set_loads))))
 
 
 def _read(film: Film, names: tuple[str, str], voltage: Value, force: Value, expected: Expected) -> list[Quantity]:
-    """Voltage and force of a film."""
+    """The two columns of a film: voltage and force."""
     mV_per_N = 1e3 * film.sensitivity
     return [
         Quantity(

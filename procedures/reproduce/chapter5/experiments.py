@@ -38,10 +38,10 @@ class Arrangement:
     """One sensor of chapter 5.
 
     Attributes:
-        scene: that simulates it, of the design's name.
-        loads: peak to peak [N].
-        tables: sample -> table of all loads; the different bases have none.
-        summary: table of the rows at 3 N, a row a sample.
+        scene: name of the scene that simulates it.
+        loads: loads, peak to peak [N].
+        tables: table of all loads for each sample; the different bases have none.
+        summary: table of the rows at 3 N, with one row for each sample.
     """
 
     scene: str
@@ -52,7 +52,7 @@ class Arrangement:
 
     @property
     def averaged(self) -> int:
-        """Load sets that a printed mean is of: that of the different bases is of one."""
+        """Number of load sets over which a printed mean is taken; one for the different bases."""
         return len(self.loads) if self.tables else 1
 
 
@@ -71,9 +71,9 @@ def order_by_modulus() -> list[str]:
 
 
 def reversed_pairs(swept: SweepResult, design: Design) -> dict[tuple[str, str], str]:
-    """Samples that ours has the other way round than the thesis' figure of this sensor, at 3 N: why they may be, or "".
+    """Pairs of samples that we order the other way round than the thesis' figure of this sensor, with the reason or "".
 
-    In Figure 5.4 sample 5 stands above 3, whose mean over all loads is greater.
+    The figures are for 3 N. In Figure 5.4 sample 5 is above sample 3, although the mean of 3 over all loads is greater.
     """
     means = dict(zip([s.sample for s in swept.samples if s.force_ratio is not None], swept.budgets, strict=True))
     place = {name: number for number, name in enumerate(swept.softness_order)}
@@ -87,7 +87,7 @@ def reversed_pairs(swept: SweepResult, design: Design) -> dict[tuple[str, str], 
 
 
 def order_is_right(swept: SweepResult, design: Design) -> bool:
-    """Whether no two samples stand the other way round without a reason than in the thesis' figure."""
+    """Whether every reversed pair of samples has a reason."""
     return all(reversed_pairs(swept, design).values())
 
 
@@ -101,7 +101,7 @@ def _order(swept: SweepResult, design: Design) -> str:
 
 
 def compare(arrangement: Arrangement, swept: SweepResult, ratio: Part) -> Iterator[RowTable]:
-    """Every table of an arrangement, whose force ratios came from `ratio`."""
+    """Every table of an arrangement. `ratio` is the part from which our force ratios come."""
     design = get_design(arrangement.design)
     for sample, number in arrangement.tables.items():
         points = {key: _at(swept, sample, float(key)) for key in read_table(number).rows}
@@ -119,7 +119,7 @@ def _at(swept: SweepResult, sample: str, load: float) -> LoadPoint:
 
 
 def _table(arrangement: Arrangement, number: str, points: Mapping[str, LoadPoint], ratio: Part) -> RowTable:
-    """Cells of every row, beside the point of that key. What the oscilloscope showed is not simulated."""
+    """Cells of every row beside the point with that key. The oscilloscope's columns are not simulated."""
     table, design = read_table(number), get_design(arrangement.design)
     told = load_told(table, [point.load_N for point in points.values()])
     of_one_sample = number in arrangement.tables.values()
@@ -152,7 +152,7 @@ def _row(
     ours, evidence = quantity.value(point), of_experiment(quantity.column, ratio, table.number)
     own, theirs, group = quantity.own(point), quantity.theirs(LOAD_OFFSET, LOAD_BETWEEN, LOAD_WITHIN), None
     if quantity.column == RATIO and evidence is Evidence.INPUT and not arrangement.tables:
-        theirs = 0.0  # this very cell went in: it does not scatter about itself
+        theirs = 0.0  # our number is this very cell, so the cell does not scatter about it
     u = math.hypot(theirs * cell.value, own * ours) or METER_U
     if quantity.film is not None:
         varies = quantity.theirs(*(() if of_one_sample else (LOAD_BETWEEN,)), LOAD_WITHIN)
@@ -160,7 +160,7 @@ def _row(
         at_load = cell.value / told
         group = Group(FORCES, math.hypot(varies * at_load, own * ours), common * at_load, told)
     elif quantity.column == METER:
-        group = Group(METER, u, u)  # one line of the load cell's for all
+        group = Group(METER, u, u)  # one line of the load cell holds for all
     found = Row(key, quantity.column, cell, ours, u, evidence, group=group)
     if found.within is False and quantity.column != METER:
         expected = quantity.expected(point.load_N, design.thesis_force_ratio[point.sample])
@@ -169,7 +169,7 @@ def _row(
 
 
 def _because(thesis: float, ours: float, expected: float, theirs: float, own: float) -> str:
-    """Whose scatter it is: each cell against what its load and the thesis' mean ratio give."""
+    """Text that tells whose scatter a difference is, by the value that load and the thesis' mean ratio give."""
     far = {OURS: (ours / expected - 1) / own}
     if theirs:
         far[THESIS] = (thesis / expected - 1) / theirs
@@ -182,14 +182,14 @@ def _because(thesis: float, ours: float, expected: float, theirs: float, own: fl
 
 
 def _average(design: Design, swept: SweepResult, sample: str, ratio: Part, table: str) -> Row:
-    """The mean ratio: the printed one is of all load sets, that of the different bases of one."""
+    """Row of the mean ratio. The printed mean is over all load sets, that of the different bases over one."""
     mean = next(mean for mean in swept.samples if mean.sample == sample)
     thesis, evidence = design.thesis_force_ratio[sample], of_experiment(RATIO, ratio, table)
     sets = {"single": len(SIX_LOADS), "common_base": len(SEVEN_LOADS)}.get(design.name, 1)
     ours, u = mean.force_ratio or math.nan, mean.force_ratio_u or math.nan
-    if evidence is not Evidence.INPUT:  # else this very number went in: it does not scatter about itself
+    if evidence is not Evidence.INPUT:  # otherwise our number is this very mean, which does not scatter about itself
         u = math.hypot(design.ratio_scatter * thesis / math.sqrt(sets), u)
     row = "average" if sets > 1 else f"{sample} (ours: mean over loads)"
-    # One for each sample: beside cells that are no means it is a kind of its own.
+    # There is one mean for each sample; among cells that are no means it is a kind of its own.
     found = Row(row, RATIO, Cell(f"{thesis:g}", thesis), ours, u, evidence, group=Group("mean force ratio", u, 0.0))
     return replace(found, because="our mean: its own scatter") if found.within is False else found

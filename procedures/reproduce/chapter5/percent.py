@@ -1,8 +1,8 @@
 """Table 5.8: percent errors of our bench's experiments against our models, beside the thesis'.
 
-One sign for all: the experiment less the theory, so that an experiment above the theory has a positive error. In
-percent of the theory for the single sensor, of the experiment for the two others: so the thesis' own numbers give its
-own.
+All errors are the experiment less the theory, so that an experiment above the theory has a positive error. They are
+percent of the theory for the single sensor and percent of the experiment for the two others, because with that the
+thesis' own numbers give its percentages.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTab
 Array = NDArray[np.float64]
 
 AVERAGE = "average"
-GOAL = 0.012  # of a theory's force ratio, as in Tables A2.1 and A2.3
-SLIPPED = 0.5  # percent points that a slip in the thesis' own theory must make to count
+GOAL = 0.012  # for a theory's force ratio, as in Tables A2.1 and A2.3
+SLIPPED = 0.5  # percent points; a slip in the thesis' own theory that changes less does not count
 
 
 def definitions() -> RowTable:
-    """Each printed percentage beside both that follow from the thesis' own numbers, or by the beam where it has none.
+    """Each printed percentage beside the two that follow from the thesis' own numbers, else from the beam.
 
-    No scatter is stated for a percentage: nothing is judged, the sentences say which definition fits.
+    No scatter is known for a percentage, so nothing is judged. The sentences say which definition fits.
     """
     table = read_table("5.8")
     rows, said = [], []
     for name in COLUMNS:
         cells = table.columns[f"{name}_error_percent"]
         by, evidence = "the thesis", Evidence.INPUT
-        if COLUMNS[name][2] is None:  # of its two-dimensional model it prints no numbers: by the beam fitted to this
+        if COLUMNS[name][2] is None:  # there are no printed numbers; the beam that was fitted to this table gives them
             by, evidence = "the thesis against beam", Evidence.FITTED
         misfit = {}
         for definition in ("theory", "experiment"):
@@ -61,12 +61,12 @@ def definitions() -> RowTable:
 def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable:
     """Our experiments against our models, by the thesis' definitions.
 
+    The scatter holds that of our mean ratios, half the goal of a theory, and the distance of the thesis' percentages
+    from those that its own numbers give. Experiments and theories are judged and counted in tables of their own.
+
     Args:
         theories: Table 5.8 by the models: force ratios at the samples' moduli.
-        swept: what the bench measured, by design.
-
-    The scatter is that of our mean ratios, half the goal of a theory, and how far the thesis' percentages are from what
-    its own numbers give. Experiments and theories are judged in tables of their own, and counted there.
+        swept: sweeps of the bench, by design.
     """
     table, rows, averages = read_table("5.8"), [], []
     for name, (design, _, source, of_experiment) in COLUMNS.items():
@@ -83,7 +83,8 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
             theory = series.values
             ours = percent_errors(experiment, theory, of_experiment)
             base = experiment if of_experiment else theory
-            # Of the error by experiment and by theory; of the average, whose theory is off as one.
+            # Scatter of the error by experiment and by theory. For the average the theory's errors are fully
+            # correlated.
             by_experiment = 100 * u * (theory / experiment if of_experiment else 1.0) / base
             by_theory = 100 * (GOAL / WITHIN) * (1.0 if of_experiment else experiment / theory) / base
             each = np.sqrt(by_experiment**2 + by_theory**2 + misfit**2)
@@ -97,7 +98,7 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
                 Row(
                     row, f"{name}_percent", cell, float(found), float(spread), evidence, False,
                     by=f"bench against {by}",
-                    # The theory's part is one curve's: the rows have it in common.
+                    # The theory is one curve, so all rows share its part.
                     group=Group(f"{name}_percent", float(spread), float(np.mean(by_theory))),
                 )
                 for row, cell, found, spread in zip(table.rows, cells, ours, [*each, of_mean], strict=True)
@@ -114,13 +115,13 @@ def of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> RowTable
 
 
 def percent_errors(experiment: Array, theory: Array, of_experiment: bool) -> Array:
-    """The experiment less the theory in percent of either, sample by sample, and their average."""
+    """The experiment less the theory in percent of either, for each sample, and their average."""
     percent = 100 * (experiment - theory) / (experiment if of_experiment else theory)
     return np.append(percent, percent.mean())
 
 
 def _by_the_thesis(name: str, of_experiment: bool, printed: bool = False) -> Array:
-    """The percentages of a column that the thesis' own means and its own theory give, as printed or repaired."""
+    """Percentages of a column by the thesis' own means and its own theory, as printed or as repaired."""
     design, _, source, _ = COLUMNS[name]
     measured, moduli = get_design(design).thesis_force_ratio, sample_moduli()
     experiment = np.array([measured[row] for row in read_table("5.8").rows if row != AVERAGE])
@@ -129,12 +130,12 @@ def _by_the_thesis(name: str, of_experiment: bool, printed: bool = False) -> Arr
 
 
 def _rms(percent: Array, cells: Sequence[Cell]) -> float:
-    """Of the samples' differences, without the average."""
+    """Root mean square of the samples' differences, without the average."""
     return float(np.sqrt(np.mean((percent - [cell.value for cell in cells])[:-1] ** 2)))
 
 
 def _repaired(table: Table, name: str, source: str | None, of_experiment: bool) -> list[Cell]:
-    """The printed percentages; where they follow from a slip in the theory's own table, what it gives without."""
+    """The printed percentages; where they follow from a slip in the theory's own table, those of the repaired table."""
     cells = list(table.columns[f"{name}_error_percent"])
     if source is None:
         return cells

@@ -21,7 +21,7 @@ LAMBDAS = np.geomspace(1e-2, 1e4, 37)
 
 
 def draw(folder: Path) -> Picture:
-    """Columns and beam; the sensor's own area ratio stands among them. Raises RecordError."""
+    """Draw columns and beam for several area ratios and the sensor's own. Raises RecordError."""
     drawing, (axes,) = canvas(NUMBER)
     sensor = get_design("single")
     own = sensor.ring.area / sensor.tooth.area
@@ -49,10 +49,10 @@ def draw(folder: Path) -> Picture:
 
 
 def with_area_ratio(sensor: Design, ratio: float) -> Design:
-    """The sensor with a ring of so many times the tooth's area."""
+    """The sensor with another area of the ring over that of the tooth."""
     outer = math.sqrt(sensor.ring.inner_radius**2 + ratio * sensor.tooth.radius**2)
     ring = replace(sensor.ring, outer_radius=outer)
-    # A ring that is wider than the plates has wider ones below it.
+    # A ring that is wider than the plates gets wider plates.
     half = max(outer, sensor.plate.length / 2)
     plate = replace(sensor.plate, length=2 * half, width=2 * half)
     return replace(sensor, ring=ring, plate=plate, teeth=((half, half),))

@@ -19,7 +19,7 @@ COLORS = {"object": "C3", "ring": "0.35"}
 
 
 def draw_springs(folder: Path) -> Picture:
-    """Figure 4.2. Raises RecordError."""
+    """Draw Figure 4.2. Raises RecordError."""
     drawing, (axes,) = canvas("Figure 4.2")
     first, second = _lengths()
     _draw_beam(axes)
@@ -50,7 +50,7 @@ def draw_springs(folder: Path) -> Picture:
 
 
 def draw_elements(folder: Path) -> Picture:
-    """Figure 4.3. Raises RecordError."""
+    """Draw Figure 4.3. Raises RecordError."""
     drawing, (axes,) = canvas("Figure 4.3")
     first, second = _lengths()
     _draw_beam(axes)
@@ -76,7 +76,7 @@ def draw_elements(folder: Path) -> Picture:
 
 
 def _lengths() -> tuple[float, float]:
-    """Of the beam above tooth and ring [mm], as the program of Appendix A2.1 has them."""
+    """Lengths of the beam above tooth and ring [mm], as the program of Appendix A2.1 has them."""
     sensor = get_design("single")
     return MM * sensor.tooth.radius, round(MM * (sensor.ring.outer_radius - sensor.ring.inner_radius), 6)
 

@@ -12,12 +12,12 @@ from palpate.procedures.reproduce.chapter4.curves import Curves
 from palpate.procedures.reproduce.figures import area_ratios, beam, elements, mesh, pressed, ratios, sections
 from palpate.procedures.reproduce.figures.picture import Picture
 
-# Parameter sets, curves and folder -> the picture.
+# Function of parameter sets, curves and folder that draws a picture.
 Draw = Callable[[Sequence[str], Curves, Path], Picture]
 
 
 def _scheme(draw: Callable[[Path], Picture]) -> Draw:
-    """What takes neither parameter sets nor curves."""
+    """A drawing that needs neither parameter sets nor curves."""
     return lambda _parameters, _curves, folder: draw(folder)
 
 
@@ -31,5 +31,5 @@ _DRAWN: Mapping[str, Draw] = {
     **{figure.number: partial(ratios.draw, figure) for figure in ratios.RATIO_FIGURES},
     pressed.NUMBER: _scheme(pressed.draw),
 }
-# In the order of the thesis.
+# Figures in the order of the thesis.
 FIGURES: Mapping[str, Draw] = MappingProxyType({number: _DRAWN[number] for number in contents() if number in _DRAWN})

@@ -12,12 +12,12 @@ from palpate.procedures.reproduce.figures import experiments, orders, setup
 from palpate.procedures.reproduce.figures.measured import Measured
 from palpate.procedures.reproduce.figures.picture import Picture
 
-# What was measured, parameter sets, curves and folder -> the picture.
+# Function of measurements, parameter sets, curves and folder that draws a picture.
 Draw = Callable[[Measured, Sequence[str], Curves, Path], Picture]
 
 
 def _measured(draw: Callable[[Measured, Path], Picture]) -> Draw:
-    """What takes neither parameter sets nor curves."""
+    """A drawing that needs neither parameter sets nor curves."""
     return lambda measured, _parameters, _curves, folder: draw(measured, folder)
 
 

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 NUMBER = "Figure 4.5"
 DEGREE = 3
-OF = ("a corner", "a side", "a face", "the inside")  # by how many coordinates of a dot lie within
+OF = ("a corner", "a side", "a face", "the inside")  # by the number of a dot's coordinates that are not at an end
 COLORS = ("k", "C0", "C1", "C2")
-VIEW = np.array([[1.0, 0.0], [0.45, 0.35], [0.0, 1.0]])  # of the axes of the brick on paper
+VIEW = np.array([[1.0, 0.0], [0.45, 0.35], [0.0, 1.0]])  # directions of the brick's axes on paper
 
 
 def draw(folder: Path) -> Picture:
-    """A rectangle of the round model and a brick of the square one. Raises RecordError."""
+    """Draw a rectangle of the round model and a brick of the square one. Raises RecordError."""
     drawing, (flat, brick) = canvas(NUMBER, 2)
     _draw(flat, np.eye(2))
     _draw(brick, VIEW)
@@ -37,7 +37,7 @@ def draw(folder: Path) -> Picture:
 
 
 def _draw(axes: Axes, view: np.ndarray) -> None:
-    """A unit square or cube; `view` takes its coordinates to the paper."""
+    """Draw a unit square or cube; `view` turns its coordinates into those on paper."""
     size = len(view)
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=size)))
     for one, other in itertools.combinations(corners, 2):
@@ -45,7 +45,7 @@ def _draw(axes: Axes, view: np.ndarray) -> None:
             axes.plot(*np.array([one @ view, other @ view]).T, color="0.6", lw=1.0, zorder=0)
     dots = np.array(list(itertools.product(np.linspace(0, 1, DEGREE + 1), repeat=size)))
     within = ((dots > 0) & (dots < 1)).sum(axis=1)
-    # The inside of a rectangle is a face: what has one coordinate less than the brick's.
+    # A rectangle has one coordinate less than a brick, so its inside counts as a face.
     for kind in range(size + 1):
         x, y = (dots[within == kind] @ view).T
         axes.plot(x, y, "o", color=COLORS[kind], ms=5, label=f"of {OF[kind]}")

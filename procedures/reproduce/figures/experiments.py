@@ -31,7 +31,7 @@ ARRANGEMENTS = {
     "common_base": ("o", "common base"),
     "different_base": ("D", "different bases"),
 }
-RANGE = (1e4, 1e6)  # Pa; where the text ends it is not readable, 1e5 or 1e6, and two samples lie above 1e5
+RANGE = (1e4, 1e6)  # Pa; the end is not readable in the text, 1e5 or 1e6, but two samples lie above 1e5
 ALONE = "Figure 5.6"
 MEANS = "printed means over the load sets, Tables A2.9 to A2.20; of different bases the ratios under 3 N, Table 5.7"
 ROUND = (
@@ -59,7 +59,7 @@ WITH_THEORIES = (
 
 
 def draw_all(measured: Measured, folder: Path) -> Picture:
-    """Figure 5.6. Raises RecordError."""
+    """Draw Figure 5.6. Raises RecordError."""
     drawing, (axes,) = canvas(ALONE, simulated=True)
     for place, design in enumerate(ARRANGEMENTS):
         _experiment(axes, design, measured, f"C{place}")
@@ -75,7 +75,7 @@ def draw_all(measured: Measured, folder: Path) -> Picture:
 def draw(
     figure: ExperimentFigure, measured: Measured, parameters: Sequence[str], curves: Curves, folder: Path
 ) -> Picture:
-    """Experiments of the thesis and ours, theories of the thesis and ours. Raises RecordError."""
+    """Draw experiments and theories of the thesis and ours. Raises RecordError."""
     drawing, (axes,) = canvas(figure.number, simulated=True)
     moduli = np.geomspace(*RANGE, 40)
     said = []
@@ -112,13 +112,13 @@ def draw(
 
 
 def cases(parameters: Sequence[str]) -> list[Case]:
-    """The finite-element curves that these figures take."""
+    """Cases of the finite-element curves that these figures need."""
     lines = [line for figure in WITH_THEORIES for line in figure.theories if line.model != "beam"]
     return [line.case(name) for line in lines for name in parameters]
 
 
 def _experiment(axes: Axes, design: str, measured: Measured, color: str) -> None:
-    """The thesis' and ours beside it."""
+    """Draw the thesis' experiments and ours."""
     marker, words = ARRANGEMENTS[design]
     thesis = get_design(design).thesis_force_ratio
     moduli = [SAMPLES[name].modulus for name in thesis]
@@ -129,7 +129,7 @@ def _experiment(axes: Axes, design: str, measured: Measured, color: str) -> None
 
 
 def _bench(axes: Axes, design: str, swept: SweepResult, color: str, label: str) -> None:
-    """Mean ratios of a sweep with their standard uncertainty."""
+    """Draw the mean ratios of a sweep with their standard uncertainty."""
     means = [
         (SAMPLES[mean.sample].modulus, mean.force_ratio, mean.force_ratio_u)
         for mean in swept.samples
@@ -142,7 +142,7 @@ def _bench(axes: Axes, design: str, swept: SweepResult, color: str, label: str) 
 
 
 def _worth(measured: Measured, *designs: str) -> str:
-    """What the benches' ratios are worth, all or those of some designs."""
+    """Text on what agreement of the benches' ratios is worth, for all or some designs."""
     kinds = dict.fromkeys(measured.evidence[design] for design in designs or measured.evidence)
     return f"They are {'; '.join(f'{kind.value}: {kind.meaning}' for kind in kinds)}"
 

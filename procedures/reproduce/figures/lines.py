@@ -1,4 +1,4 @@
-"""What a figure compares: a sensor by a theory on a ring, as the thesis has it and as ours."""
+"""Curves of a figure: a sensor by a theory on a ring, by the thesis and by us."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from palpate.procedures.reproduce.chapter4.theory import OF_THEORY, beam_ratios,
 Array = NDArray[np.float64]
 
 MODULI = np.geomspace(14.9e3, 140e6, 60)  # Table A2.1 without its last row, 140 GPa
-BEAM_SET = "physical"  # the one that it has
-# Design -> tables of its force ratio at all moduli, by ring.
+BEAM_SET = "physical"  # the only set of the beam
+# Tables of each design's force ratio at all moduli, by ring.
 TABLES = {
     "single": {RING: "A2.1", STIFF_RING: "A2.2"},
     "common_base": {RING: "A2.3", STIFF_RING: "A2.4"},
@@ -27,7 +27,7 @@ TABLES = {
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A curve of a figure: which sensor, in words too, by which of our models, on a ring [Pa]."""
+    """A curve of a figure: the sensor, also in words, our model, and the modulus of the ring [Pa]."""
 
     words: str
     design: str
@@ -40,26 +40,26 @@ class Line:
 
     @property
     def source(self) -> str:
-        """Where the thesis prints its values; empty: nowhere."""
+        """Table in which the thesis prints the values; empty: none."""
         if self.model != "beam":
             return f"Table {TABLES[self.design][self.ring]}"
         return "rebuilt from Table 5.8" if self.ring == RING else ""
 
     def sets(self, parameters: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of the parameter sets that the model has."""
+        """The parameter sets among these that the model has."""
         return parameters if self.model != "beam" else tuple(name for name in parameters if name == BEAM_SET)
 
     def case(self, parameters: str) -> Case:
         return Case(self.design, self.model, parameters, self.ring)
 
     def ours(self, parameters: str, moduli: Array, curves: Curves) -> Array:
-        """Force ratios at moduli of the object [Pa]."""
+        """Our force ratios at moduli of the object [Pa]."""
         if self.model == "beam":
             return np.array(_beam(tuple(moduli.tolist()), self.ring))
         return curves.of(self.case(parameters)).force_ratio(moduli)
 
     def thesis(self) -> tuple[Array, Array]:
-        """Moduli [Pa], without 140 GPa, and force ratios that the thesis prints; empty where it prints none."""
+        """The thesis' moduli [Pa], without 140 GPa, and force ratios; empty where it prints none."""
         if not self.source:
             return np.array([]), np.array([])
         if self.model == "beam":
@@ -71,12 +71,12 @@ class Line:
         return table.keys()[inside], abs(ratio[inside])
 
     def evidence(self, parameters: str, *tables: str) -> Evidence:
-        """What ours is worth by a parameter set, beside tables of the thesis; none given: beside those of `thesis`."""
+        """Evidence of our curve by a parameter set, beside tables of the thesis; by default those of `thesis`."""
         own = () if not self.source else ("5.8",) if self.model == "beam" else (TABLES[self.design][self.ring],)
         return of_model("force_ratio", ratio_by(self.model, parameters), *(tables or own))
 
     def by(self, parameters: str) -> str:
-        """Ours, in words."""
+        """Label of our curve."""
         return "beam" if self.model == "beam" else f"{parameters} set"
 
 

@@ -1,4 +1,4 @@
-"""What the simulated benches have measured, for the figures of chapter 5."""
+"""Measurements of the simulated benches, for the figures of chapter 5."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from palpate.procedures.measurements.modulus.procedure import ModulusResult
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """All of it.
+    """All measurements.
 
     Attributes:
-        bench: that of the single sensor, which measured the first of it.
-        swept: design -> load sweep over all samples.
-        evidence: design -> what the force ratios of its sweep are worth beside the thesis' own.
-        blind: design and parameter set -> the same sweep by a model that knows nothing of the experiments.
-        tested: sample -> compression test.
+        bench: bench of the single sensor, which measured first.
+        swept: load sweep over all samples for each design.
+        evidence: what agreement of the sweep's force ratios is worth, for each design.
+        blind: the same sweep by a model that knows nothing of the experiments, for each design and parameter set.
+        tested: compression test of each sample.
     """
 
     bench: BenchDescription

@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 NUMBER = "Figure 4.6"
 MM = 1e3
-LAYERS, REFINEMENT = 3, 2  # as coarse as shows the grading in print
+LAYERS, REFINEMENT = 3, 2  # coarse enough to show the grading in print
 LOAD = PHYSICAL.load(100e3)  # the mesh is the same for every modulus
 BODIES = {"object": "C3", "ring": "0.3", "tooth": "#b8860b", "upper plate": "C0", "lower plate": "C0"}
 WORDS = {"upper plate": "plates", "lower plate": "_"}
-# Shares along a side of an element, and what its two ends and its middle count there.
+# Shares along a side of an element, and the weights of its two ends and its middle there.
 SHARE = np.linspace(0.0, 1.0, 9)
 CURVE = np.array([(1 - SHARE) * (1 - 2 * SHARE), SHARE * (2 * SHARE - 1), 4 * SHARE * (1 - SHARE)])
 
 
 def draw(folder: Path) -> Picture:
-    """Both. Raises RecordError."""
+    """Draw both meshes. Raises RecordError."""
     drawing, (section, plan) = canvas(NUMBER, 2)
     _draw_section(section)
     elements = _draw_plan(plan)
@@ -65,7 +65,7 @@ def _draw_section(axes: Axes) -> None:
 
 
 def _draw_plan(axes: Axes) -> int:
-    """Returns how many elements the plan has."""
+    """Draw the plan; returns its number of elements."""
     from matplotlib.collections import LineCollection
 
     from palpate.instrument.models.solid.mesh import GAP, OVERHANG, RING, TOOTH

@@ -13,20 +13,19 @@ from palpate.procedures.reproduce.figures.measured import Measured
 from palpate.procedures.reproduce.figures.picture import THESIS, Picture, canvas, save
 
 BY_MODULUS = "Figure 5.2"
-# Design -> figure, and the table that has its ratios.
+# Figure of each design, and the table with its ratios.
 BY_RATIO = {
     "single": ("Figure 5.3", "5.5"),
     "common_base": ("Figure 5.4", "5.6"),
     "different_base": ("Figure 5.5", "5.7"),
 }
-MOVED = "C3"  # a sample that stands at another place in ours
-
-# Sample -> what is written beside it, from hard to soft.
+MOVED = "C3"  # colour of a sample that has another place in our order
+# Text beside each sample, from hard to soft.
 Order = Mapping[str, str]
 
 
 def draw_moduli(measured: Measured, folder: Path) -> Picture:
-    """Figure 5.2. Raises RecordError."""
+    """Draw Figure 5.2. Raises RecordError."""
     printed = {name: SAMPLES[name].modulus for name in order_by_modulus()}
     tested = {name: found.compression.tangent for name, found in measured.tested.items()}
     moduli = printed | {name: tangent.value for name, tangent in tested.items()}
@@ -42,7 +41,7 @@ def draw_moduli(measured: Measured, folder: Path) -> Picture:
 
 
 def draw_ratios(design: str, measured: Measured, folder: Path) -> Picture:
-    """Figure 5.3, 5.4 or 5.5. Raises RecordError."""
+    """Draw Figure 5.3, 5.4 or 5.5. Raises RecordError."""
     (number, source), worth = BY_RATIO[design], measured.evidence[design]
     table = read_table(source)
     printed = dict(zip(table.rows, table.values("force_ratio").tolist(), strict=True))
@@ -63,7 +62,7 @@ def _falling(values: Mapping[str, float]) -> list[str]:
 
 
 def _draw(number: str, thesis: Order, ours: Order, caption: str, folder: Path) -> Picture:
-    """Both orders side by side, each sample joined with itself."""
+    """Draw both orders side by side, with a line from each sample to itself."""
     drawing, (axes,) = canvas(number, simulated=True)
     places = {name: -float(place) for place, name in enumerate(ours)}
     for place, (name, words) in enumerate(thesis.items()):

@@ -1,4 +1,4 @@
-"""A drawing of a figure of the thesis, and the canvas that all of them are drawn on."""
+"""Drawings of the thesis' figures, and the canvas on which all of them are drawn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Parameter set -> colour of what is ours by it; the beam has one set, and a colour of its own.
+# Colour of our curves by parameter set; the beam, which has one set, has a colour of its own.
 COLORS = {"physical": "C0", "identified": "C1", "capped": "C2"}
 BEAM_COLOR = "C2"
 THESIS = "k"  # marks of the thesis are black and hollow
@@ -26,9 +26,9 @@ class Picture:
     """A drawing on disk.
 
     Attributes:
-        number: of the figure or table in the thesis, such as "Figure 4.8".
-        caption: what in it is the thesis' and what ours, and of ours what is input, fitted or predicted.
-        file: PNG.
+        number: number of the figure or table in the thesis, such as "Figure 4.8".
+        caption: what in it is the thesis' and what is ours, and which of ours is input, fitted or predicted.
+        file: PNG file.
     """
 
     number: str
@@ -37,12 +37,12 @@ class Picture:
 
     @property
     def shows(self) -> str:
-        """What the thesis' figure shows."""
+        """Content of the thesis' figure."""
         return contents()[self.number].shows
 
 
 def canvas(number: str, panels: int = 1, simulated: bool = False) -> tuple[Figure, list[Axes]]:
-    """An empty figure with its number for a title, and its panels; `simulated`: it holds what was measured so."""
+    """An empty figure with its number as title, and its panels. `simulated`: it shows simulated measurements."""
     from matplotlib.figure import Figure
 
     width, height = PANEL
@@ -54,12 +54,12 @@ def canvas(number: str, panels: int = 1, simulated: bool = False) -> tuple[Figur
 
 
 def legend(figure: Figure, columns: int = 2) -> None:
-    """One legend of all panels, below them: what several name alike stands there once."""
+    """Draw one legend below all panels; equal labels appear once."""
     named = {
         label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
-    # Room for the legend does not come out of the panels.
+    # The figure grows by the legend, so that the panels keep their size.
     lines = -(-len(named) // columns)
     figure.set_figheight(PANEL[1] + 0.18 * lines)
 

@@ -13,7 +13,7 @@ RATIO = {"force_ratio": ("both teeth", "D", "-")}
 
 
 def draw(comparison: Comparison, folder: Path) -> Picture:
-    """Left the teeth, right both together. Raises RecordError."""
+    """Draw the teeth on the left and their sum on the right. Raises RecordError."""
     drawing, (left, right) = canvas(NUMBER, 2)
     x = comparison.table.keys()
     for axes, shown in ((left, TEETH), (right, RATIO)):

@@ -22,7 +22,7 @@ DRAWN = 0.6  # mm, the greatest displacement in the drawing
 
 
 def draw(folder: Path) -> Picture:
-    """The upper part of the sensor, half of it at rest and half under load. Raises RecordError."""
+    """Draw the upper part of the sensor, half at rest and half under load. Raises RecordError."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Rectangle
 

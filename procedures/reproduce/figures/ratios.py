@@ -19,7 +19,7 @@ from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THE
 
 Array = NDArray[np.float64]
 
-# By line; what comes later is drawn finer: curves that agree stay both in sight.
+# Styles of the lines. Later lines are finer, so that curves that agree are both visible.
 STYLES, WIDTHS, SHADES = ("-", "--", "-.", ":"), (2.6, 1.4, 1.2, 1.2), (0.5, 1.0, 1.0, 1.0)
 MARKERS, SIZES = "os^D", (6.0, 4.0, 5.0, 3.0)
 
@@ -33,7 +33,7 @@ APART = (
 TWO = Line("2D", "single", "beam")
 THREE = Line("3D", "single", "axisymmetric")
 SINGLE = Line("single sensor", "single", "axisymmetric")
-# By the model and the set of parameters of the pair that it stands beside.
+# By the model and parameter set of the pair beside which it is drawn.
 SINGLE_SOLID = Line("single sensor", "single", "solid")
 COMMON = Line("common base", "common_base", "solid")
 DIFFERENT = Line("different bases", "different_base", "solid")
@@ -44,10 +44,10 @@ class RatioFigure:
     """One of these figures.
 
     Attributes:
-        number: in the thesis, such as "Figure 4.8".
-        lines: what it compares.
-        over: "modulus" or "λ".
-        taken: what the text leaves open and how it is taken here; may be empty.
+        number: number in the thesis, such as "Figure 4.8".
+        lines: curves of the figure.
+        over: quantity of the x axis, "modulus" or "λ".
+        taken: what the text leaves open and how it is chosen here; may be empty.
     """
 
     number: str
@@ -78,13 +78,13 @@ RATIO_FIGURES = (
 
 
 def cases(parameters: Sequence[str]) -> list[Case]:
-    """The finite-element curves that these figures take."""
+    """Cases of the finite-element curves that these figures need."""
     lines = dict.fromkeys(line for figure in RATIO_FIGURES for line in figure.lines if line.model != "beam")
     return [line.case(name) for line in lines for name in parameters]
 
 
 def draw(figure: RatioFigure, parameters: Sequence[str], curves: Curves, folder: Path) -> Picture:
-    """The figure, and beside it how far ours are from what the thesis prints. Raises RecordError."""
+    """Draw the figure and beside it the difference of our curves from the thesis' numbers. Raises RecordError."""
     drawing, (left, right) = canvas(figure.number, 2)
     for place, line in enumerate(figure.lines):
         drawn: dict[str, Any] = {"ls": STYLES[place], "alpha": SHADES[place]}
@@ -111,7 +111,7 @@ def draw(figure: RatioFigure, parameters: Sequence[str], curves: Curves, folder:
 
 
 def _over(figure: RatioFigure, line: Line, moduli: Array) -> Array:
-    """Where moduli [Pa] stand on the figure's axis."""
+    """Values of moduli [Pa] on the figure's x axis."""
     if figure.over == "modulus":
         return moduli
     lambdas: Array = moduli * get_design(line.design).ring.height / (line.ring * PHYSICAL.sensed_thickness)

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 SENSORS = {"Figure 4.1a": "single", "Figure 4.9": "different_base", "Figure 4.11a": "common_base"}
 MM = 1e3
 BODIES = {"object": "#f2cfc0", "compliant ring": "0.35", "rigid tooth": "#e8e2c8", "base plates": "#bcd7ea"}
-SLIT = 0.04  # mm on either side of the cut between bases that stand side by side
+SLIT = 0.04  # mm on either side of the cut between bases side by side
 DIMENSION = {"arrowstyle": "<->", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
 
 
 def draw(number: str, folder: Path) -> Picture:
-    """Plan and section of one of SENSORS. Raises RecordError."""
+    """Draw plan and section of one of SENSORS. Raises RecordError."""
     design = get_design(SENSORS[number])
     drawing, (plan, section) = canvas(number, 2)
     _draw_plan(plan, design)
@@ -86,7 +86,7 @@ def _draw_section(axes: Axes, design: Design) -> None:
 
 
 def _block(axes: Axes, body: str, x: float, z: float, length: float, height: float) -> None:
-    """A rectangle with its lower left corner at x, z [mm]."""
+    """Draw a rectangle with its lower left corner at x, z [mm]."""
     from matplotlib.patches import Rectangle
 
     axes.add_patch(Rectangle((x, z), length, height, fc=BODIES[body], ec="k", lw=0.6, label=body))

@@ -80,7 +80,7 @@ def _arrow(axes: Axes, device: float, rig: float, words: str, back: bool = False
     ends = [(DEVICE + BOX[0] / 2, device), (RIG - BOX[0] / 2, rig)]
     start, end = reversed(ends) if back else ends
     axes.annotate("", end, start, arrowprops=ARROW)
-    share = 0.2  # near the device, where arrows lie apart
+    share = 0.2  # near the device, where arrows do not overlap
     x, y = (a + share * (b - a) for a, b in zip(*ends, strict=True))
     box = {"fc": "white", "ec": "none", "pad": 1}
     axes.text(x, y, words, ha="center", va="center", fontsize=8, color="0.3", bbox=box)

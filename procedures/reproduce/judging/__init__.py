@@ -1,1 +1,1 @@
-"""How far the thesis' numbers and ours are apart, and whether that is within their scatter."""
+"""Differences of the thesis' numbers and ours, and whether they are within their scatter."""

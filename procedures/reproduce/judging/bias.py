@@ -1,8 +1,8 @@
-"""Whether a table lies off in the mean, though its rows lie within their scatter one by one.
+"""Biases: tables that are off in the mean, although each row is within its scatter.
 
-Forces and voltages under one load move together, and those of one sample in part, so that their mean is known less well
-than that of so many independent numbers. A bias is a mean farther from zero than chance puts the farthest of all that
-are tested, once in twenty runs.
+Forces and voltages under one load are correlated, and those of one sample partly so. Their mean is therefore known less
+well than the mean of as many independent numbers. A mean is biased where it is farther from zero than chance puts the
+farthest of all tested means, once in twenty runs.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from typing import Any
 from palpate.instrument.findings.evidence import Evidence
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
 
-BY_CHANCE = 0.05  # of the runs in which nothing is biased
+BY_CHANCE = 0.05  # share of runs without bias in which a bias is found by chance
 
 
 @dataclass(frozen=True, slots=True)
 class Bias:
-    """A mean of ours less the thesis' over one kind of quantity, in standard uncertainties.
+    """Mean difference, ours less the thesis', over one kind of quantity.
 
     Attributes:
-        of: the table, or all tables of an arrangement.
-        kind: of quantity.
-        mean: of the differences, each over its standard uncertainty.
-        u: standard deviation of that mean, were there no bias.
-        count: loads or samples that it is taken over.
-        difference: mean of the differences themselves, where all rows have one uncertainty; else None.
+        of: name of the table, or of an arrangement with all its tables.
+        kind: kind of quantity.
+        mean: mean of the differences, each over its standard uncertainty.
+        u: standard deviation of that mean if there is no bias.
+        count: number of loads or samples over which it is taken.
+        difference: mean of the differences themselves where all rows have one uncertainty; else None.
     """
 
     of: str
@@ -44,7 +44,7 @@ class Bias:
         return self.mean / self.u
 
     def record(self) -> dict[str, Any]:
-        """Under public names."""
+        """The bias with the names that JSON has."""
         return {
             "of": self.of,
             "kind": self.kind,
@@ -65,7 +65,7 @@ class Bias:
 
 
 def biases(table: RowTable) -> list[Bias]:
-    """One for each kind of quantity of a table that is judged, and each class in it."""
+    """Mean differences of a table, one for each judged kind of quantity and each class."""
     kinds: dict[tuple[str, Evidence], dict[str, list[Row]]] = {}
     for row in table.judged:
         if not math.isfinite(row.ours):
@@ -78,7 +78,7 @@ def biases(table: RowTable) -> list[Bias]:
 
 
 def all_means(tables: Iterable[RowTable]) -> list[Bias]:
-    """Of every table, and of all tables of each arrangement together."""
+    """Mean differences of every table, and of all tables of each arrangement together."""
     found: list[Bias] = []
     arrangements: dict[str, list[Bias]] = {}
     for table in tables:
@@ -91,9 +91,10 @@ def all_means(tables: Iterable[RowTable]) -> list[Bias]:
 
 
 def together(of: str, found: Iterable[Bias]) -> list[Bias]:
-    """Over several tables that were measured apart, for each kind and class that more than one has.
+    """Mean differences over several tables that were measured apart, for each kind and class that they share.
 
-    What all rows of a table share whole, as a calibration, the tables share too: no mean over them says more.
+    An uncertainty that all rows of a table share completely, such as that of a calibration, is also shared by the
+        tables: a mean over them tells nothing more.
     """
     kinds: dict[tuple[str, Evidence], list[Bias]] = {}
     for bias in found:
@@ -110,14 +111,14 @@ def together(of: str, found: Iterable[Bias]) -> list[Bias]:
 
 
 def limit(count: int) -> float:
-    """Distance that the farthest of so many means passes by chance in BY_CHANCE of the runs (Šidák)."""
+    """Distance from zero that the farthest of `count` means exceeds by chance in BY_CHANCE of the runs (Šidák)."""
     from scipy.special import ndtri
 
     return float(ndtri(0.5 + 0.5 * (1 - BY_CHANCE) ** (1 / max(count, 1))))
 
 
 def _mean(of: str, kind: str, evidence: Evidence, loads: Sequence[Sequence[Row]]) -> Bias:
-    """Of the mean of each load; the part that all rows have in common does not average out."""
+    """Mean difference over the means of the loads. The part that all rows share does not average out."""
     means = [math.fsum(row.bias_distance for row in rows) / len(rows) for rows in loads]
     common = [math.fsum(row.common for row in rows) / len(rows) for rows in loads]
     shared = math.fsum(common) / len(common)

@@ -9,13 +9,13 @@ from html import escape
 from palpate.procedures.reproduce.judging.comparison import Comparison
 from palpate.procedures.showing.text import number
 
-SHORT = 30  # rows of the thesis' table, up to which its cells are not folded away
+SHORT = 30  # rows; the cells of longer tables are folded away
 
 
 def every_cell(comparison: Comparison) -> str:
-    """Row by row as the thesis has it: printed and repaired value, then ours by each model and set.
+    """Rows in the thesis' order: printed and repaired value, then ours by each model and parameter set.
 
-    A cell that is farther off than the goal of its column is marked as outside.
+    A cell that differs by more than the goal of its column is marked as outside.
     """
     table = comparison.table
     names = list(dict.fromkeys((s.parameters, s.model) for column in comparison.columns for s in column.ours))

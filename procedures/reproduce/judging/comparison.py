@@ -1,6 +1,6 @@
-"""A table of the thesis beside the models, cell by cell, and how far apart they are.
+"""Comparison of a table of the thesis with the models, cell by cell.
 
-Forces and voltages are compared as magnitudes: the thesis counts compression negative, but not everywhere.
+Forces and voltages are compared as magnitudes, because the thesis counts compression as negative in some places only.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTab
 
 Array = NDArray[np.float64]
 
-HARD_END = 0.9  # force ratio, from which on there is little left that theories can differ in
+HARD_END = 0.9  # force ratio above which theories can hardly differ
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """What a model gives for a column, with one parameter set; NaN where it has no answer."""
+    """Values of a model with one parameter set for a column; NaN where it has no answer."""
 
     parameters: str
     model: str
@@ -39,14 +39,16 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """How far a model is from a column.
+    """Difference of a model from a column.
 
     Attributes:
-        worst: difference of greatest magnitude, and `worst_at` the row that has it.
-        rms: of the differences.
+        worst: difference of greatest magnitude.
+        worst_at: row of that difference.
+        rms: root mean square of the differences.
         factor: median of ours over the thesis'.
-        cells: that were compared; `within` of them differ by `goal` at most (None: no goal).
-        evidence: what a match is worth, by what the model was fitted to.
+        cells: number of compared cells.
+        within: number of cells that differ by `goal` at most; None: there is no goal.
+        evidence: what agreement is worth, by the tables to which the model was fitted.
     """
 
     quantity: str
@@ -62,7 +64,7 @@ class Deviation:
     evidence: Evidence
 
     def record(self) -> dict[str, Any]:
-        """Under public names."""
+        """The deviation with the names that JSON has."""
         return {**asdict(self), "evidence": self.evidence.value}
 
 
@@ -71,11 +73,11 @@ class Column:
     """One column of a table.
 
     Attributes:
-        quantity: name, which ends in its unit.
-        cells: the thesis', by row.
-        ours: of models and parameter sets.
-        goal: greatest difference that is aimed at; None: none.
-        holds: tables of the thesis that its numbers follow from, beside the one that it stands in.
+        quantity: name of the column, which ends in its unit.
+        cells: the thesis' cells, by row.
+        ours: series of models and parameter sets.
+        goal: greatest difference that is aimed at; None: there is no goal.
+        holds: tables of the thesis from which its numbers follow, beside the table itself.
     """
 
     quantity: str
@@ -86,12 +88,12 @@ class Column:
 
     @property
     def u(self) -> float | None:
-        """Standard uncertainty that the goal stands for."""
+        """Standard uncertainty that corresponds to the goal."""
         return None if self.goal is None else self.goal / WITHIN
 
     @property
     def thesis(self) -> Array:
-        """Best values, as magnitudes."""
+        """The thesis' best values, as magnitudes."""
         return np.array([abs(cell.value) for cell in self.cells])
 
     def difference(self, series: Series) -> Array:
@@ -100,7 +102,7 @@ class Column:
         return difference
 
     def deviation(self, series: Series, table: Table) -> Deviation:
-        """Over the cells of the table that the model answers for, which must be one at least."""
+        """Deviation over the cells for which the model has an answer; there must be at least one."""
         difference = self.difference(series)
         answered = np.isfinite(difference)
         at = int(np.nanargmax(np.abs(difference)))
@@ -120,18 +122,18 @@ class Column:
         )
 
     def evidence(self, series: Series, table: Table) -> Evidence:
-        """What a match of the model with this column is worth."""
+        """What agreement of the model with this column is worth."""
         return of_model(self.quantity, ratio_by(series.model, series.parameters), table.number, *self.holds)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A table.
+    """Comparison of a table.
 
     Attributes:
-        table: of the thesis.
-        columns: those that are compared.
-        said: what matches and what does not, in sentences.
+        table: table of the thesis.
+        columns: compared columns.
+        said: sentences that tell what agrees and what does not.
     """
 
     table: Table
@@ -139,13 +141,13 @@ class Comparison:
     said: tuple[str, ...]
 
     def deviations(self) -> list[Deviation]:
-        """Of every column and series."""
+        """Deviation of every column and series."""
         return [column.deviation(series, self.table) for column in self.columns for series in column.ours]
 
     def row_table(self) -> RowTable:
-        """Every cell of every model as a row; half a goal stands for a standard uncertainty.
+        """Every cell of every model as a row; half a goal counts as a standard uncertainty.
 
-        The cells of a curve move together: their mean is one number.
+        The cells of a curve are fully correlated, so their mean counts as one number.
         """
         rows = [
             Row(
@@ -171,7 +173,7 @@ class Comparison:
         return float(key) * RING / ring_of(self.table) >= float(read_table(other).keys()[0])
 
     def records(self) -> Iterable[dict[str, Any]]:
-        """One for each cell: the thesis' as printed and as it should be, then ours with both differences."""
+        """One record for each cell: the thesis' number as printed and as repaired, then ours with both differences."""
         for column in self.columns:
             evidence = {series.name: column.evidence(series, self.table).value for series in column.ours}
             for index, (row, cell) in enumerate(zip(self.table.rows, column.cells, strict=True)):
@@ -186,20 +188,20 @@ class Comparison:
                     record[series.name] = ours if answered else None
                     record[f"{series.name}_evidence"] = evidence[series.name]
                     record[f"{series.name}_difference"] = ours - thesis if answered else None
-                    # Both definitions of an error: as a share of the thesis' value, and of ours.
+                    # Both definitions of a relative error: over the thesis' value, and over ours.
                     record[f"{series.name}_relative_difference"] = ours / thesis - 1 if answered and thesis else None
                     record[f"{series.name}_relative_to_ours"] = 1 - thesis / ours if answered and ours else None
                 yield record
 
 
 def column_of(table: Table, quantity: str, ours: Mapping[tuple[str, str], Array], goal: float | None = None) -> Column:
-    """A printed column beside series by (parameter set, model)."""
+    """A printed column with series by (parameter set, model)."""
     series = tuple(Series(parameters, model, values) for (parameters, model), values in ours.items())
     return Column(quantity, table.columns[quantity], series, goal)
 
 
 def fit_sentence(comparison: Comparison, quantity: str) -> str:
-    """Which models meet a column and which do not."""
+    """Sentence that tells which models meet a column and which do not."""
     parts = []
     for d in comparison.deviations():
         if d.quantity != quantity:

@@ -1,4 +1,4 @@
-"""What `reproduce` asks of each class of rows, and what it finds: its exit status rests on this alone."""
+"""Requirements of `reproduce` for each class of rows, and the verdicts, which alone decide its exit status."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate.procedures.reproduce.judging.bias import BY_CHANCE, Bias, all_means
 from palpate.procedures.reproduce.judging.comparison import HARD_END
 from palpate.procedures.reproduce.judging.rows import WITHIN, Count, Row, RowTable
 
-LEAST_SHARE = 0.93  # of the input rows: one in twenty is outside by chance
+LEAST_SHARE = 0.93  # of the input rows that must lie within; one in twenty is outside by chance
 
 REQUIRED: Mapping[Evidence, str] = MappingProxyType(
     {
@@ -31,16 +31,19 @@ REQUIRED: Mapping[Evidence, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a class comes to.
+    """Verdict on a class of rows.
 
     Attributes:
-        count: of its rows; `answered` of them have a number of ours at all.
-        by: the same of each model with its parameters.
-        unjudged: rows without a stated scatter by kind of quantity: how many, and the median of ours over the thesis'.
-        follows: of it, rows that follow from a fit to the other ring's table.
-        farthest: of those judged, in standard uncertainties; `by_chance`: how many of so many normal differences lie
-            outside, and how far the farthest lies.
-        means: that were looked at for a bias; `limit`: how far chance puts the farthest of them, once in twenty runs.
+        count: counts of its rows.
+        answered: number of rows for which we have a number.
+        by: the same counts for each model with its parameters.
+        unjudged: rows without a stated scatter by kind of quantity: their number, and the median of ours over the
+            thesis'.
+        follows: counts of the rows that follow from a fit to the other ring's table.
+        farthest: greatest difference of a judged row, in standard uncertainties.
+        by_chance: for as many normal differences, how many lie outside and how far off the farthest is.
+        means: means that were tested for a bias.
+        limit: distance that chance gives the farthest of them, once in twenty runs.
     """
 
     evidence: Evidence
@@ -60,13 +63,13 @@ class Verdict:
 
     @property
     def biased(self) -> list[Bias]:
-        """Means farther off than chance explains, the farthest first."""
+        """Means that are farther off than chance explains, the farthest first."""
         found = [mean for mean in self.means if abs(mean.distance) > self.limit]
         return sorted(found, key=lambda mean: -abs(mean.distance))
 
     @property
     def met(self) -> bool:
-        """Whether the class has what is required of it."""
+        """Whether the class meets its requirement."""
         if self.answered < self.count.rows and self.evidence is not Evidence.FITTED:
             return False
         if self.evidence is Evidence.INPUT:
@@ -76,7 +79,7 @@ class Verdict:
         return True
 
     def record(self) -> dict[str, Any]:
-        """Under public names."""
+        """The verdict with the names that JSON has."""
         return {
             **asdict(self.count),
             "share": self.share,
@@ -94,12 +97,12 @@ class Verdict:
         }
 
     def counted(self) -> str:
-        """How many lie within, in words."""
+        """Text of how many rows lie within."""
         share = "" if self.share is None else f" lie within their stated scatter, {self.share:.1%}"
         return f"{self.count.within} of {self.count.judged} rows{share}{_telling(self.count)}"
 
     def following(self) -> list[str]:
-        """How many rows lie within without those that follow from a fit, in words; nothing where there are none."""
+        """Text of how many rows lie within, if those that follow from a fit are left out; empty without such rows."""
         judged, within = self.count.judged - self.follows.judged, self.count.within - self.follows.within
         if not self.follows.judged or not judged:
             return []
@@ -109,7 +112,7 @@ class Verdict:
         ]
 
     def required(self) -> str:
-        """What is required of the class, and whether it is met."""
+        """Text of the class's requirement, and whether it is met."""
         return f"required: {REQUIRED[self.evidence]}: {'met' if self.met else 'NOT MET'}"
 
     def said(self) -> list[str]:
@@ -143,14 +146,14 @@ class Verdict:
         return lines
 
     def tested(self) -> str:
-        """How many means are biased, in words."""
+        """Text of how many means are biased."""
         return (
             f"means over a table or arrangement: {len(self.biased) or 'none'} of {len(self.means)} farther off than"
             f" {self.limit:.1f} of their standard deviations, which chance exceeds once in {1 / BY_CHANCE:.0f} runs"
         )
 
     def brief(self) -> list[str]:
-        """The verdict alone, and why it is not met."""
+        """Short text of the verdict, with the reason where it is not met."""
         lines = [self.counted(), *self.following(), self.required(), *([self.tested()] if self.means else [])]
         if not self.met:
             lines += [f"BIASED: {mean.said()}" for mean in self.biased]
@@ -159,7 +162,10 @@ class Verdict:
 
 
 def _unjudged(rows: Iterable[Row]) -> dict[str, tuple[int, float]]:
-    """Rows without a stated scatter by the first word of their quantity, theories that Table 5.8 implies as such."""
+    """Number and median factor of rows without a stated scatter, by the first word of their quantity.
+
+    Theories that Table 5.8 implies are counted under that name.
+    """
     kinds: dict[str, list[float]] = {}
     for row in rows:
         if row.within is None and row.cell.value:
@@ -169,14 +175,14 @@ def _unjudged(rows: Iterable[Row]) -> dict[str, tuple[int, float]]:
 
 
 def _telling(count: Count) -> str:
-    """Where some rows are such that no theory can miss them: how many of the others lie within."""
+    """Text of how many rows lie within if rows that no theory can miss are left out; empty where there are none."""
     if count.telling == count.judged:
         return ""
     return f" ({count.telling_within} of {count.telling} where the force ratio is below {HARD_END:g})"
 
 
 def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
-    """Every class alone, in the order of what a match is worth."""
+    """Verdict on each class, in the order of what agreement is worth."""
     from scipy.special import ndtr, ndtri
 
     chosen = list(tables)
@@ -203,7 +209,7 @@ def judge(tables: Iterable[RowTable]) -> dict[Evidence, Verdict]:
 
 
 def write_classes(verdicts: Mapping[Evidence, Verdict], folder: Path) -> Path:
-    """Counts and share of each class as CSV; returns the file. Raises RecordError."""
+    """Write counts and share of each class as CSV; returns the file. Raises RecordError."""
     path = folder / "classes.csv"
     header = ("class", *Count.__slots__, "share", "means", "biased", "required", "met")
     with storing(path), path.open("w", encoding="utf-8", newline="") as file:

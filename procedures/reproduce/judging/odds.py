@@ -1,4 +1,4 @@
-"""The law that the thesis' three-dimensional tables keep: tooth force over ring force is straight in the moduli."""
+"""The law of the thesis' three-dimensional tables: tooth force over ring force is a straight line in the modulus."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from palpate.procedures.reproduce.chapter4.curves import RING, ring_of
 
 Array = NDArray[np.float64]
 
-STEPS = 20  # of Gauss and Newton; five are enough
+STEPS = 20  # of Gauss and Newton; five would suffice
 
 
 def fitted_line(table: Table) -> OddsLine:
-    """Least squares over the force ratios of a table, where nothing was repaired; `residual` is over all its cells."""
+    """Line by least squares over the unrepaired force ratios of a table; `residual` is over all its cells."""
     places, ratios, sound = _cells(table)
     x, ratio = places[sound], ratios[sound]
     start, slope = 0.1, 0.1
@@ -38,9 +38,10 @@ def distance(line: OddsLine, table: Table) -> float:
 
 
 def odds_sentence(table: Table, design: str) -> str:
-    """How well a table keeps the law, by a line of its own and by that of model `column_fitted`.
+    """Sentence that tells how well a table keeps the law, by a line of its own and by model `column_fitted`.
 
-    Beside the long table of the softer ring, on which the experiments were done, also what that means.
+    For the long table of the softer ring, with which the experiments were done, it also tells what the law means for
+    them.
     """
     own, softer = fitted_line(table), ring_of(table) == RING
     worth = "fitted to this ring" if softer else "fitted on the other ring, a prediction on this one"
@@ -59,7 +60,7 @@ def odds_sentence(table: Table, design: str) -> str:
 
 
 def moduli_of_experiments(design: str) -> tuple[float, float]:
-    """Moduli that the line gives to the experiments' mean ratios over those of the samples: least and greatest."""
+    """Moduli by the line from the experiments' mean ratios, over the samples' moduli: least and greatest."""
     known = get_design(design)
     shares = [
         LINES[design].modulus_ratio(ratio) * known.ring.material.modulus / get_sample(name).modulus
@@ -69,7 +70,7 @@ def moduli_of_experiments(design: str) -> tuple[float, float]:
 
 
 def _cells(table: Table) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Ratios of moduli, force ratios, and which of these are as printed."""
+    """Ratios of moduli, force ratios, and whether each of these is as printed."""
     column = table.columns["force_ratio" if "force_ratio" in table.columns else "force_rigid_N"]
     ratios = np.array([abs(cell.value) for cell in column])
     return table.keys() / ring_of(table), ratios, np.array([not cell.reason for cell in column])

@@ -1,4 +1,4 @@
-"""A number of the thesis beside ours: difference, error by both definitions, and whether it lies within its scatter."""
+"""Rows: a number of the thesis beside ours, with difference, both errors, and whether it lies within its scatter."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ WITHIN = 2.0  # standard uncertainties of the difference
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """How a row moves with others of its table, so that a mean over them is judged by what it averages out.
+    """Correlation of a row with others of its table, by which a mean over them is judged.
 
     Attributes:
-        kind: of quantity, of which one mean is taken.
-        u: standard uncertainty of the difference, the load being known.
-        common: part of it that all rows of this kind in the table have in common.
-        load: of the thesis over the set one, by its own films on the base.
+        kind: kind of quantity over which one mean is taken.
+        u: standard uncertainty of the difference if the load is known.
+        common: part of it that all rows of this kind in the table share.
+        load: the thesis' load, by its own base films, over the set load.
     """
 
     kind: str
@@ -35,21 +35,21 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One cell.
+    """One cell of a table beside ours.
 
     Attributes:
-        row: which, as the table's key has it.
-        quantity: name, which ends in its unit.
-        cell: the thesis'.
-        ours: measured on the simulated bench, or calculated.
+        row: key of the row in the table.
+        quantity: name of the column, which ends in its unit.
+        cell: the thesis' cell.
+        ours: our number, measured on the simulated bench or computed.
         u: standard uncertainty of the difference by the stated scatter of both; None: nothing is stated.
-        evidence: what a match is worth, by what went into ours.
-        by: what ours is by, where it is not the bench with the models of its scene: a model and its parameters.
-        measured: the thesis' number is an experiment and ours stands for the theory, or the other way round.
-        because: where the difference comes from, of a row outside; "" where nothing is known.
-        group: how it moves with others; None: with none, and its quantity is a kind of its own.
-        follows: predicted by a fit to a table that has this row, too, but for a scale.
-        telling: a theory can miss it; under an object much harder than the ring the ratio of all tends to 1.
+        evidence: what agreement is worth, by what went into our number.
+        by: model and parameters that gave our number; empty: the bench with the model of its scene.
+        measured: whether the experiment of the two is the thesis' number; else it is ours.
+        because: reason of the difference, for a row outside; "" where none is known.
+        group: correlation with other rows; None: there is none, and the quantity is a kind of its own.
+        follows: whether it is predicted by a fit to a table that holds the same row at another scale.
+        telling: whether a theory can miss it; under an object much harder than the ring every ratio tends to 1.
     """
 
     row: str
@@ -76,24 +76,26 @@ class Row:
 
     @property
     def kind(self) -> str:
-        """Of quantity, of which one mean is taken."""
+        """Kind of quantity over which one mean is taken."""
         quantity = self.group.kind if self.group else self.quantity
         return f"{quantity} by {self.by}" if self.by else quantity
 
     @property
     def common(self) -> float:
-        """Share of the uncertainty that all rows of its kind in the table have in common."""
+        """Share of the uncertainty that all rows of its kind in the table share."""
         return self.group.common / self.group.u if self.group else 0.0
 
     @property
     def bias_distance(self) -> float:
-        """Ours less the thesis' at the load of ours, in standard uncertainties; of a row that is judged."""
+        """Ours less the thesis' at our load, in standard uncertainties, of a judged row."""
         group = self.group or Group(self.quantity, self.u or math.nan, 0.0)
         return (self.ours - self.cell.value / group.load) / group.u
 
     def errors(self) -> tuple[float | None, float | None]:
-        """The experiment less the theory, in percent of the theory and of the experiment; None: of nothing, or of what
-        is such a percentage itself."""
+        """The experiment less the theory, in percent of the theory and of the experiment.
+
+        None: there is no such number, or the quantity is such a percentage itself.
+        """
         if "_percent" in self.quantity:
             return None, None
         theory, experiment = (self.ours, self.cell.value) if self.measured else (self.cell.value, self.ours)
@@ -101,7 +103,7 @@ class Row:
         return less / theory if theory else None, less / experiment if experiment else None
 
     def record(self) -> dict[str, Any]:
-        """Under public names."""
+        """The row with the names that JSON has."""
         answered = math.isfinite(self.ours)
         of_theory, of_experiment = self.errors() if answered else (None, None)
         return {
@@ -124,11 +126,12 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class RowTable:
-    """Rows of one table of the thesis, and what is to be said of it.
+    """Rows of one table of the thesis, with sentences.
 
-    arrangement: of sensors, of which it is one of several tables; "": it stands alone.
-    name: of its file, where another has the number's; "": the number.
-    again: the same numbers stand in another table as well, and are counted there.
+    Attributes:
+        arrangement: arrangement of sensors to which the table belongs; "": it belongs to none.
+        name: name of its file; "": the table's number.
+        again: whether the same numbers are in another table as well and are counted there.
     """
 
     number: str
@@ -149,7 +152,7 @@ class RowTable:
         return sum(row.within is True for row in self.rows)
 
     def write(self, folder: Path) -> Path:
-        """As CSV; returns the file. Raises RecordError."""
+        """Write the rows as CSV; returns the file. Raises RecordError."""
         path = folder / f"table_{self.name or self.number.replace('.', '_')}.csv"
         records = [row.record() for row in self.rows]
         with storing(path), path.open("w", encoding="utf-8", newline="") as file:
@@ -159,7 +162,7 @@ class RowTable:
         return path
 
     def summary(self, file: Path) -> dict[str, Any]:
-        """For machines."""
+        """The table as JSON has it."""
         return {
             "table": self.number,
             "title": self.title,
@@ -173,7 +176,7 @@ class RowTable:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """How many rows there are, how many of them are judged, and how many of these lie within; those that tell, too."""
+    """Number of rows, of judged rows, and of rows within; and the same of rows that a theory can miss."""
 
     rows: int
     judged: int
@@ -197,17 +200,17 @@ def _inside(rows: Iterable[Row]) -> int:
 
 
 def counts(table: RowTable) -> dict[Evidence, Count]:
-    """Of every class alone."""
+    """Counts of each class."""
     return {each: Count.of(row for row in table.rows if row.evidence is each) for each in Evidence}
 
 
 def counts_record(table: RowTable) -> dict[str, Any]:
-    """Under public names."""
+    """The row with the names that JSON has."""
     return {evidence.value: asdict(count) for evidence, count in counts(table).items()}
 
 
 def counts_said(table: RowTable) -> list[str]:
-    """One sentence for each class that the table has."""
+    """One sentence for each class in the table."""
     return [
         f"{each.value}: {f'{count} rows within' if count.judged else count}"
         for each, count in counts(table).items()

@@ -1,4 +1,4 @@
-"""Every doubtful cell of the thesis' tables: as printed, its best value, and why."""
+"""Every doubtful cell of the thesis' tables: as printed, its best value, and the reason."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ COLUMNS = ("table", "row", "column", "printed", "best", "reason")
 
 
 def slips() -> list[tuple[str, ...]]:
-    """One a cell, in the order of the tables; COLUMNS name what stands in it."""
+    """One row for each cell, in the order of the tables, with the columns COLUMNS."""
     return [
         (number, row, column, cell.printed, f"{cell.value:g}", cell.reason)
         for number in TABLES
@@ -21,7 +21,7 @@ def slips() -> list[tuple[str, ...]]:
 
 
 def write_slips(folder: Path) -> Path:
-    """As CSV; returns the file. Raises RecordError."""
+    """Write the slips as CSV; returns the file. Raises RecordError."""
     path = folder / "slips.csv"
     with storing(path), path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
