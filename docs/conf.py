@@ -16,20 +16,21 @@ version = release = installed("palpate")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click", "generated"]
 exclude_patterns = ["_build"]
-nitpicky = True
 
 html_theme = "furo"
 html_title = f"Palpate {version}"
 
+smartquotes = False  # else --out becomes –out, and cannot be copied
 highlight_language = "none"  # of blocks that name no language
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath"]
 
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
-nb_execution_timeout = 60  # s a cell
+nb_execution_timeout = 300  # s a cell; on a quiet machine some 5
 nb_execution_in_temp = True
 nb_merge_streams = True
 
+default_role = "code"  # of docstrings
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, get_args
 
+import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from sphinx.application import Sphinx
@@ -117,8 +118,15 @@ def fill(_app: Sphinx, _page: str, source: list[str]) -> None:
     source[0] = PLACE.sub(lambda place: GENERATED[place[1]](), source[0])
 
 
+def as_they_are(_app: Sphinx, _context: click.Context, lines: list[str]) -> None:
+    """Show the examples below a command's help as code."""
+    if lines and lines[0] == "Examples:":
+        lines[:] = ["Examples::", "", *(f"   {line}" for line in lines[1:] if line.strip()), ""]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", fill)
+    app.connect("sphinx-click-process-epilog", as_they_are)
     return {"parallel_read_safe": True}
 
 
