@@ -94,9 +94,9 @@ def test_without_layers_at_the_corners_a_higher_degree_gains_little() -> None:
     assert graded < blunt[1] / 20
 
 
-@pytest.mark.parametrize("sensor", [round_sensors(11, seed=20)[k] for k in (0, 10)], ids=["tight", "soft"])
+@pytest.mark.parametrize("sensor", [round_sensors(8, seed=20)[k] for k in (0, 7)], ids=["narrow", "wide"])
 def test_the_bound_is_above_the_error_of_a_random_setting_and_not_far_above(sensor: RoundParameters) -> None:
-    """Of the benchmark's fifty, one whose error is among the nearest to its bound, and one that is solved quickly."""
+    """Two that are solved quickly: one of a narrow gap, and one whose error is near its bound."""
     solution, bound = solve_to(sensor, 1e-2)
     error = abs(solution.force_ratio - solve(sensor, 3).force_ratio)
     assert 0.001 * bound < error < bound <= 1e-2

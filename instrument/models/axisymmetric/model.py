@@ -38,11 +38,11 @@ from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.axisymmetric.numbering import number, parts
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.coupling import Circuits
-from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
+from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds, narrow_gap
 from palpate.instrument.models.finite_elements.refinement import Source
 from palpate.instrument.models.finite_elements.refinement import solve as solve_elements
 from palpate.instrument.models.finite_elements.threads import one_each
-from palpate.instrument.models.parameters import CLOSED, RoundParameters
+from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]
 
@@ -162,8 +162,7 @@ def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Axisymmetri
 
 def error_estimate(meshes: Sequence[Judged], parameters: RoundParameters) -> Bounds:
     """Bounds on the errors of the last of two or more meshes, with the imbalance of its forces added."""
-    gap = parameters.ring_inner_radius - parameters.tooth_radius
-    found = bounds(meshes, closed_gap=gap < CLOSED * parameters.tooth_radius)
+    found = bounds(meshes, slowly=narrow_gap(parameters))
     return replace(found, force_ratio=found.force_ratio + meshes[-1].imbalance + ROUND_OFF)
 
 
