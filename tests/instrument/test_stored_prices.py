@@ -6,11 +6,11 @@ import pytest
 
 from palpate.instrument.models.axisymmetric.model import solve
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import round_parameters
+from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.prices.price_list import choose, stored
 from palpate.instrument.models.response import response
-from palpate.instrument.models.table import MODELS
+from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
@@ -70,6 +70,20 @@ def test_a_stored_error_is_met_now() -> None:
     uncertainty = reference.uncertainties[2]
     assert entry.errors[1] is not None and now + uncertainty <= entry.errors[1] * (1 + 1e-6)
     assert now + uncertainty == pytest.approx(max(entry.errors[1], 0.0), rel=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("refinement", [1, 2])
+def test_a_stored_estimate_is_the_models_own_now(refinement: int) -> None:
+    """The solid model's at one modulus, where it is the greatest of its interval."""
+    prices = stored()
+    (entry,) = (
+        p for p in prices.prices
+        if (p.design, p.model, p.refinement) == (ROUND.name, "solid", f"refinement {refinement}")
+    )  # fmt: skip
+    sensor = solid_parameters(ROUND, PHYSICAL.load(prices.moduli_Pa[2]))
+    estimate = solid.error_estimate([solid.solve(sensor, k).judged for k in range(refinement + 1)], sensor)
+    assert entry.estimates[1] == entry.estimates[2] == pytest.approx(estimate.force_ratio, rel=1e-6)
 
 
 @pytest.mark.parametrize("design", PRICED)
