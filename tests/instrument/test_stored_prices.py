@@ -11,6 +11,7 @@ from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.prices.price_list import choose, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
+from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
