@@ -24,7 +24,8 @@ from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault
-from palpate.simulators.scenes.scene import SceneFile, read_scene, shipped
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import SceneFile, shipped
 
 PLACE = re.compile(r"^<!-- generated: (\w+) -->$", flags=re.MULTILINE)
 

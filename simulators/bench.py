@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.bench.description import (
     Amplifier,
@@ -33,8 +33,6 @@ from palpate.simulators.wire.can_bus import own_channel
 from palpate.simulators.wire.modbus import LOOPBACK, ServerThread
 
 if TYPE_CHECKING:
-    from palpate.simulators.effects.can_timing import CanTiming
-    from palpate.simulators.effects.serial_timing import SerialTiming
     from palpate.simulators.faults.inject import Injection
 
 INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
@@ -96,8 +94,7 @@ class SimulatedBench:
         with ExitStack() as stack:
             stack.callback(self.can.close)
             self.servers = servers = stack.enter_context(ServerThread())
-            serial = cast("SerialTiming | None", self.scene.effects.get("serial_timing"))
-            bus = cast("CanTiming | None", self.scene.effects.get("can_timing"))
+            serial, bus = self.rig.effects.line, self.rig.effects.can
             timeouts = _timeouts(self.scene)
             line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial)
             host, port = self._place.host, self._place.port

@@ -91,7 +91,7 @@ def nothing_left_behind() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def scene() -> Scene:
-    from palpate.simulators.scenes.scene import read_scene
+    from palpate.simulators.planning.settle import read_scene
 
     return read_scene("thesis_single")
 

@@ -22,7 +22,8 @@ from palpate.procedures.measurements.position import procedure as position_sweep
 from palpate.procedures.measurements.softness import procedure as softness
 from palpate.procedures.measurements.temperature import procedure as temperature_sweep
 from palpate.procedures.records.record import Recorder
-from palpate.simulators.scenes.scene import Scene, read_scene
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
 
 CREATED = datetime(2025, 3, 14, tzinfo=UTC)
 SAMPLE, LOADS, DWELL, FREQUENCY = "2", (2.0, 2.5, 3.0), 0.2, 10.0

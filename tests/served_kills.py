@@ -31,8 +31,8 @@ from palpate.procedures.records.check import check
 from palpate.procedures.records.run import Run, is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.mounted import Mounted
-from palpate.simulators.scenes.scene import read_scene
 from palpate.simulators.wire.device import Refused
 
 SAMPLES = "123456"

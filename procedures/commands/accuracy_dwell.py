@@ -93,7 +93,7 @@ def price(
     from palpate.instrument.signals.estimators import ESTIMATORS
     from palpate.procedures.accuracy.dwell import DWELLS, FEWEST, check, measure
     from palpate.simulators.planning.long_record import is_followed, long_record
-    from palpate.simulators.scenes.scene import read_scene
+    from palpate.simulators.planning.settle import read_scene
 
     chosen = read_scene(scene)
     if seed is not None:

@@ -64,7 +64,7 @@ def explain(
     """What a scene simulates and how, and what leaving the rest out can change."""
     from palpate.instrument.quantity import parse_tolerance
     from palpate.simulators.planning.plan import plan
-    from palpate.simulators.scenes.scene import read_scene
+    from palpate.simulators.planning.settle import read_scene
 
     chosen = read_scene(scene)
     limit = parse_tolerance(tolerance)

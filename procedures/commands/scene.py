@@ -26,7 +26,8 @@ scene.add_command(explain)
 @output_options
 def list_(as_json: bool, quiet: bool) -> None:
     """Scenes that come with palpate, and what each is for."""
-    from palpate.simulators.scenes.scene import read_scene, shipped
+    from palpate.simulators.planning.settle import read_scene
+    from palpate.simulators.scenes.scene import shipped
 
     output = Output(as_json, quiet)
     scenes = [read_scene(name) for name in shipped()]
@@ -43,7 +44,7 @@ def list_(as_json: bool, quiet: bool) -> None:
 @output_options
 def show(scene: str, as_json: bool, quiet: bool) -> None:
     """Every parameter of a scene, those included that its file leaves to their defaults."""
-    from palpate.simulators.scenes.scene import read_scene
+    from palpate.simulators.planning.settle import read_scene
 
     output = Output(as_json, quiet)
     chosen = read_scene(scene)
@@ -66,8 +67,8 @@ def show(scene: str, as_json: bool, quiet: bool) -> None:
 def check(scene: str, as_json: bool, quiet: bool) -> None:
     """Read a scene and run it for a moment, with sample 2 under 3 N: exit status 0 if it can be simulated."""
     from palpate.simulators.planning.plan import Question
+    from palpate.simulators.planning.settle import read_scene
     from palpate.simulators.planning.waveforms import waveforms
-    from palpate.simulators.scenes.scene import read_scene
 
     output = Output(as_json, quiet)
     chosen = read_scene(scene)
@@ -91,8 +92,8 @@ def plot(
 ) -> None:
     """Draw the waveforms at each stage of the chain, from the shaker's coil to what the sensor nodes send."""
     from palpate.procedures.showing import model_plot, scene_plot
+    from palpate.simulators.planning.settle import read_scene
     from palpate.simulators.planning.waveforms import waveforms
-    from palpate.simulators.scenes.scene import read_scene
 
     output = Output(as_json, quiet)
     chosen = read_scene(scene)

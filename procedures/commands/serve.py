@@ -61,7 +61,7 @@ def serve(
     from palpate.instrument.sensor.sample import get_sample, parse_samples
     from palpate.procedures.virtual.served_bench import Wish, serve_until_told
     from palpate.simulators.bench import Place
-    from palpate.simulators.scenes.scene import read_scene
+    from palpate.simulators.planning.settle import read_scene
 
     if not 0.001 <= speed <= 1000:
         raise RangeError(f"--speed {speed:g} is outside 0.001 to 1000")

@@ -18,7 +18,8 @@ from palpate.procedures.lab.operator import Mounting
 from palpate.procedures.logs.shown import described
 from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
-from palpate.simulators.scenes.scene import Scene, SceneFile, scene_of
+from palpate.simulators.planning.settle import scene_of
+from palpate.simulators.scenes.scene import Scene, SceneFile
 
 KEPT = ("scene", "seed", "bench")  # of the header, as they were
 

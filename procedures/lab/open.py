@@ -32,7 +32,8 @@ from palpate.procedures.records.record import Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.showing.terminal import say
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene, read_scene
+from palpate.simulators.planning.settle import read_scene, with_model
+from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from palpate.procedures.engine.replay import Replay
@@ -268,4 +269,4 @@ def _scene(name: str | None, seed: int | None, model: str | None, parameters: st
     scene = read_scene(DEFAULT_SCENE if name is None else name)
     if seed is not None:
         scene = scene.with_seed(seed)
-    return scene.with_model(model, parameters) if model is not None else scene
+    return with_model(scene, model, parameters) if model is not None else scene

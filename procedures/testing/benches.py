@@ -23,7 +23,8 @@ from palpate.procedures.lab.open import DEFAULT_SCENE
 from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.testing.traffic import Traffic
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene, read_scene, shipped
+from palpate.simulators.planning.settle import read_scene, with_faults
+from palpate.simulators.scenes.scene import Scene, shipped
 
 CYCLE = 0.002  # s, for which closing a bus waits; tests close many
 
@@ -62,7 +63,7 @@ def _asked(
     scene = _read(str(folder / name) if is_file else name)
     if seed is not None:
         scene = scene.with_seed(seed)
-    return scene.with_faults(faults) if faults else scene
+    return with_faults(scene, faults) if faults else scene
 
 
 @functools.cache

@@ -26,7 +26,8 @@ from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS,
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class
 from palpate.simulators.planning.load_sets import load_sets
-from palpate.simulators.scenes.scene import Scene, SceneFile, read_scene, scene_of
+from palpate.simulators.planning.settle import read_scene, scene_of
+from palpate.simulators.scenes.scene import Scene, SceneFile
 
 COLUMNS = (
     "load_N", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N", "force_ratio", "force_ratio_u",

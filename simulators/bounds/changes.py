@@ -9,31 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.simulators.bounds.dwells import begun, met, touched
 from palpate.simulators.bounds.fits import SIGMAS
 from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
-from palpate.simulators.bounds.sides import (
-    CONVERTER,
-    SCATTER,
-    Side,
-    certain,
-    deterministic,
-    moments,
-    name_of,
-    reach,
-    sides,
-)
-from palpate.simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect, Rates
+from palpate.simulators.bounds.sides import Side, certain, deterministic, moments, reach, sides
 from palpate.simulators.linear.lti import Complexes
-
-if TYPE_CHECKING:
-    from palpate.simulators.effects.gain_scatter import GainScatter
+from palpate.simulators.physics.dwells import begun, met, touched
+from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Rates
+from palpate.simulators.physics.in_order import Effects
 
 BEYOND = Bound(math.inf, math.inf)
 GAINS = np.linspace(-1.0, 1.0, 5)  # of the greatest scatter
@@ -43,14 +30,23 @@ NEARER = math.cos(math.pi / LOOKED_AT)  # than the limit itself, for what lies b
 
 
 def bound_of(case: Case, effect: Effect) -> Bound:
+    """Greatest change of the results that leaving the effect out can make."""
+    known, nearer = effect.known_bound(case), effect.nearer(NEARER)
+    if known is not None:
+        return known
+    return _bound_of_change(case, effect) if nearer is None else _bound_of_limit(case, nearer)
+
+
+def _bound_of_change(case: Case, effect: Effect) -> Bound:
     """What the scene with the effect gives, against the scene without it."""
-    with_it = {**case.effects, name_of(effect): effect}
+    without = Effects(case.effects)
+    with_it = without.including(effect)
     found = [Bound(0.0, 0.0)]
     try:
         for moment in moments(case, with_it):
-            if any(case.follow(certain(each, moment)).limited for each in (case.effects, with_it)):
+            if any(case.follow(certain(each, moment)).limited for each in (without, with_it)):
                 return BEYOND
-            before, after = sides(case, case.effects, with_it, moment)
+            before, after = sides(case, without, with_it, moment)
             if any(_saturated(case, each) for each in (before, after)):
                 return BEYOND
             found.append(_results(case, effect, before, after))
@@ -59,20 +55,20 @@ def bound_of(case: Case, effect: Effect) -> Bound:
     return Bound(max(bound.force for bound in found), max(bound.ratio for bound in found))
 
 
-def bound_of_limit(case: Case, nearer: Effect, name: str) -> Bound:
+def _bound_of_limit(case: Case, nearer: Effect) -> Bound:
     """Of a limit: nothing where one that is `NEARER` is never met, from the beginning of the drive on."""
-    rig = case.driven(deterministic({**case.effects, name_of(nearer): nearer}))
+    rig = case.driven(deterministic(Effects(case.effects).including(nearer)))
     end_ns = round(1e9 * (case.settled + case.dwell))
-    acts = any(met(touch, (name,)) for path in begun(rig, LOOKED_AT) for touch in touched(path, end_ns))
+    acts = any(met(touch, (nearer.moves,)) for path in begun(rig, LOOKED_AT) for touch in touched(path, end_ns))
     return BEYOND if acts else Bound(0.0, 0.0)
 
 
 def _saturated(case: Case, each: Side) -> bool:
     """Whether a film may reach the rail of the scene's converter."""
-    if each.converter is None:
+    if each.effects.converter is None:
         return False
     volts = np.abs(each.volts).max(axis=(0, 2)) * (1 + each.scatter)
-    noise = [sum(effect.largest(case, each.rates(film)) for effect in each.inputs()) for film in range(len(volts))]
+    noise = [sum(effect.largest(case, each.rates(film)) for effect in each.effects.input) for film in range(len(volts))]
     return reaches_rail(float((volts + np.array(noise)).max()))
 
 
@@ -100,7 +96,7 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
     gains = 1 + GAINS[:, np.newaxis, np.newaxis] * before.scatter if before.scatter.any() else np.ones((1, 1, 1))
     was = gains * before.passed + before.added  # (gains, phases, films)
     became = gains * after.passed + after.added
-    if name_of(effect) == SCATTER:  # the same but for its gains, which differ from one load set to the next
+    if effect is after.effects.scattering:  # the same but for its gains, which differ from one load set to the next
         became = was
     with np.errstate(all="ignore"):
         factor = np.where(became == was, 1.0, became / was)
@@ -140,22 +136,21 @@ def _most(low: Floats, high: Floats, beyond: float) -> float:
 def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Complexes) -> _Beside:
     count = len(case.design.films)
     common, apart, least = np.zeros(count), np.zeros(factor.shape), np.zeros(count)
-    if name_of(effect) == SCATTER:
-        apart = reach(case, cast("GainScatter", effect)) * np.abs(after.passed)
+    if effect is after.effects.scattering:
+        apart = reach(case, after.effects) * np.abs(after.passed)
     changed = (before.volts != after.volts).any(axis=(0, 2))
     for i in range(count):
         rates = before.rates(i)
-        for each in before.inputs():
+        for each in before.effects.input:
             error = each.error(case, rates)
             least[i] += error
             if not each.follows:
                 common[i] += error
             elif changed[i]:  # the same numbers come with other rates
                 apart[:, i] += each.error(case, _otherwise(rates, factor[:, [i]], after.rates(i)))
-        if isinstance(effect, InputEffect):
-            apart[:, i] += effect.error(case, rates)
-        rounds = changed[i] or apart[:, i].any() or name_of(effect) == CONVERTER
-        if after.converter is not None and rounds:
+        apart[:, i] += sum(each.error(case, rates) for each in after.effects.input if each is effect)
+        rounds = changed[i] or apart[:, i].any() or effect is after.effects.converter
+        if after.effects.converter is not None and rounds:
             rounded, missing = _rounded(case, effect, before, after, i, factor[:, i])
             apart[:, i] += rounded
             least[i] += missing
@@ -171,13 +166,13 @@ def _rounded(
     case: Case, effect: Effect, before: Side, after: Side, film: int, factor: Complexes
 ) -> tuple[float, float]:
     """What the converter's steps make of the change of a film, and of its amplitude before [V]."""
-    converter = after.converter
+    converter = after.effects.converter
     assert converter is not None
     was, became = before.volts[:, film], after.volts[:, film]
-    noise = math.hypot(*(each.dither(case) for each in before.inputs()))
-    if name_of(effect) == CONVERTER:
+    noise = math.hypot(*(each.dither(case.rate) for each in before.effects.input))
+    if effect is converter:
         return steps(case, converter, was, noise), 0.0
-    if name_of(effect) == SCATTER:
-        became = was * (1 + reach(case, cast("GainScatter", effect))[film])
-    more = effect.largest(case, before.rates(film)) / SIGMAS if isinstance(effect, InputEffect) else 0.0
+    if effect is after.effects.scattering:
+        became = was * (1 + reach(case, after.effects)[film])
+    more = sum(each.largest(case, before.rates(film)) for each in after.effects.input if each is effect) / SIGMAS
     return step_changes(case, converter, was, became, factor, noise, more), steps(case, converter, was, noise)

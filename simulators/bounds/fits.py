@@ -10,8 +10,8 @@ import numpy as np
 
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.signals.sine_columns import sine_columns
-from palpate.simulators.effects.effect import Case, Floats
 from palpate.simulators.linear.lti import Complexes
+from palpate.simulators.physics.effect import Case, Floats
 
 DIRECTIONS = 64  # of half a circle
 SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.simulators.bounds.fits import SIGMAS, fitted, largest_within, weights
-from palpate.simulators.effects.effect import Case, Floats
 from palpate.simulators.linear.lti import Complexes
+from palpate.simulators.physics.effect import Case, Floats
+from palpate.simulators.physics.stages import ConverterEffect
 from palpate.simulators.randomness import Stream
-
-if TYPE_CHECKING:
-    from palpate.simulators.effects.adc import Adc
 
 TRIED = 64  # phases, and numbers of the noise, in which samples are converted
 FEW = 8.0  # steps: a film that spans no more is rounded alike in every cycle
@@ -31,7 +28,7 @@ def reaches_rail(volts: float) -> bool:
     return not volts < MARGIN * max(RANGE_VOLTS)
 
 
-def steps(case: Case, converter: Adc, volts: Floats, noise: float) -> float:
+def steps(case: Case, converter: ConverterEffect, volts: Floats, noise: float) -> float:
     """Greatest change of an amplitude by rounding samples (phases, n), beside `noise` of each sample [V].
 
     Half a step in every sample is the worst; tried for some phases, the errors scatter, and six standard deviations of
@@ -44,7 +41,7 @@ def steps(case: Case, converter: Adc, volts: Floats, noise: float) -> float:
 
 
 def step_changes(
-    case: Case, converter: Adc, before: Floats, after: Floats, factor: Complexes, noise: float, more: float
+    case: Case, converter: ConverterEffect, before: Floats, after: Floats, factor: Complexes, noise: float, more: float
 ) -> float:
     """The same for samples (phases, n) and others, whose phasors are `factor` (phases,) times theirs.
 
@@ -72,12 +69,12 @@ def _flips(expected: float) -> int:
     return next(likely, FLIPS)
 
 
-def _step(converter: Adc) -> float:
+def _step(converter: ConverterEffect) -> float:
     """[V]."""
     return 2 * max(RANGE_VOLTS) / 2.0**converter.bits
 
 
-def _few(converter: Adc, volts: Floats, noise: float) -> bool:
+def _few(converter: ConverterEffect, volts: Floats, noise: float) -> bool:
     return bool(np.ptp(volts) < FEW * _step(converter) and noise < _step(converter) / 2)
 
 
@@ -100,7 +97,7 @@ def _normal(name: str, count: int) -> Floats:
     return Stream(0, name).normal(0, count)
 
 
-def _errors(case: Case, converter: Adc, volts: Floats) -> Complexes:
+def _errors(case: Case, converter: ConverterEffect, volts: Floats) -> Complexes:
     """Of the phasors."""
     full = max(RANGE_VOLTS)
     return fitted(case, converter.convert(volts / full)[0] * full - volts)

@@ -5,32 +5,16 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from palpate.instrument.sensor.design import Film
-from palpate.simulators.bounds.dwells import Dwell
 from palpate.simulators.bounds.fits import SIGMAS, fitted
-from palpate.simulators.effects import EFFECTS
-from palpate.simulators.effects.effect import (
-    AmplifierEffect,
-    Case,
-    Effect,
-    Effects,
-    Floats,
-    InputEffect,
-    LeakEffect,
-    Rates,
-    SourceEffect,
-)
 from palpate.simulators.linear.lti import Complexes
-
-if TYPE_CHECKING:
-    from palpate.simulators.effects.adc import Adc
-    from palpate.simulators.effects.gain_scatter import GainScatter
-
-SCATTER, CONVERTER = "gain_scatter", "adc"
+from palpate.simulators.physics.dwells import Dwell
+from palpate.simulators.physics.effect import Case, Floats, Rates
+from palpate.simulators.physics.in_order import Effects
+from palpate.simulators.physics.stages import LeakEffect
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +36,6 @@ class Side:
     added: Complexes
     scatter: Floats
 
-    @property
-    def converter(self) -> Adc | None:
-        return cast("Adc | None", self.effects.get(CONVERTER))
-
-    def inputs(self) -> list[InputEffect]:
-        return [each for each in self.effects.values() if isinstance(each, InputEffect)]
-
     @functools.cached_property
     def _rates(self) -> Floats:
         return self.dwell.rates(self.linear)
@@ -77,37 +54,34 @@ def sides(case: Case, without: Effects, with_it: Effects, moment: float) -> tupl
 
 
 def _side(case: Case, effects: Effects, followed: Effects, moment: float, linear: bool) -> Side:
-    dwell, leak = case.follow(followed), _leak(effects)
+    dwell, leak = case.follow(followed), effects.leak
     volts = dwell.volts(linear)
     if leak is not None:
         volts = volts + _creeping(case, effects, leak, moment, volts)
     seen = fitted(case, volts)
-    scatter = cast("GainScatter | None", effects.get(SCATTER))
-    if scatter is None:
+    if effects.scattering is None:
         return Side(effects, dwell, linear, volts, seen, np.zeros_like(seen), np.zeros(len(case.design.films)))
-    bare = {name: each for name, each in followed.items() if not isinstance(each, SourceEffect)}
-    passed = fitted(case, case.follow(bare).volts(linear))
-    return Side(effects, dwell, linear, volts, passed, seen - passed, reach(case, scatter))
+    passed = fitted(case, case.follow(followed.but(*followed.source)).volts(linear))
+    return Side(effects, dwell, linear, volts, passed, seen - passed, reach(case, effects))
 
 
-def certain(effects: Effects, moment: float) -> dict[str, Effect]:
+def certain(effects: Effects, moment: float) -> Effects:
     """What a rig follows at a moment [s]."""
-    found, leak = deterministic(effects), _leak(effects)
-    if leak is not None:
-        found[name_of(leak)] = leak.held(leak.conductance(leak.middle(moment)))
-    return found
+    found, leak = deterministic(effects), effects.leak
+    return found if leak is None else found.including(leak.held(leak.conductance(leak.middle(moment))))
 
 
-def reach(case: Case, scatter: GainScatter) -> Floats:
-    """Greatest relative change of each film's gain (films,)."""
-    return np.array([SIGMAS * scatter.strength * film.scatter for film in case.design.films])
+def reach(case: Case, effects: Effects) -> Floats:
+    """Greatest relative change of each film's gain, where gains scatter (films,)."""
+    scatter = effects.scattering.scatter if effects.scattering else None
+    return np.array([SIGMAS * (scatter or 0.0) * film.scatter for film in case.design.films])
 
 
 def moments(case: Case, effects: Effects) -> Iterator[float]:
     """When a scene is looked at [s]: by a leak the drive may begin under other time constants than the dwell ends."""
     last = case.settled + case.dwell
     yield last
-    leak, amplifier = _leak(effects), _amplifier(effects)
+    leak, amplifier = effects.leak, effects.amplifier
     if leak is not None and amplifier is not None:
         conductances = [leak.conductance(leak.middle(time)) for time in (0.0, last)]
         film = case.design.films[0]
@@ -118,7 +92,7 @@ def moments(case: Case, effects: Effects) -> Iterator[float]:
 
 def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float, volts: Floats) -> Floats:
     """What a leak that changes within the dwell adds to films under a held one (phases, films, n) [V]."""
-    amplifier = _amplifier(effects)
+    amplifier = effects.amplifier
     if amplifier is None:
         return np.zeros_like(volts)
     times = case.settled + np.arange(volts.shape[-1]) / case.rate
@@ -152,20 +126,6 @@ def _between(volts: Floats, decays: Floats, held: Floats, step: float) -> Floats
     return found
 
 
-def deterministic(effects: Effects) -> dict[str, Effect]:
+def deterministic(effects: Effects) -> Effects:
     """Those that a rig follows and draws no numbers for."""
-    drawn = (SCATTER, CONVERTER)
-    return {name: e for name, e in effects.items() if not isinstance(e, InputEffect) and name not in drawn}
-
-
-def name_of(effect: Effect) -> str:
-    """As scenes call it."""
-    return next(name for name, path in EFFECTS.items() if path.endswith(f":{type(effect).__name__}"))
-
-
-def _leak(effects: Effects) -> LeakEffect | None:
-    return next((each for each in effects.values() if isinstance(each, LeakEffect)), None)
-
-
-def _amplifier(effects: Effects) -> AmplifierEffect | None:
-    return next((each for each in effects.values() if isinstance(each, AmplifierEffect)), None)
+    return effects.but(*effects.input, effects.scattering, effects.converter)

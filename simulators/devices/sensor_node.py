@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +15,11 @@ from palpate.instrument.contracts.contract import Field
 from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, WITH_NODE_ID, place
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.effects.effect import InputEffect
 from palpate.simulators.physics.converter import convert
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.canopen_device import CanopenDevice
-
-if TYPE_CHECKING:
-    from palpate.simulators.effects.adc import Adc
 
 CONTRACT = sensor_node.CONTRACT
 SATURATED = 0xFF01  # emergency code: manufacturer specific
@@ -52,8 +49,8 @@ class SensorNode(CanopenDevice):
     def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig, changed: Callable[[], None]) -> None:
         self._rig = rig
         self._changed = changed
-        self._adc = cast("Adc | None", rig.scene.effects.get("adc"))
-        self._added = {name: e for name, e in sorted(rig.scene.effects.items()) if isinstance(e, InputEffect)}
+        self._converter = rig.effects.converter
+        self._added = sorted(rig.effects.input, key=lambda effect: effect.name)
         self._sources: dict[int, list[Source]] = {}
         super().__init__(clock, node_id, serial)
 
@@ -94,7 +91,7 @@ class SensorNode(CanopenDevice):
             volts[channel] += effect.volts(stream, time_ns, period_ns, functools.partial(_row, rates, channel))
         ranges = np.array([RANGE_VOLTS[int(self.settings[f"range_{c + 1}"])] for c in range(CHANNELS)])
         volts /= ranges[:, np.newaxis]
-        fraction, saturated = convert(volts) if self._adc is None else self._adc.convert(volts)
+        fraction, saturated = (self._converter.convert if self._converter else convert)(volts)
         fraction *= FULL_SCALE_COUNTS
         bits = np.zeros(len(time_ns), np.uint8)
         if saturated.any():
@@ -113,10 +110,10 @@ class SensorNode(CanopenDevice):
         """Effects at the input, with their streams and channels; kept, as what a stream has drawn is."""
         if period_ns not in self._sources:
             its: list[Source] = []
-            for name, effect in self._added.items():
+            for effect in self._added:
                 channels: Iterable[int | slice] = [slice(None)] if effect.common else range(CHANNELS)
                 for number, channel in enumerate(channels):
-                    stream = Stream(self._rig.scene.seed, name, self.id, number, period_ns)
+                    stream = Stream(self._rig.scene.seed, effect.name, self.id, number, period_ns)
                     its.append((effect, stream, channel))
             self._sources[period_ns] = its
         return self._sources[period_ns]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice
-
-if TYPE_CHECKING:
-    from palpate.simulators.effects.load_cell import LoadCell
 
 IDEAL_SENSITIVITY = 10.306e-3  # V/N of a scene without a load cell: line through Table 5.1 [T]
 GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
@@ -32,8 +28,8 @@ class StrainIndicator(SimulatedDevice):
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
         super().__init__(clock, serial)
         self._rig = rig
-        self._cell = cast("LoadCell | None", rig.scene.effects.get("load_cell"))
-        self._stream = Stream(rig.scene.seed, "load_cell")
+        self._cell = rig.effects.cell
+        self._stream = Stream(rig.scene.seed, self._cell.name if self._cell else "")
         self._set_at_ns = 0
         self._zero = 0.0
         self._tare = 0.0
@@ -90,7 +86,7 @@ class StrainIndicator(SimulatedDevice):
 
     @property
     def _decimals(self) -> int:
-        return self._cell.decimals if self._cell else IDEAL_DECIMALS
+        return self._cell.digits if self._cell else IDEAL_DECIMALS
 
     def _net(self) -> float:
         return self._gross() - self._zero - self._tare

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 
 from palpate.instrument.errors import UnknownName
-from palpate.simulators.effects.effect import Effect
+from palpate.simulators.physics.effect import Effect
 
 # In the order of the chain.
 EFFECTS: dict[str, str] = {

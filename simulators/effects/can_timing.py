@@ -10,12 +10,13 @@ from pydantic import Field
 
 from palpate.instrument.contracts.sensor_node import CHANNELS, bus_load, stuff_bits
 from palpate.instrument.quantity import BitsPerSecond
-from palpate.simulators.effects.effect import Bound, Case, Effect, Kind
+from palpate.simulators.physics.effect import Bound, Case, Kind
+from palpate.simulators.physics.stages import CanEffect
 
 SDO_BYTES = 8
 
 
-class CanTiming(Effect):
+class CanTiming(CanEffect):
     """A classic bus with 11-bit identifiers.
 
     At each SYNC the nodes' frames go out in the order of their identifiers; those that the next SYNC overtakes are
@@ -35,11 +36,6 @@ class CanTiming(Effect):
         return round(1e9 * (47 + 8 * size + stuff_bits(size, self.stuffing)) / self.bitrate)
 
     def burst(self, frames: Sequence[tuple[int, int]], period_ns: int) -> tuple[list[int], int]:
-        """Which of the frames, of an identifier and a size each, follow a SYNC in time, and in what order.
-
-        Returns:
-            their places in `frames`; and when the bus is free again, counted from the SYNC [ns].
-        """
         end = self.frame_ns(0)
         sent: list[int] = []
         for place in sorted(range(len(frames)), key=lambda place: frames[place][0]):
@@ -50,10 +46,9 @@ class CanTiming(Effect):
         return sent, end
 
     def transfer_ns(self) -> int:
-        """What request and answer of an SDO take."""
         return 2 * self.frame_ns(SDO_BYTES)
 
-    def bound(self, case: Case) -> Bound:
+    def known_bound(self, case: Case) -> Bound:
         """When something is done does not change what comes of it; but lost samples can change anything."""
         nodes = math.ceil(len(case.design.films) / CHANNELS)
         change = 0.0 if bus_load(nodes, case.rate, self.bitrate) <= 1 else math.inf

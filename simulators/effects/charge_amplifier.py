@@ -8,9 +8,9 @@ from pydantic import Field
 
 from palpate.instrument.quantity import Ohms, Seconds, Volts
 from palpate.instrument.sensor.design import Design, Film
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
 from palpate.simulators.linear.lti import StateSpace, first_order_high_pass
+from palpate.simulators.physics.effect import Kind
+from palpate.simulators.physics.stages import AmplifierEffect
 
 
 class ChargeAmplifier(AmplifierEffect):
@@ -35,7 +35,3 @@ class ChargeAmplifier(AmplifierEffect):
 
     def offset(self, film: Film, design: Design, leakage: float) -> float:
         return self.input_offset * self.feedback * leakage
-
-    def bound(self, case: Case) -> Bound:
-        """Its gain at the drive's frequency, and what is left of the preload."""
-        return bound_of(case, self)

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.physics.effect import Floats, Kind
+from palpate.simulators.physics.stages import FilmsEffect
 from palpate.simulators.randomness import Stream
 
 
@@ -39,10 +39,6 @@ class Crosstalk(FilmsEffect):
             if own.kind == other.kind == FILM_KINDS[0] and _beside(design, own.teeth[0], other.teeth[0]):
                 matrix[i, j] = part * own.sensitivity / other.sensitivity
         return matrix
-
-    def bound(self, case: Case) -> Bound:
-        """Its sums over the rows: the teeth are loaded alike."""
-        return bound_of(case, self)
 
 
 def _beside(design: Design, one: int, other: int) -> bool:

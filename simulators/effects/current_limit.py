@@ -8,9 +8,9 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Amperes
-from palpate.simulators.bounds.changes import NEARER, bound_of_limit
-from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.parts import Armature, Limits
+from palpate.simulators.physics.stages import ShakerEffect
 
 
 class CurrentLimit(ShakerEffect):
@@ -18,6 +18,7 @@ class CurrentLimit(ShakerEffect):
 
     kind: ClassVar[Kind] = "static_nl"
     cancels_in_ratio: ClassVar[bool] = True
+    moves: ClassVar[str] = "current"
 
     # [A]
     limit: Amperes = Field(default=5.0, gt=0, le=1000)
@@ -25,6 +26,5 @@ class CurrentLimit(ShakerEffect):
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return armature, replace(limits, current=self.limit)
 
-    def bound(self, case: Case) -> Bound:
-        """Nothing where the limit is certainly not reached."""
-        return bound_of_limit(case, self.model_copy(update={"limit": NEARER * self.limit}), "current")
+    def nearer(self, share: float) -> CurrentLimit:
+        return self.model_copy(update={"limit": share * self.limit})

@@ -8,9 +8,9 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Metres, NewtonsPerMetre
-from palpate.simulators.bounds.changes import NEARER, bound_of_limit
-from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.parts import Armature, Limits
+from palpate.simulators.physics.stages import ShakerEffect
 
 
 class EndStops(ShakerEffect):
@@ -18,6 +18,7 @@ class EndStops(ShakerEffect):
 
     kind: ClassVar[Kind] = "static_nl"
     cancels_in_ratio: ClassVar[bool] = True
+    moves: ClassVar[str] = "stop"
 
     # [A]
     travel: Metres = Field(default=8e-3, gt=0, le=1)
@@ -26,6 +27,5 @@ class EndStops(ShakerEffect):
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return armature, replace(limits, stop=self.travel, stop_stiffness=self.stiffness)
 
-    def bound(self, case: Case) -> Bound:
-        """Nothing where no stop is met."""
-        return bound_of_limit(case, self.model_copy(update={"travel": NEARER * self.travel}), "stop")
+    def nearer(self, share: float) -> EndStops:
+        return self.model_copy(update={"travel": share * self.travel})

@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from palpate.instrument.quantity import Hertz
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, DriveEffect, Kind
 from palpate.simulators.linear.periodic import HERTZ
+from palpate.simulators.physics.effect import Kind
+from palpate.simulators.physics.stages import DriveEffect
 
 
 class FrequencyError(DriveEffect):
@@ -29,7 +29,3 @@ class FrequencyError(DriveEffect):
         clock, steps = round(self.clock * HERTZ), 1 << self.bits
         word = (2 * nominal * steps + clock) // (2 * clock)
         return (2 * word * clock + steps) // (2 * steps)
-
-    def bound(self, case: Case) -> Bound:
-        """A fit of the nominal frequency to the true one, and what the chain makes of the difference."""
-        return bound_of(case, self)

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.sensor.design import Design
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.physics.effect import Floats, Kind
+from palpate.simulators.physics.stages import FilmsEffect
 from palpate.simulators.randomness import Stream
 
 
@@ -26,6 +26,10 @@ class GainScatter(FilmsEffect):
 
     strength: float = Field(default=1.0, ge=0, le=10, strict=True)
 
+    @property
+    def scatter(self) -> float:
+        return self.strength
+
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
         """Gain factors of the films for the load set that began at `set_at_ns`, on the diagonal."""
         rho = design.film_correlation
@@ -35,7 +39,3 @@ class GainScatter(FilmsEffect):
         scatter = np.array([film.scatter for film in design.films])
         factors: Floats = np.diag(1.0 + self.strength * scatter * np.array(mixed))
         return factors
-
-    def bound(self, case: Case) -> Bound:
-        """Six standard deviations of each film, however the films move together."""
-        return bound_of(case, self)

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.physics.effect import Floats, Kind
+from palpate.simulators.physics.stages import FilmsEffect
 from palpate.simulators.randomness import Stream
 
 
@@ -25,7 +25,3 @@ class GlueClamping(FilmsEffect):
 
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
         return np.diag([self.factor if film.kind in self.films else 1.0 for film in design.films])
-
-    def bound(self, case: Case) -> Bound:
-        """The factor itself."""
-        return bound_of(case, self)

@@ -8,8 +8,8 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Ohms, Seconds
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, Kind, LeakEffect
+from palpate.simulators.physics.effect import Kind
+from palpate.simulators.physics.stages import LeakEffect
 
 EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by default
 
@@ -38,7 +38,3 @@ class HumidityLeak(LeakEffect):
 
     def held(self, conductance: float) -> HumidityLeak:
         return self.model_copy(update={"dry": 1 / conductance, "wet": 1 / conductance})
-
-    def bound(self, case: Case) -> Bound:
-        """The leak as it is up to the end of the dwell, and its growth within it."""
-        return bound_of(case, self)

@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from palpate.instrument.quantity import Newtons
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, HysteresisEffect, Kind
+from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.parts import Plays
+from palpate.simulators.physics.stages import HysteresisEffect
 
 
 class Hysteresis(HysteresisEffect):
@@ -20,6 +20,7 @@ class Hysteresis(HysteresisEffect):
 
     kind: ClassVar[Kind] = "hysteresis"
     cancels_in_ratio: ClassVar[bool] = False
+    moves: ClassVar[str] = "drag"
 
     # weight 0.025 [A]; a radius about half the force on the tooth at 3 N [A]
     weights: tuple[Annotated[float, Field(ge=-1, le=1, strict=True)], ...] = Field(
@@ -40,7 +41,3 @@ class Hysteresis(HysteresisEffect):
 
     def plays(self) -> Plays:
         return Plays(self.path == "total", self.radii, self.weights)
-
-    def bound(self, case: Case) -> Bound:
-        """What the plays make of the force, gone through."""
-        return bound_of(case, self)

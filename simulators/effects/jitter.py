@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.quantity import Seconds
-from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import SIGMAS, largest
-from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from palpate.simulators.linear.lti import Times
+from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import Stream
 
 
@@ -24,6 +24,7 @@ class Jitter(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
+    seconds_a_sample: ClassVar[float] = 3e-8
     follows: ClassVar[bool] = True
 
     # standard deviation of the delay [A]
@@ -44,6 +45,3 @@ class Jitter(InputEffect):
 
     def largest(self, case: Case, rates: Rates) -> float:
         return self.delay and SIGMAS * self.delay * float(np.abs(rates()).max())
-
-    def bound(self, case: Case) -> Bound:
-        return bound_of(case, self)

@@ -9,11 +9,12 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Seconds, Volts, VoltsPerNewton
-from palpate.simulators.effects.effect import Bound, Case, Effect, Kind
+from palpate.simulators.physics.effect import Bound, Case, Kind
+from palpate.simulators.physics.stages import CellEffect
 from palpate.simulators.randomness import Stream
 
 
-class LoadCell(Effect):
+class LoadCell(CellEffect):
     """What the display makes of the load: zero offset, noise, and steps of one count; creep and position where asked.
 
     The offset is the display's own, behind its detector: it stands in static and in peak-to-peak readings.
@@ -36,24 +37,25 @@ class LoadCell(Effect):
     # of the sensitivity, times the sine of the cell's position about its axis; class 2 allows 0.4 % in all [S]
     position_spread: float = Field(default=0.0, ge=0, le=0.1, strict=True)
 
+    @property
+    def digits(self) -> int:
+        return self.decimals
+
     def crept(self, force: float, placed: Sequence[tuple[int, float]], now_ns: int) -> float:
-        """The force [N] that the cell feels, `placed` being when dead weights changed [ns] and by how much [N]."""
         if not self.creep:
             return force
         late = (change * -math.expm1((then - now_ns) * 1e-9 / self.creep_time) for then, change in placed)
         return force + self.creep * math.fsum(late)
 
     def in_position(self, degrees: float) -> float:
-        """Sensitivity of the cell turned about its axis [V/N]."""
         if not self.position_spread:
             return self.sensitivity
         return self.sensitivity * (1 + self.position_spread * math.sin(math.radians(degrees)))
 
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
-        """The reading in mV at display update number `update` of a bridge that should read `ideal_mV`."""
         noise = self.noise * float(stream.normal(update, 1)[0])
         return round(ideal_mV + 1e3 * (self.zero + noise), self.decimals)
 
-    def bound(self, case: Case) -> Bound:
+    def known_bound(self, case: Case) -> Bound:
         """The films do not pass the load cell; it shows in what load is read, and set."""
         return Bound(0.0, 0.0)

@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.quantity import Hertz, Volts
-from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import largest_tone
-from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from palpate.simulators.linear.lti import Times
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import BLOCK, Stream
 
 
@@ -22,6 +22,7 @@ class MainsHum(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
+    seconds_a_sample: ClassVar[float] = 2e-8
     common: ClassVar[bool] = True
 
     # 1 mV [A]
@@ -53,6 +54,3 @@ class MainsHum(InputEffect):
 
     def largest(self, case: Case, rates: Rates) -> float:
         return self.amplitude
-
-    def bound(self, case: Case) -> Bound:
-        return bound_of(case, self)

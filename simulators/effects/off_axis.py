@@ -10,8 +10,8 @@ from pydantic import Field
 
 from palpate.instrument.quantity import Degrees
 from palpate.instrument.sensor.design import Design
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, FilmsEffect, Floats, Kind
+from palpate.simulators.physics.effect import Floats, Kind
+from palpate.simulators.physics.stages import FilmsEffect
 from palpate.simulators.randomness import Stream
 
 
@@ -30,7 +30,3 @@ class OffAxis(FilmsEffect):
         angle = math.radians(self.angle)
         factor = math.cos(angle) + self.lateral * math.sin(angle)
         return factor * np.eye(len(design.films))
-
-    def bound(self, case: Case) -> Bound:
-        """One factor for all films."""
-        return bound_of(case, self)

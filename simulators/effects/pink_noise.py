@@ -13,10 +13,10 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.quantity import Hertz, VoltsPerRootHertz
-from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import SIGMAS, correlated_spread
-from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from palpate.simulators.linear.lti import Times
+from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
@@ -54,6 +54,7 @@ class PinkNoise(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
+    seconds_a_sample: ClassVar[float] = 1e-7
 
     # one-sided, where it equals the white noise [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0, le=1)
@@ -79,9 +80,6 @@ class PinkNoise(InputEffect):
 
     def largest(self, case: Case, rates: Rates) -> float:
         return SIGMAS * self._deviation() * math.hypot(*(process.passed for process in _processes(case.rate)))
-
-    def bound(self, case: Case) -> Bound:
-        return bound_of(case, self)
 
     def _deviation(self) -> float:
         """Of each process [V]. Processes of variance s^2, one a decade, add up to a density of s^2 / (ln 10 f)."""

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from palpate.instrument.quantity import KelvinPerSecond, NewtonsPerKelvin, Seconds
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from palpate.simulators.linear.lti import StateSpace, gain
+from palpate.simulators.physics.effect import Kind
+from palpate.simulators.physics.stages import SourceEffect
 
 
 class Pyroelectric(SourceEffect):
@@ -41,7 +41,3 @@ class Pyroelectric(SourceEffect):
             np.array(volts)[:, np.newaxis],
             np.zeros((len(volts), 4)),
         )
-
-    def bound(self, case: Case) -> Bound:
-        """What a fit takes from the warming, begun when the drive was switched on; later it is less."""
-        return bound_of(case, self)

@@ -8,12 +8,13 @@ from pydantic import Field
 
 from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE
 from palpate.instrument.quantity import BitsPerSecond
-from palpate.simulators.effects.effect import Bound, Case, Effect, Kind
+from palpate.simulators.physics.effect import Bound, Case, Kind
+from palpate.simulators.physics.stages import LineEffect
 
 CHARACTER = 11  # bits: start, eight, parity or a second stop, stop
 
 
-class SerialTiming(Effect):
+class SerialTiming(LineEffect):
     """Modbus RTU: "MODBUS over serial line" 1.02, 2.5.1.1 [S]. The devices themselves answer at once [A]."""
 
     kind: ClassVar[Kind] = "timing"
@@ -22,10 +23,9 @@ class SerialTiming(Effect):
     baudrate: BitsPerSecond = Field(default=115_200.0, ge=1200, le=4e6)  # [A]
 
     def frame(self, size: int) -> float:
-        """What a frame of `size` bytes takes with the silence behind it [s]."""
         character = CHARACTER / self.baudrate
         return size * character + max(SILENCE * character, SHORTEST_SILENCE)
 
-    def bound(self, case: Case) -> Bound:
+    def known_bound(self, case: Case) -> Bound:
         """When something is done does not change what comes of it."""
         return Bound(0.0, 0.0)

@@ -8,9 +8,9 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Henries, Kilograms, NewtonSecondsPerMetre
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, Kind, ShakerEffect
+from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.parts import Armature, Limits
+from palpate.simulators.physics.stages import ShakerEffect
 
 
 class ShakerDynamics(ShakerEffect):
@@ -26,7 +26,3 @@ class ShakerDynamics(ShakerEffect):
 
     def shaker(self, armature: Armature, limits: Limits) -> tuple[Armature, Limits]:
         return replace(armature, inductance=self.inductance, mass=self.mass, damping=self.damping), limits
-
-    def bound(self, case: Case) -> Bound:
-        """The load is set anew with the shaker, so what is left is its transient."""
-        return bound_of(case, self)

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from palpate.instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
 from palpate.instrument.sensor.design import Design, Film
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, Kind, SourceEffect
 from palpate.simulators.linear.lti import StateSpace, gain
+from palpate.simulators.physics.effect import Kind
+from palpate.simulators.physics.stages import SourceEffect
 
 
 class Triboelectric(SourceEffect):
@@ -31,13 +31,8 @@ class Triboelectric(SourceEffect):
 
     def _volts(self, film: Film) -> float:
         """Of a film for each newton on the sensor [V/N]."""
-        return film.sensitivity * self.share
+        return film.sensitivity * self.pickup
 
     @property
-    def share(self) -> float:
-        """Of the load on the sensor, that each film's force seems to be greater."""
+    def pickup(self) -> float:
         return self.charge / self.d33 / (self.load / 2)
-
-    def bound(self, case: Case) -> Bound:
-        """The charge itself, and its transient."""
-        return bound_of(case, self)

@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.instrument.quantity import Seconds
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import Bound, Case, Kind, StackEffect
 from palpate.simulators.linear.lti import StateSpace
+from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.parts import Stack
+from palpate.simulators.physics.stages import StackEffect
 
 # Shares of the fast modulus that relax, and how fast [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
@@ -79,7 +79,3 @@ class Viscoelastic(StackEffect):
             np.block([[stack.tooth * c, np.zeros_like(c)], [np.zeros_like(c), stack.ring * loop.c]]),
             np.diag([stack.tooth * d, stack.ring * float(loop.d[0, 0])]),
         )
-
-    def bound(self, case: Case) -> Bound:
-        """Its modulus at the drive's frequency, and what is left of creep under the preload."""
-        return bound_of(case, self)

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from palpate.instrument.quantity import Farads, Ohms
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.effects.effect import AmplifierEffect, Bound, Case, Kind
 from palpate.simulators.linear.lti import StateSpace, first_order_high_pass
+from palpate.simulators.physics.effect import Kind
+from palpate.simulators.physics.stages import AmplifierEffect
 
 
 class VoltageAmplifier(AmplifierEffect):
@@ -37,7 +37,3 @@ class VoltageAmplifier(AmplifierEffect):
         divider = capacitance / (capacitance + self.cable)
         passed = first_order_high_pass((capacitance + self.cable) / conductance)
         return replace(passed, c=divider * passed.c, d=divider * passed.d)
-
-    def bound(self, case: Case) -> Bound:
-        """Its gains at the drive's frequency, and what is left of the preload."""
-        return bound_of(case, self)

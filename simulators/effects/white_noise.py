@@ -9,10 +9,10 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import VoltsPerRootHertz
-from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import SIGMAS, spread
-from palpate.simulators.effects.effect import Bound, Case, Floats, InputEffect, Kind, Rates
 from palpate.simulators.linear.lti import Times
+from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import Stream
 
 
@@ -21,6 +21,7 @@ class WhiteNoise(InputEffect):
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
+    seconds_a_sample: ClassVar[float] = 4e-8
 
     # one-sided [A]
     density: VoltsPerRootHertz = Field(default=2e-6, ge=0)
@@ -31,13 +32,10 @@ class WhiteNoise(InputEffect):
 
     def error(self, case: Case, rates: Rates) -> float:
         """Six standard deviations of the fit [V]."""
-        return SIGMAS * spread(case) * self.dither(case)
+        return SIGMAS * spread(case) * self.dither(case.rate)
 
     def largest(self, case: Case, rates: Rates) -> float:
-        return SIGMAS * self.dither(case)
+        return SIGMAS * self.dither(case.rate)
 
-    def dither(self, case: Case) -> float:
-        return self.density * math.sqrt(case.rate / 2)
-
-    def bound(self, case: Case) -> Bound:
-        return bound_of(case, self)
+    def dither(self, rate: float) -> float:
+        return self.density * math.sqrt(rate / 2)

@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.instrument.sensor.design import FILM_KINDS
-from palpate.simulators.effects.effect import StackEffect
 from palpate.simulators.linear.lti import Floats
+from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.planning.plan import LOOKED_AT, Question, driven
 from palpate.simulators.planning.waveforms import SETTLING, sampled
 from palpate.simulators.scenes.scene import Scene
-
-SCATTER = "gain_scatter"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,14 +51,15 @@ def long_record(scene: Scene, question: Question, rate: float) -> LongRecord:
     tooth = next(film for film in films if film.kind == FILM_KINDS[0])
     base = next(film for film in films if film.kind == FILM_KINDS[1] and set(tooth.teeth) <= set(film.teeth))
     pair = [films.index(tooth), films.index(base)]
-    kept = replace(scene, effects={name: effect for name, effect in scene.effects.items() if name != SCATTER})
+    effects = Effects(scene.effects)
+    kept = replace(scene, effects=effects.but(effects.scattering))
     period_ns = round(1e9 / rate)
     first = round(SETTLING * 1e9) // period_ns
     time_ns = (first + np.arange(round(question.dwell * rate))) * period_ns
     voltage, saturated = sampled(kept, driven(kept, question), time_ns, period_ns)
-    touched = {name: effect for name, effect in scene.effects.items() if isinstance(effect, StackEffect)}
+    touched = {effects.stack.name: effects.stack} if effects.stack else {}
     gains = np.abs(driven(replace(scene, effects=touched), question).transfer(question.frequency))[pair]
-    strength = getattr(scene.effects.get(SCATTER), "strength", 0.0)
+    strength = (effects.scattering and effects.scattering.scatter) or 0.0
     return LongRecord(
         time=1e-9 * (time_ns - time_ns[0]),
         voltage=voltage[pair],

@@ -20,12 +20,13 @@ from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import check_force
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
-from palpate.simulators.bounds.dwells import Dwell, dwell_of
+from palpate.instrument.sensor.sample import get_sample
+from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, effect_class
-from palpate.simulators.effects.effect import Bound, Case, Effect
 from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.physics.dwells import Dwell, dwell_of
+from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.parts import Touch
 from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
@@ -37,14 +38,10 @@ LOOKED_AT = 2.0  # s of a scene that are searched for transitions
 FOLLOWED = 10.0  # periods of the drive, after which transitions recur as a rule [M]
 RATE = 250.0  # samples a second
 THESIS_RIG = RigParameters()
-THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
-# CPU time [s, M]: of a transition, of a settled state's phasors, and of a sample of a film: by itself, for each state
-# of the chain, and for what an effect adds to it.
+# CPU time [s, M]: of a transition, of a settled state's phasors, and of a sample of a film: by itself, and for each
+# state of the chain; effects tell what they add.
 A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
-ADDED = {"mains_hum": 2e-8, "pink_noise": 1e-7, "white_noise": 4e-8, "jitter": 3e-8, "adc": 1e-8}
-# What an effect's transitions change.
-LIMITS = {"amplifier_clip": "rail", "current_limit": "current", "end_stops": "stop", "hysteresis": "drag"}
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
@@ -185,7 +182,7 @@ def case_of(
 
     @functools.cache  # bounds of many effects look at the same scene without them
     def followed(chosen: frozenset[tuple[str, Effect]]) -> Dwell:
-        return dwell_of(with_these(dict(chosen)), SETTLING, question.dwell, RATE)
+        return dwell_of(with_these(dict(chosen)), len(design.films), SETTLING, question.dwell, RATE)
 
     return Case(
         design=design,
@@ -197,24 +194,6 @@ def case_of(
         driven=with_these,
         follow=lambda chosen: followed(frozenset(chosen.items())),
     )
-
-
-def needed(
-    effect: Effect,
-    design: Design,
-    file: SceneFile,
-    model: str,
-    effects: Mapping[str, Effect],
-    tolerance: float,
-) -> Bound | None:
-    """The largest bound of an effect for the thesis' samples and loads if it exceeds the tolerance, else None."""
-    bounds = [
-        effect.bound(case_of(design, model, effects, Question(sample, load), file.rig, file.parameters))
-        for sample in SAMPLES
-        for load in THESIS_LOADS
-    ]
-    largest = Bound(max(bound.force for bound in bounds), max(bound.ratio for bound in bounds))
-    return largest if max(largest.force, largest.ratio) > tolerance else None
 
 
 def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -> dict[str, float]:
@@ -230,10 +209,10 @@ def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -
         return Rig(replace(scene, effects=effects), VirtualClock()).without_limits()[0].order
 
     of_all = states(scene.effects)
-    for name in scene.effects:
+    for name, effect in scene.effects.items():
         own = of_all - states({k: v for k, v in scene.effects.items() if k != name})
-        added = 0.0 if question.steady else ADDED.get(name, 0.0)
-        met = sum(LIMITS.get(name) in moved for moved in found) / LOOKED_AT
+        added = 0.0 if question.steady else effect.seconds_a_sample
+        met = sum(effect.moves in moved for moved in found) / LOOKED_AT
         costs[name] = samples * (own * A_STATE + added) + met * over * A_TRANSITION
     costs[""] = samples * (A_SAMPLE + states({}) * A_STATE) + A_TRANSITION
     costs[""] += sum("contact" in moved for moved in found) / LOOKED_AT * over * A_TRANSITION
@@ -273,7 +252,7 @@ def _omitted(scene: Scene, case: Case) -> list[Omitted]:
         if name in scene.effects:
             continue
         effect = effect_class(name)()
-        bound = Bound(0.0, 0.0) if set(effect.excludes) & set(scene.effects) else effect.bound(case)
+        bound = Bound(0.0, 0.0) if set(effect.excludes) & set(scene.effects) else bound_of(case, effect)
         left.append(Omitted(name, effect.kind, _finite(bound.force), _finite(bound.ratio)))
     return left
 
@@ -288,8 +267,7 @@ def _warnings(scene: Scene, question: Question) -> list[str]:
     ratio = scene.answer(get_sample(question.sample)).force_ratio
     amplitude = rigid.sensitivity * ratio * question.load / 2
     step = 2 * max(RANGE_VOLTS) / 2**16
-    density = getattr(scene.effects.get("white_noise"), "density", 0.0)
-    noise = density * math.sqrt(RATE / 2)
+    noise = math.hypot(*(effect.dither(RATE) for effect in scene.effects.values()))
     if amplitude < SIGNAL_STEPS * step and noise < NOISE_STEPS * step:
         return [
             f"film {rigid.name!r}: amplitude {amplitude:.3g} V is {amplitude / step:.2g} steps of the converter, below"

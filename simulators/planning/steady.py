@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.instrument.sensor.design import FILM_KINDS
-from palpate.simulators.effects.effect import HysteresisEffect
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.rig.rig import Rig
@@ -67,7 +66,7 @@ def phasors(rig: Rig) -> Complexes:
     if plays:
         # Each follows its force so far: what it would be without a radius is that force.
         force = np.linalg.solve(rate * np.eye(system.order) - a, push)[plays]
-        radii = [r for e in rig.scene.effects.values() if isinstance(e, HysteresisEffect) for r in e.plays().radii]
+        radii = rig.effects.plays.plays().radii if rig.effects.plays else ()
         factors = np.array([describing_function(r, abs(x)) for r, x in zip(radii, force, strict=True)])
         a[plays] *= factors[:, np.newaxis]
         push[plays] *= factors

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SensorNode
-from palpate.simulators.effects.effect import AmplifierEffect, ShakerEffect
 from palpate.simulators.linear.lti import Floats, Times
+from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.rig.rig import Rig
@@ -55,7 +55,7 @@ def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
         RangeError: the scene's model does not answer for the sample.
     """
     rig = driven(scene, question)
-    bare = {name: effect for name, effect in scene.effects.items() if not isinstance(effect, AmplifierEffect)}
+    bare = rig.effects.but(rig.effects.amplifier)
     period_ns = round(1e9 / (SAMPLES_PER_CYCLE * question.frequency))
     first = round(SETTLING * 1e9) // period_ns
     samples_ns = (first + np.arange(periods * SAMPLES_PER_CYCLE + 1)) * period_ns
@@ -63,7 +63,7 @@ def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
     samples, saturated = sampled(scene, rig, samples_ns, period_ns)
     return Waveforms(
         time=1e-9 * (time_ns - time_ns[0]),
-        coil=_clipped(scene, rig.coil_voltage().at(time_ns)),
+        coil=_clipped(rig.effects, rig.coil_voltage().at(time_ns)),
         force=rig.cell_force(time_ns),
         before=driven(replace(scene, effects=bare), question).film_voltages(time_ns),
         films=rig.film_voltages(time_ns),
@@ -73,12 +73,11 @@ def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
     )
 
 
-def _clipped(scene: Scene, volts: Floats) -> Floats:
+def _clipped(effects: Effects, volts: Floats) -> Floats:
     """What the amplifier's rail leaves of a voltage."""
     armature, limits = Armature(1.0, 1.0, 1.0), Limits()
-    for effect in scene.effects.values():
-        if isinstance(effect, ShakerEffect):
-            armature, limits = effect.shaker(armature, limits)
+    for effect in effects.shaker:
+        armature, limits = effect.shaker(armature, limits)
     return volts if limits.rail is None else np.clip(volts, -limits.rail, limits.rail)
 
 

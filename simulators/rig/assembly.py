@@ -6,16 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.simulators.effects.effect import (
-    AmplifierEffect,
-    FilmsEffect,
-    HysteresisEffect,
-    ShakerEffect,
-    SourceEffect,
-    StackEffect,
-)
+from palpate.instrument.sensor.design import Design
 from palpate.simulators.linear.lti import StateSpace, gain
 from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits, Plays
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.mounted import Mounted
@@ -24,6 +18,7 @@ from palpate.simulators.scenes.scene import Scene
 
 def chain_of(
     scene: Scene,
+    effects: Effects,
     mounted: Mounted,
     signals: StateSpace,
     leakage: float,
@@ -36,19 +31,14 @@ def chain_of(
     leakage: conductance across a film [S]. position: of the positioner [m]. bridge_tau: time constant of the
     indicator's filter [s]. weight: dead weight on the load cell [N].
     """
-    rig, effects = scene.rig, scene.effects.values()
+    rig = scene.rig
     armature, limits = Armature(rig.force_constant, rig.coil_resistance, rig.suspension_stiffness), Limits()
+    for effect in effects.shaker:
+        armature, limits = effect.shaker(armature, limits)
     stack = mounted.springs()
-    yielding = stack.elastic()
-    plays = Plays(ring=False, radii=(), weights=())
-    for effect in effects:
-        if isinstance(effect, ShakerEffect):
-            armature, limits = effect.shaker(armature, limits)
-        if isinstance(effect, StackEffect):
-            yielding = effect.stack(stack)
-        if isinstance(effect, HysteresisEffect):
-            plays = effect.plays()
-    films, amplifier = scene.design.films, next((e for e in effects if isinstance(e, AmplifierEffect)), None)
+    yielding = effects.stack.stack(stack) if effects.stack else stack.elastic()
+    plays = effects.plays.plays() if effects.plays else Plays(ring=False, radii=(), weights=())
+    films, amplifier = scene.design.films, effects.amplifier
     amplifiers, offsets = [gain(np.eye(1)) for _ in films], np.zeros(len(films))
     if amplifier is not None:
         amplifiers = [amplifier.system(film, scene.design, leakage) for film in films]
@@ -68,22 +58,24 @@ def chain_of(
 
 
 def film_signals(
-    scene: Scene, mounted: Mounted, streams: Mapping[str, Stream], set_at_ns: int, ambient: float
+    design: Design,
+    effects: Effects,
+    mounted: Mounted,
+    streams: Mapping[str, Stream],
+    set_at_ns: int,
+    ambient: float,
 ) -> StateSpace:
     """From tooth force, ring force, the plays' force and 1 to the films' voltages before their amplifiers."""
-    hysteresis = next((e for e in scene.effects.values() if isinstance(e, HysteresisEffect)), None)
-    shares = np.zeros((len(scene.design.films), 4))
-    for number, film in enumerate(scene.design.films):
+    shares = np.zeros((len(design.films), 4))
+    for number, film in enumerate(design.films):
         part = mounted.part(film)
-        played = part if hysteresis is not None and film.kind == hysteresis.path else 0.0
+        played = part if effects.plays is not None and film.kind == effects.plays.path else 0.0
         both = film.kind == "total" or mounted.probe_at is not None
         shares[number] = (part, part if both else 0.0, played, 0.0)
-    matrix = np.diag([film.sensitivity for film in scene.design.films])
-    for name, effect in scene.effects.items():
-        if isinstance(effect, FilmsEffect):
-            matrix = effect.matrix(scene.design, streams[name], set_at_ns) @ matrix
+    matrix = np.diag([film.sensitivity for film in design.films])
+    for effect in effects.films:
+        matrix = effect.matrix(design, streams[effect.name], set_at_ns) @ matrix
     signals = gain(matrix @ shares)
-    for effect in scene.effects.values():
-        if isinstance(effect, SourceEffect):
-            signals = signals.plus(effect.source(scene.design, ambient))
+    for source in effects.source:
+        signals = signals.plus(source.source(design, ambient))
     return signals

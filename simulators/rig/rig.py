@@ -18,11 +18,11 @@ from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import EFFECTS
-from palpate.simulators.effects.effect import AmplifierEffect, DriveEffect, LeakEffect
 from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
 from palpate.simulators.physics.chain import Chain
+from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Touch
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.assembly import chain_of, film_signals
@@ -36,14 +36,12 @@ class Rig:
     """The scene's state. All times are integer nanoseconds of the clock; call under the clock's lock."""
 
     def __init__(self, scene: Scene, clock: VirtualClock) -> None:
-        in_order = {name: scene.effects[name] for name in EFFECTS if name in scene.effects}
-        self.scene = scene = replace(scene, effects=in_order)
+        self.effects = Effects({name: scene.effects[name] for name in EFFECTS if name in scene.effects})
+        self.scene = scene = replace(scene, effects=self.effects)
         self._clock = clock
         self._films = scene.design.films
-        self._streams = {name: Stream(scene.seed, name) for name in scene.effects}
-        effects = scene.effects.values()
-        loaded = any(isinstance(e, AmplifierEffect) for e in effects)  # a film that nothing loads cannot be discharged
-        self._leak = next((e for e in effects if loaded and isinstance(e, LeakEffect)), None)
+        self._streams = {each.name: Stream(scene.seed, each.name) for each in self.effects.films}
+        self._leak = self.effects.leak if self.effects.amplifier else None  # a film without a load keeps its charge
         self._bridge_tau = BRIDGE_TAU
         self._mounted = Mounted(scene.design)
         self.position = 0.0
@@ -67,9 +65,8 @@ class Rig:
 
     def set_voltage(self, voltage: Periodic) -> None:
         """The voltage at the shaker's coil from now on."""
-        for effect in self.scene.effects.values():
-            if isinstance(effect, DriveEffect):
-                voltage = replace(voltage, frequency=effect.frequency(voltage.frequency))
+        for effect in self.effects.drive:
+            voltage = replace(voltage, frequency=effect.frequency(voltage.frequency))
         before, self._voltage = self._voltage, voltage
         alike = np.array_equal(voltage.amplitude, before.amplitude)
         if alike and voltage.mean == before.mean and not voltage.amplitude.any():
@@ -257,10 +254,12 @@ class Rig:
             return self._last
         self._settings = settings, matrices
         mounted, *others = settings
-        return chain_of(self.scene, mounted, signals, *others)
+        return chain_of(self.scene, self.effects, mounted, signals, *others)
 
     def _film_signals(self) -> StateSpace:
-        return film_signals(self.scene, self._mounted, self._streams, self._set_at_ns, self._ambient)
+        return film_signals(
+            self.scene.design, self.effects, self._mounted, self._streams, self._set_at_ns, self._ambient
+        )
 
     def _leakage(self, epoch: int | None = None) -> float:
         """Conductance across a film in the middle of an epoch, None: the present one [S]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self
 
 import can
 import numpy as np
@@ -19,7 +19,6 @@ from palpate.simulators.wire.can_bus import LockedNetwork, burst, open_bus
 from palpate.simulators.wire.canopen_device import attach, local_node
 
 if TYPE_CHECKING:
-    from palpate.simulators.effects.can_timing import CanTiming
     from palpate.simulators.faults.can import Send
 
 BURST = 64  # of SYNCs, whose frames are sent together
@@ -87,7 +86,7 @@ class CanSegment:
         self._local = {node.id: local_node(node) for node in self.nodes}
         self._sync_from_ns = NEVER
         self._sync_period_ns = 0
-        self._timing = cast("CanTiming | None", rig.scene.effects.get("can_timing"))
+        self._timing = rig.effects.can
         self._busy_until_ns = 0
         clock.add(self)
 

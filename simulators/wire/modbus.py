@@ -21,9 +21,9 @@ from palpate.simulators.wire.device import Refused, SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
 
 if TYPE_CHECKING:
-    from palpate.simulators.effects.serial_timing import SerialTiming
     from palpate.simulators.faults.rtu import NoisyLine
     from palpate.simulators.faults.tcp import FaultyLink
+    from palpate.simulators.physics.stages import LineEffect
 
 LOOPBACK = "127.0.0.1"
 OUTER = 4  # bytes of a frame around its data: unit, function, check sum
@@ -116,7 +116,7 @@ class ServerThread:
 
         self._run(make())
 
-    def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None) -> str:
+    def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> str:
         """Serve several units on one serial line; returns the path of the line's other end."""
         line = _Line(devices, timing)
 
@@ -230,7 +230,7 @@ class _Line:
     A wait here blocks the server and no coroutine: the client waits for its reply, and nobody else moves the clock.
     """
 
-    def __init__(self, devices: dict[int, SimulatedDevice], timing: SerialTiming | None) -> None:
+    def __init__(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> None:
         self._units = set(devices)
         self._clock = next(iter(devices.values())).clock
         self._timing = timing

@@ -11,7 +11,7 @@ from palpate.drivers.devices.sensor_node import acquire
 from palpate.instrument.contracts.sensor_node import bus_load
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row
 
 NODES, RATE, SECONDS = 20, 1000, 60.0

@@ -26,6 +26,7 @@ from types import FrameType
 import numpy as np
 
 from palpate.instrument.errors import PalpateError
+from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning.plan import case_of
 from tests.benchmarks.lines import read
@@ -96,7 +97,7 @@ def _tried(number: int) -> Tried:
     none: list[float | None] = [None, None]
     try:
         case = case_of(scene.design, scene.model, scene.effects, chosen.question, scene.rig)
-        bound = effect.bound(case)
+        bound = bound_of(case, effect)
         given = math.isfinite(bound.force) or math.isfinite(bound.ratio)
         long = {"hysteresis", "humidity_leak"} & set(chosen.with_it.effects)
         # Without a bound one draw tells whether there is anything to compare.

@@ -8,7 +8,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from palpate.drivers.bench import Bench
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row, interleaved
 
 ROUNDS = 1500

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.table import Table
 
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row
 from tests.fault_matrix import ONCE, STAYS, Cell, Outcome, play_all
 from tests.fault_procedures import PROCEDURES

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 from palpate.procedures.testing.benches import simulated_bench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row
 from tests.conftest import open_ends
 

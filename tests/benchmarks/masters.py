@@ -31,7 +31,7 @@ from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.errors import BenchError
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import Place, SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.device import SimulatedDevice
 from tests.benchmarks.row import Row
 

@@ -20,7 +20,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from palpate.instrument.contracts.signal_generator import CONTRACT
 from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import LOOPBACK, Place
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row
 
 REQUESTS = 3000  # of a round, all clients together

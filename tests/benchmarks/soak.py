@@ -26,7 +26,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.servo import LoadServo, press
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.records import HEADER
 from tests.benchmarks.row import Row
 

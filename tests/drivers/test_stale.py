@@ -20,7 +20,7 @@ from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.drivers.virtual_line import VirtualLine, checked
 from tests.stale import KINDS, NONE, TOLD, tried
 

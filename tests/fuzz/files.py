@@ -23,7 +23,8 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellC
 from palpate.instrument.config import Config, parse
 from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.stored.surface import STORED, ResponseSurface, read
-from palpate.simulators.scenes.scene import read_scene, shipped
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import shipped
 from tests.fuzz.quantities import value_of
 from tests.fuzz.target import Target, require
 

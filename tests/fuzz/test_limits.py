@@ -21,7 +21,8 @@ from palpate.procedures.records.format3 import DATABASE
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce.chapter4 import solutions
-from palpate.simulators.scenes.scene import MOST_EFFECTS, read_scene
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import MOST_EFFECTS
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers
 from tests.fuzz.files import BENCH
 from tests.runs import as_format3

@@ -28,7 +28,8 @@ from palpate.procedures.measurements.loads.procedure import Progress, SweepResul
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import NEVER
-from palpate.simulators.scenes.scene import Scene, read_scene
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
 
 HEADER = {"procedure": "sweep-loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
 

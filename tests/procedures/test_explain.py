@@ -8,7 +8,7 @@ import pytest
 
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning import plan as planning
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 NOISY = IDEAL_SCENE + '\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n'

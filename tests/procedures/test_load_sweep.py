@@ -23,7 +23,8 @@ from palpate.procedures.measurements.loads.plan import parse_loads
 from palpate.procedures.measurements.loads.procedure import LoadPoint, evaluate
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene, read_scene
+from palpate.simulators.planning.settle import read_scene, with_model
+from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
 
@@ -127,7 +128,7 @@ def test_the_noise_part_of_the_uncertainty_is_the_scatter_that_noise_makes(tmp_p
 
 @pytest.mark.parametrize("model", ["experiment", "column", "beam", "beam_printed"])
 def test_without_imperfections_the_ratio_is_the_models_and_the_force_is_the_load(tmp_path: Path, model: str) -> None:
-    scene = scene_of(IDEAL_SCENE, tmp_path).with_model(model)
+    scene = with_model(scene_of(IDEAL_SCENE, tmp_path), model)
     # a large load on hard samples: on less the converter's steps, 15 µV, are more than 1e-3 of the rigid film
     result = sweep_scene(scene, tmp_path / "run", samples=("1", "6"), loads=(7.2,), calibration=IDEAL_CALIBRATION)
     for p in result.points:

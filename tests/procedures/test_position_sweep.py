@@ -6,7 +6,7 @@ import pytest
 
 from palpate.instrument.thesis import read_table
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SWEEP = ("sweep", "position")

@@ -16,8 +16,9 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.showing import scene_plot
 from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
-from palpate.simulators.scenes.scene import read_scene, shipped
+from palpate.simulators.scenes.scene import shipped
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 HEAD = {"scene", "purpose", "design", "model", "parameter_set", "seed", "nodes", "effects"}

@@ -14,6 +14,7 @@ from palpate.procedures.virtual.person import Person
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import NODE
+from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
 
@@ -120,7 +121,7 @@ def test_several_are_told_apart_and_cleared_by_place_or_all_at_once(sim: Simulat
 
 
 def test_those_of_the_scene_are_listed_and_can_be_cleared(scene: Scene, nothing_left_behind: None) -> None:
-    with SimulatedBench(scene.with_faults([{"kind": "bridge_open", "on": "strain_indicator", "at": "1 s"}])) as sim:
+    with SimulatedBench(with_faults(scene, [{"kind": "bridge_open", "on": "strain_indicator", "at": "1 s"}])) as sim:
         person = Person(sim)
         assert person.do("faults") == "strain_indicator bridge_open at=1 s: has struck 0 times"
         sim.clock.wait(2.0)
@@ -151,7 +152,7 @@ def test_a_sample_changer_has_faults_as_every_device_and_its_client_notices(scen
 def test_a_fault_of_a_sample_changer_is_refused_where_there_is_none(sim: SimulatedBench, scene: Scene) -> None:
     with pytest.raises(ConfigError, match=r"this bench has no sample_changer.*serve --samples"):
         Person(sim).do("fault sample_changer power_cycle")
-    faulty = scene.with_faults([{"kind": "no_reply", "on": "sample_changer", "at": "1 s"}])
+    faulty = with_faults(scene, [{"kind": "no_reply", "on": "sample_changer", "at": "1 s"}])
     with pytest.raises(ConfigError, match="this bench has no sample_changer"), SimulatedBench(faulty):
         pass
 

@@ -20,7 +20,7 @@ from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.study.run import attempt
 from palpate.procedures.virtual import executors
 from palpate.procedures.virtual.study_cell import COLUMNS, Sweep
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate, sweep_scene
 
 LOADS = (2.0, 3.0)

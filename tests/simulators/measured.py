@@ -13,9 +13,10 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects.adc import Adc
-from palpate.simulators.effects.effect import Effect, InputEffect
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
+from palpate.simulators.physics.effect import Effect
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig

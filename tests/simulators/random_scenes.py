@@ -16,9 +16,10 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.effects import EFFECTS, effect_class
-from palpate.simulators.effects.effect import Effect
+from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import RATE, Question
-from palpate.simulators.scenes.scene import RigParameters, Scene, read_scene
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import RigParameters, Scene
 
 ELSEWHERE = ("can_timing", "load_cell", "serial_timing")  # the films do not pass them
 LIMITS = ("amplifier_clip", "current_limit", "end_stops")

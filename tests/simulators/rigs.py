@@ -9,8 +9,9 @@ import numpy as np
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.scenes.scene import RigParameters, Scene, read_scene
+from palpate.simulators.scenes.scene import RigParameters, Scene
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -8,7 +8,6 @@ from palpate.simulators.effects.can_timing import CanTiming
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.effects.current_limit import CurrentLimit
-from palpate.simulators.effects.effect import Effect
 from palpate.simulators.effects.end_stops import EndStops
 from palpate.simulators.effects.frequency_error import FrequencyError
 from palpate.simulators.effects.gain_scatter import GainScatter
@@ -27,6 +26,7 @@ from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.effects.voltage_amplifier import VoltageAmplifier
 from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.physics.effect import Effect
 
 STRONG: dict[str, Effect] = {
     "frequency_error": FrequencyError(bits=28),

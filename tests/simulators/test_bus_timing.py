@@ -16,9 +16,10 @@ from palpate.instrument.contracts.sensor_node import bus_load, place, stuff_bits
 from palpate.instrument.errors import LinkError
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.effects.can_timing import CanTiming
-from palpate.simulators.effects.effect import Bound, Case, Effect
 from palpate.simulators.effects.serial_timing import SerialTiming
+from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.planning.plan import Question, case_of
 from palpate.simulators.scenes.scene import Scene
 
@@ -156,8 +157,8 @@ def test_timing_changes_no_result_unless_samples_are_lost() -> None:
     def case(design: str) -> Case:
         return case_of(get_design(design), "column", {}, Question())
 
-    assert SerialTiming().bound(case("single")) == Bound(0.0, 0.0)
-    assert CanTiming().bound(case("array_16")) == Bound(0.0, 0.0)
+    assert bound_of(case("single"), SerialTiming()) == Bound(0.0, 0.0)
+    assert bound_of(case("array_16"), CanTiming()) == Bound(0.0, 0.0)
     crowded = replace(case("array_16"), rate=1000.0)
     assert place(17) == (5, 1)
-    assert CanTiming().bound(crowded) == Bound(math.inf, math.inf)
+    assert bound_of(crowded, CanTiming()) == Bound(math.inf, math.inf)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import itertools
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -22,7 +25,6 @@ from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.effects.current_limit import CurrentLimit
-from palpate.simulators.effects.effect import Effect, Floats, Kind, SourceEffect
 from palpate.simulators.effects.end_stops import EndStops
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.glue_clamping import GlueClamping
@@ -32,10 +34,14 @@ from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.physics.effect import Effect, Floats, Kind
+from palpate.simulators.physics.stages import SourceEffect
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 from tests.simulators.strong import STRONG, together
+
+SIMULATORS = Path(__file__).parents[2] / "simulators"
 
 
 def seen(
@@ -58,6 +64,19 @@ def seen(
     return samples.counts.tobytes() + samples.saturation.tobytes(), readings
 
 
+def test_nobody_else_asks_for_an_effect_by_its_name_or_its_type() -> None:
+    names, asked = EFFECTS.keys() - {"hysteresis", "current_limit"}, []  # a kind of effect, and a register
+    for file in (path for path in SIMULATORS.rglob("*.py") if path.parent.name != "effects"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Constant(value=str(text)) if text in names:
+                    asked.append(f"{file.name}:{node.lineno} {text}")
+                case ast.Call(func=ast.Name(id="isinstance"), args=[_, asked_for]) if file.name != "in_order.py":
+                    if re.search(r"\w+Effect\b", ast.unparse(asked_for)):
+                        asked.append(f"{file.name}:{node.lineno} {ast.unparse(node)}")
+    assert asked == []
+
+
 # --- the shape of an effect ----------------------------------------------------------------------------
 
 
@@ -67,6 +86,7 @@ def test_every_effect_has_a_kind_defaults_for_all_and_cannot_be_changed(name: st
     assert effect.kind in get_args(Kind)
     assert isinstance(effect.cancels_in_ratio, bool)
     assert type(effect).__module__ == f"palpate.simulators.effects.{name}"
+    assert effect.name == name
     for parameter in type(effect).model_fields:
         with pytest.raises(ValueError, match="frozen"):
             setattr(effect, parameter, 1.0)

@@ -16,12 +16,12 @@ from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.crosstalk import Crosstalk
-from palpate.simulators.effects.effect import Effect
 from palpate.simulators.effects.glue_clamping import GlueClamping
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.linear.lti import Floats
+from palpate.simulators.physics.effect import Effect
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene

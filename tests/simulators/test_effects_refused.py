@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import ConfigError
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 
 HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 

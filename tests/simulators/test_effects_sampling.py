@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from palpate.instrument.signals.estimate import fit_sine
+from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.bounds.fits import fitted
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SensorNode
 from palpate.simulators.effects import pink_noise
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
-from palpate.simulators.effects.effect import Bound, Case, Effect, Floats, InputEffect
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.glue_clamping import GlueClamping
 from palpate.simulators.effects.jitter import Jitter
@@ -26,6 +26,8 @@ from palpate.simulators.effects.mains_hum import MainsHum
 from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.linear.lti import Times
+from palpate.simulators.physics.effect import Bound, Case, Effect, Floats
+from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.planning.plan import Question, case_of, driven
 from palpate.simulators.randomness import BLOCK, Stream
 from palpate.simulators.rig.rig import Rig
@@ -302,7 +304,7 @@ TRIED: dict[str, Effect] = {
 def test_no_measurement_changes_by_more_than_the_bound_and_some_by_a_tenth_of_it(name: str) -> None:
     nearest = 0.0
     for question in QUESTIONS:
-        bound = TRIED[name].bound(settled(question)[1])  # type: ignore[attr-defined]
+        bound = bound_of(settled(question)[1], TRIED[name])
         for seed in range(6):
             changed = change(TRIED[name], question, seed)
             assert changed.force <= bound.force, (question, seed)
@@ -315,7 +317,7 @@ def test_what_cannot_change_anything_is_bounded_by_nothing() -> None:
     case = settled(Question())[1]
     silent = (WhiteNoise(density="0 V/√Hz"), PinkNoise(density="0 V/√Hz"), MainsHum(amplitude="0 V"))
     for effect in (*silent, Jitter(delay="0 s")):
-        assert effect.bound(case) == Bound(0.0, 0.0)
+        assert bound_of(case, effect) == Bound(0.0, 0.0)
 
 
 def test_a_film_that_gives_hardly_anything_leaves_no_bound_of_the_ratio() -> None:
@@ -323,14 +325,14 @@ def test_a_film_that_gives_hardly_anything_leaves_no_bound_of_the_ratio() -> Non
     case = case_of(chosen.design, chosen.model, {"glue_clamping": GlueClamping(factor=1e-9)}, Question())
     noise = WhiteNoise(density="20 µV/√Hz")
     beside = replace(case, effects={**case.effects, "pink_noise": PinkNoise()})
-    assert noise.bound(beside).ratio == math.inf
-    assert noise.bound(beside).force < 0.01
+    assert bound_of(beside, noise).ratio == math.inf
+    assert bound_of(beside, noise).force < 0.01
 
 
 def test_the_bound_of_the_ratio_is_that_of_a_tooth_too_loud_over_a_base_too_quiet() -> None:
     case = case_of(scene().design, scene().model, {}, Question())
-    rigid, total = (WhiteNoise(density=f"{density} V/√Hz").bound(case) for density in (1e-6, 1e-5))
-    quiet = GlueClamping(factor=0.5, films=("total",)).bound(case)
+    rigid, total = (bound_of(case, WhiteNoise(density=f"{density} V/√Hz")) for density in (1e-6, 1e-5))
+    quiet = bound_of(case, GlueClamping(factor=0.5, films=("total",)))
     assert quiet.ratio == pytest.approx(1.0) and quiet.force == pytest.approx(0.5)
     assert total.ratio > 10 * rigid.ratio > 10 * rigid.force
 
@@ -345,14 +347,14 @@ def test_a_bound_grows_with_what_the_other_effects_take_from_the_signal() -> Non
         {"adc": Adc()},
     ):
         beside: dict[str, Effect] = {**case.effects, **other}
-        assert noise.bound(replace(case, effects=beside)).ratio > 1.01 * noise.bound(case).ratio, other
+        assert bound_of(replace(case, effects=beside), noise).ratio > 1.01 * bound_of(case, noise).ratio, other
 
 
 def test_beside_a_converter_the_least_noise_can_change_both_results_by_its_rounding() -> None:
     case = settled(Question())[1]
     beside = replace(case, effects={**case.effects, "adc": Adc()})
     step, amplitude = 10 / 2**16, abs(fitted(case, case.follow(case.effects).volts(linear=True))[:, 1]).min()
-    bound = MainsHum(amplitude="1 nV").bound(beside).force
+    bound = bound_of(beside, MainsHum(amplitude="1 nV")).force
     assert 0.02 * step / amplitude < bound < 4 / math.pi * step / amplitude
 
 
@@ -362,4 +364,4 @@ def test_a_bound_is_that_of_the_worst_phase() -> None:
     case = case_of(chosen.design, chosen.model, {}, Question())
     total = chosen.design.film("total").sensitivity * Question().load / 2
     hum = MainsHum(amplitude="1 mV", frequency="10 Hz")
-    assert hum.bound(case).force == pytest.approx(1e-3 / total, rel=0.01)
+    assert bound_of(case, hum).force == pytest.approx(1e-3 / total, rel=0.01)

@@ -16,7 +16,6 @@ from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.current_limit import CurrentLimit
-from palpate.simulators.effects.effect import Effect
 from palpate.simulators.effects.end_stops import EndStops
 from palpate.simulators.effects.frequency_error import FrequencyError
 from palpate.simulators.effects.hysteresis import Hysteresis
@@ -24,6 +23,7 @@ from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
 from palpate.simulators.effects.viscoelastic import PRONY, Viscoelastic
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import HERTZ
+from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.plan import driven as measured
 from palpate.simulators.planning.steady import phasors as settled

@@ -12,7 +12,7 @@ import pytest
 from palpate.instrument.errors import ConfigError
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault, Trigger, parse_faults
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 
 HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
 FIRST = 'kind = "no_reply"\non = "signal_generator"\n'
@@ -126,7 +126,7 @@ LIFE = """
 import sys
 from palpate.drivers.bench import Bench
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 for file in sys.argv[1:]:
     with SimulatedBench(read_scene(file)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.nodes[0].acquire(0.1)

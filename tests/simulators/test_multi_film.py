@@ -16,7 +16,8 @@ from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.scenes.scene import Scene, read_scene
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import SECOND
 
 STEP = 0.5 / 32768  # V, of the sensitive range

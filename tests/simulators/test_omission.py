@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.simulators.bounds.dwells import begun, touched
+from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
-from palpate.simulators.effects.effect import Bound, Effect
 from palpate.simulators.effects.frequency_error import FrequencyError
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.humidity_leak import HumidityLeak
@@ -25,8 +24,11 @@ from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.periodic import CYCLE, SECOND
+from palpate.simulators.physics.dwells import begun, touched
+from palpate.simulators.physics.effect import Bound, Effect
 from palpate.simulators.planning.plan import Question, case_of, driven
-from palpate.simulators.scenes.scene import Scene, read_scene
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
 from tests.benchmarks.bounds import _sources, rows, tried
 from tests.simulators.measured import changes, force_and_ratio
 from tests.simulators.random_scenes import drawn
@@ -52,7 +54,7 @@ def beside(others: dict[str, Effect], name: str, effect: Effect, seed: int = 1) 
 
 
 def bounded(name: str, without: Scene, with_it: Scene, question: Question) -> Bound:
-    return with_it.effects[name].bound(case_of(without.design, without.model, without.effects, question))
+    return bound_of(case_of(without.design, without.model, without.effects, question), with_it.effects[name])
 
 
 def changed(without: Scene, with_it: Scene, question: Question) -> Bound | None:

@@ -12,16 +12,16 @@ from palpate.simulators.effects.adc import Adc
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.current_limit import CurrentLimit
-from palpate.simulators.effects.effect import Effect
 from palpate.simulators.effects.end_stops import EndStops
 from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.effects.mains_hum import MainsHum
 from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
 from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning import plan as planning
 from palpate.simulators.planning.plan import CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS, Plan, Question, plan
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.steady import phasors
-from palpate.simulators.scenes.scene import read_scene
 from tests.simulators.rigs import scene
 
 

@@ -8,9 +8,10 @@ import pytest
 
 from palpate.simulators import effects
 from palpate.simulators.effects import EFFECTS, effect_class
-from palpate.simulators.effects.effect import Effect
+from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question
-from palpate.simulators.scenes.scene import read_scene, shipped
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import shipped
 from tests.simulators.measured import volts
 
 

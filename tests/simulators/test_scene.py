@@ -25,8 +25,9 @@ from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS
+from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.scenes.scene import LARGEST_SEED, Scene, read_scene, shipped
+from palpate.simulators.scenes.scene import LARGEST_SEED, Scene, shipped
 
 HEAD = 'name = "try"\npurpose = "a test"\ndesign = "single"\n'
 EVERYTHING = {
@@ -114,7 +115,7 @@ def test_another_seed_or_model_leaves_the_rest_and_the_original_alone() -> None:
     scene = read_scene("thesis_single")
     assert (scene.with_seed(5).seed, scene.with_seed(5).effects, scene.seed) == (5, scene.effects, 1)
     assert scene.with_seed(LARGEST_SEED).seed == LARGEST_SEED
-    assert (scene.with_model("column").model, scene.model) == ("column", "experiment")
+    assert (with_model(scene, "column").model, scene.model) == ("column", "experiment")
 
 
 # --- the model -----------------------------------------------------------------------------------------
@@ -179,11 +180,11 @@ def test_another_model_keeps_the_tolerance_where_it_can_meet_one(
     tmp_path: Path, asked: list[tuple[set[float], float]]
 ) -> None:
     scene = read(tmp_path, 'model = "auto"\ntolerance = 1e-3\n')
-    assert (scene.with_model("solid").model, scene.with_model("solid").tolerance) == ("solid", 1e-3)
-    column = scene.with_model("column")
+    assert (with_model(scene, "solid").model, with_model(scene, "solid").tolerance) == ("solid", 1e-3)
+    column = with_model(scene, "column")
     assert (column.model, column.tolerance, column.why) == ("column", None, "")
     assert "tolerance" not in column.to_toml()
-    assert read(tmp_path, 'model = "column"').with_model("auto").why == "column is cheap"
+    assert with_model(read(tmp_path, 'model = "column"'), "auto").why == "column is cheap"
 
 
 def test_finite_elements_answer_when_a_sample_is_mounted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -341,7 +342,7 @@ def test_a_name_that_no_scene_has_is_refused_with_the_nearest() -> None:
 def test_an_unknown_model_or_sample_or_a_seed_out_of_range_is_refused_outside_files_too() -> None:
     scene = read_scene("thesis_single")
     with pytest.raises(UnknownName, match=r"unknown model 'beem' \(did you mean 'beam'\?\)"):
-        scene.with_model("beem")
+        with_model(scene, "beem")
     with pytest.raises(UnknownName, match="unknown sample '7'; valid: 1, 2, 3, 4, 5, 6"):
         get_sample("7")
     for seed in (-1, LARGEST_SEED + 1):
@@ -356,7 +357,7 @@ LIFE = """
 import sys
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import read_scene
+from palpate.simulators.planning.settle import read_scene
 files = sys.argv[1:]
 for file in files:
     scene = read_scene(file)
@@ -389,18 +390,18 @@ def test_the_module_of_an_absent_effect_is_never_imported(tmp_path: Path) -> Non
 
 def test_a_parameter_set_goes_over_the_scenes_design_and_samples() -> None:
     scene = read_scene("thesis_single")
-    fitted = scene.with_model("surface", "identified")
+    fitted = with_model(scene, "surface", "identified")
     chosen = get_parameter_set("identified", "surface")
     sample = get_sample("3")
     expected = response(chosen.design(scene.design), chosen.load(sample.modulus), "surface")
     assert replace(fitted.answer(sample), stiffness=expected.stiffness) == expected
     assert fitted.answer(sample).stiffness == scene.answer(sample).stiffness  # of the sample itself
-    assert fitted.answer(sample).force_ratio != scene.with_model("surface").answer(sample).force_ratio
-    assert scene.with_model("surface").answer(sample) == scene.with_model("surface", "physical").answer(sample)
+    assert fitted.answer(sample).force_ratio != with_model(scene, "surface").answer(sample).force_ratio
+    assert with_model(scene, "surface").answer(sample) == with_model(scene, "surface", "physical").answer(sample)
 
 
 def test_a_scenes_parameter_set_is_in_its_file_and_comes_back(tmp_path: Path) -> None:
-    fitted = read_scene("thesis_single").with_model("surface", "identified")
+    fitted = with_model(read_scene("thesis_single"), "surface", "identified")
     path = tmp_path / "again.toml"
     path.write_text(fitted.to_toml(), encoding="utf-8")
     assert read_scene(str(path)).design == fitted.design

@@ -14,9 +14,10 @@ from palpate.simulators.devices.sensor_node import Samples, SensorNode
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.linear.lti import Floats
 from palpate.simulators.planning.plan import Question, driven
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.scenes.scene import Scene, read_scene, shipped
+from palpate.simulators.scenes.scene import Scene, shipped
 
 SCENES = (
     "array_16", "everything", "humid_body", "ideal", "long_drift", "noisy_lab", "overdriven", "thesis_common_base",

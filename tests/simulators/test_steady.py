@@ -12,10 +12,10 @@ from scipy.linalg import expm
 
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.effects import EFFECTS
-from palpate.simulators.effects.effect import Effect
 from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.linear.lti import Complexes, Floats
 from palpate.simulators.linear.periodic import HERTZ, SECOND
+from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.steady import describing_function, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig

@@ -8,8 +8,8 @@ import pytest
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SensorNode
 from palpate.simulators.linear.periodic import HERTZ
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.scenes.scene import read_scene
 from tests.simulators.rigs import MS, SECOND, pressed
 
 pytestmark = pytest.mark.slow

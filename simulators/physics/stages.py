@@ -1,89 +1,27 @@
-"""What every effect is: frozen parameters with units, default and source, its kind, and its place in the chain.
+"""The places of effects in the chain, in the chain's own order, whatever the order in a scene file:
 
-The chain's own order, whatever the order in a scene file:
+    drive -> shaker -> stack -> films -> source -> amplifier -> input -> converter -> can
+                            `-> cell -> line
 
-    drive -> shaker -> stack -> films -> source -> amplifier -> input -> converter -> bus
-                            `-> cell
-
-Each stage has a class with one method; an effect stands alone in its file and overrides that method.
+Each place has a class; an effect stands alone in its file and overrides that class's methods.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.config import Config
 from palpate.instrument.sensor.design import Design, Film
+from palpate.simulators.physics.effect import Case, Effect, Floats, Rates
 
 if TYPE_CHECKING:
-    from palpate.simulators.bounds.dwells import Dwell
     from palpate.simulators.linear.lti import StateSpace, Times
     from palpate.simulators.physics.parts import Armature, Limits, Plays, Stack
     from palpate.simulators.randomness import Stream
-    from palpate.simulators.rig.rig import Rig
-
-Floats = npt.NDArray[np.float64]
-Rates = Callable[[], Floats]  # of a film in some phases of the drive (p, n) [V/s]
-Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
-
-
-@dataclass(frozen=True, slots=True)
-class Bound:
-    """Greatest relative change of a result that leaving an effect out can make; inf where nothing holds."""
-
-    force: float
-    ratio: float
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A measurement at a set load that a bound is asked for.
-
-    Attributes:
-        frequency: of the drive [Hz].
-        dwell: of the least-squares fit [s].
-        rate: samples a second.
-        settled: how long the drive was on before the dwell [s].
-        effects: that the scene simulates, by name.
-        driven: a bench with these effects whose drive has just been set for the load.
-        follow: what the films of such a bench give over the dwell.
-    """
-
-    design: Design
-    frequency: float
-    dwell: float
-    rate: float
-    settled: float
-    effects: Effects
-    driven: Callable[[Effects], Rig]
-    follow: Callable[[Effects], Dwell]
-
-
-class Effect(Config, ABC):
-    """One imperfection.
-
-    Its parameters are fields whose defaults carry a mark: [T] thesis, [S] published source, [M] measured,
-    [A] assumption. `kind`: `lti`, a gain or a linear system; `static_nl`, a memoryless map; `hysteresis`;
-    `additive`, a voltage that adds to the films'; `ltv`, a linear system that changes with time; `timing`, when
-    something happens on a bus.
-    """
-
-    kind: ClassVar[Kind]
-    cancels_in_ratio: ClassVar[bool]
-    excludes: ClassVar[Sequence[str]] = ()
-
-    @abstractmethod
-    def bound(self, case: Case) -> Bound:
-        """Greatest change of the results that leaving the effect out can make."""
-
-
-Effects = Mapping[str, Effect]
 
 
 class DriveEffect(Effect, ABC):
@@ -122,6 +60,11 @@ class HysteresisEffect(Effect, ABC):
 
 class FilmsEffect(Effect, ABC):
     """Changes the films' gains."""
+
+    @property
+    def scatter(self) -> float | None:
+        """Spread of gains that each load set draws anew, as a multiple of the design's own; None: they stay."""
+        return None
 
     @abstractmethod
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
@@ -198,6 +141,61 @@ class InputEffect(Effect, ABC):
     def largest(self, case: Case, rates: Rates) -> float:
         """Greatest voltage that it adds to a sample [V]."""
 
-    def dither(self, case: Case) -> float:
-        """Standard deviation of what it adds to each sample independently of all others [V]."""
-        return 0.0
+
+class ConverterEffect(Effect, ABC):
+    """The converter of the sensor nodes. `bits`: of its samples."""
+
+    bits: int
+
+    @abstractmethod
+    def convert(self, fraction: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Converted samples and saturation flags of samples given as a fraction of the range."""
+
+
+class CanEffect(Effect, ABC):
+    """When frames pass on the CAN bus. `bitrate`: of the bus [bit/s]."""
+
+    bitrate: float
+
+    @abstractmethod
+    def burst(self, frames: Sequence[tuple[int, int]], period_ns: int) -> tuple[list[int], int]:
+        """Which of the frames, of an identifier and a size each, follow a SYNC in time, and in what order.
+
+        Returns:
+            their places in `frames`; and when the bus is free again, counted from the SYNC [ns].
+        """
+
+    @abstractmethod
+    def transfer_ns(self) -> int:
+        """The time that request and answer of an SDO take."""
+
+
+class LineEffect(Effect, ABC):
+    """When characters pass on the serial line. `baudrate`: of the line [bit/s]."""
+
+    baudrate: float
+
+    @abstractmethod
+    def frame(self, size: int) -> float:
+        """The time that a frame of `size` bytes takes with the silence behind it [s]."""
+
+
+class CellEffect(Effect, ABC):
+    """What the strain indicator shows of the force on the load cell."""
+
+    @property
+    @abstractmethod
+    def digits(self) -> int:
+        """Decimals of the display."""
+
+    @abstractmethod
+    def crept(self, force: float, placed: Sequence[tuple[int, float]], now_ns: int) -> float:
+        """The force [N] that the cell feels, `placed` being when dead weights changed [ns] and by how much [N]."""
+
+    @abstractmethod
+    def in_position(self, degrees: float) -> float:
+        """Sensitivity of the cell turned about its axis [V/N]."""
+
+    @abstractmethod
+    def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
+        """The reading in mV at display update number `update` of a bridge that should read `ideal_mV`."""

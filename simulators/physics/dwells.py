@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats, Times
+from palpate.simulators.linear.lti import Floats, StateSpace, Times
 from palpate.simulators.linear.path import Path
-from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND
+from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 from palpate.simulators.physics.parts import Touch
-from palpate.simulators.rig.rig import Rig
 
 STARTS = 3  # phases in which the drive begins: where the chain is linear, all others follow from them
 PHASES = 12 * STARTS
@@ -20,6 +20,24 @@ GONE = 30.0  # time constants, after which it does not matter how something bega
 LIMITS = ("contact", "rail", "current", "stop")
 
 Seen = Callable[[Path, Times, slice], Floats]  # of a path at some times: its outputs, or their rates (films, n)
+
+
+class Driven(Protocol):
+    """A bench whose drive has just been set."""
+
+    @property
+    def path(self) -> Path:
+        """What follows from the present settings."""
+
+    def path_from(self, phase: int) -> Path:
+        """What would follow if the drive had begun so much later in its period [1/CYCLE], all else as it was."""
+
+    def coil_voltage(self) -> Periodic:
+        """The voltage at the shaker's coil."""
+
+    def without_limits(self) -> tuple[StateSpace, list[int]]:
+        """From the inputs to film voltages and force on the load cell, (films + 1,), where no limit acts and each play
+        operator follows its force; and the plays' states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,36 +93,36 @@ class Dwell:
         return by_phase.reshape(PHASES, self.films, len(self.times))
 
 
-def dwell_of(rig: Rig, settled: float, dwell: float, rate: float) -> Dwell:
+def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float) -> Dwell:
     """`settled` s after the drive was set, for `dwell` s, `rate` samples a second."""
     times = (round(settled * rate) + np.arange(max(1, round(dwell * rate)))) * round(1e9 / rate)
     end_ns = round(1e9 * (settled + dwell))
     frequency = rig.coil_voltage().frequency
     period = SECOND * HERTZ // frequency if frequency else 0
-    films, linear, starts = len(rig.scene.design.films), True, []
+    linear, starts = True, []
     for path in begun(rig, STARTS):
         starts.append(path)
         for touch in touched(path, end_ns):
             if met(touch, LIMITS):
                 return Dwell(times, films, period, starts, linear=False, limited=True)
             linear = linear and touch == Touch(drag=(0,) * len(touch.drag))
-        if not linear and _settled(rig, settled):
+        if not linear and _settled(rig, films, settled):
             del starts[1:]  # all other phases come later
             break
     return Dwell(times, films, period, starts, linear, limited=False)
 
 
-def _settled(rig: Rig, settled: float) -> bool:
+def _settled(rig: Driven, films: int, settled: float) -> bool:
     """Whether all that films see but the plays, which forget in a period, has forgotten how the drive began."""
     system, plays = rig.without_limits()
-    seen = (system.c[: len(rig.scene.design.films)] != 0).any(axis=0)
+    seen = (system.c[:films] != 0).any(axis=0)
     for _ in range(system.order):
         seen |= seen @ (system.a != 0)
     seen[plays] = False
     return bool((np.linalg.eigvals(system.a[np.ix_(seen, seen)]).real * settled < -GONE).all())
 
 
-def begun(rig: Rig, starts: int) -> Iterator[Path]:
+def begun(rig: Driven, starts: int) -> Iterator[Path]:
     """What follows where the drive that was just set begins in each of some phases."""
     yield rig.path
     for start in range(1, starts):

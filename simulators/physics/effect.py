@@ -1,0 +1,98 @@
+"""What every effect is: frozen parameters with units, default and source, its kind, and a bound on what it changes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.instrument.config import Config
+from palpate.instrument.sensor.design import Design
+
+if TYPE_CHECKING:
+    from palpate.simulators.physics.dwells import Driven, Dwell
+
+Floats = npt.NDArray[np.float64]
+Rates = Callable[[], Floats]  # of a film in some phases of the drive (p, n) [V/s]
+Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Greatest relative change of a result that leaving an effect out can make; inf where nothing holds."""
+
+    force: float
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A measurement at a set load that a bound is asked for.
+
+    Attributes:
+        frequency: of the drive [Hz].
+        dwell: of the least-squares fit [s].
+        rate: samples a second.
+        settled: how long the drive was on before the dwell [s].
+        effects: that the scene simulates, by name.
+        driven: a bench with these effects whose drive has just been set for the load.
+        follow: what the films of such a bench give over the dwell.
+    """
+
+    design: Design
+    frequency: float
+    dwell: float
+    rate: float
+    settled: float
+    effects: Mapping[str, Effect]
+    driven: Callable[[Mapping[str, Effect]], Driven]
+    follow: Callable[[Mapping[str, Effect]], Dwell]
+
+
+class Effect(Config):
+    """One imperfection.
+
+    Its parameters are fields whose defaults carry a mark: [T] thesis, [S] published source, [M] measured,
+    [A] assumption. What others ask of every effect is answered here for one that has no part in it; an effect that has
+    answers in its own file.
+
+    Attributes:
+        kind: `lti`, a gain or a linear system; `static_nl`, a memoryless map; `hysteresis`; `additive`, a voltage that
+            adds to the films'; `ltv`, a linear system that changes with time; `timing`, when something happens on a
+            bus.
+        excludes: names of effects that cannot stand beside it.
+        moves: the field of `Touch` that its transitions change; empty: it makes none.
+        seconds_a_sample: CPU time that it adds to each sample of a film [s, M].
+    """
+
+    kind: ClassVar[Kind]
+    cancels_in_ratio: ClassVar[bool]
+    excludes: ClassVar[Sequence[str]] = ()
+    moves: ClassVar[str] = ""
+    seconds_a_sample: ClassVar[float] = 0.0
+
+    @property
+    def name(self) -> str:
+        """The name in scene files: that of the class in small letters, its words joined by underscores."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", type(self).__name__).lower()
+
+    @property
+    def pickup(self) -> float:
+        """The share of the load that it adds to the force which each film seems to feel."""
+        return 0.0
+
+    def dither(self, rate: float) -> float:
+        """Standard deviation of what it adds to each sample independently of all others [V], at samples a second."""
+        return 0.0
+
+    def nearer(self, share: float) -> Effect | None:
+        """The same limit at a share of the quantity that it limits; None: it is no limit."""
+        return None
+
+    def known_bound(self, case: Case) -> Bound | None:
+        """Greatest change by leaving it out, where that is known without following the scene; else None."""
+        return None
