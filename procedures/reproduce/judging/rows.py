@@ -205,7 +205,7 @@ def counts(table: RowTable) -> dict[Evidence, Count]:
 
 
 def counts_record(table: RowTable) -> dict[str, Any]:
-    """The row with the names that JSON has."""
+    """Counts of each class with the names that JSON has."""
     return {evidence.value: asdict(count) for evidence, count in counts(table).items()}
 
 
