@@ -1,1 +1,1 @@
-"""Measures what the accuracy of each sensor model costs in time, and shows it."""
+"""Measuring and showing the time that each sensor model takes for its accuracy."""

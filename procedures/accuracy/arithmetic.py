@@ -1,4 +1,4 @@
-"""What numbers of few bits cost: error and time of a fit, of a phase, and of samples in registers, measured now."""
+"""Prices of numbers with few bits: error and time of a fit, of a phase, and of samples in registers, measured now."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Floats = npt.NDArray[np.float64]
 Real = Literal["float32", "float64"]
 
 FREQUENCY, RATE, DWELL = 10.0, 250.0, 10.0
-OFFSET, LATE = 1000.0, 86_400.0  # amplitudes, of a film that warms up; s, a day on the bench
-STEPS = 2_000_000  # of a clock of 1 kHz: half an hour
+OFFSET, LATE = 1000.0, 86_400.0  # offset of a film that warms up, in amplitudes; s, a day on the bench
+STEPS = 2_000_000  # of a clock of 1 kHz, which are half an hour
 BITS = 48  # of the integer phase
 FILM = 1.24e-3  # V, amplitude under sample 2 at 3 N: the tooth's film of the thesis
 NOISE = 22e-6  # V a sample, 2 µV/√Hz at 250 Hz
-LOAD_MV = 3.0 * 10.306  # of the strain indicator at 3 N
-NEAR = np.linspace(0.95, 1.05, 41)  # sizes about the nominal one: rounding depends on it
+LOAD_MV = 3.0 * 10.306  # reading of the strain indicator at 3 N
+NEAR = np.linspace(0.95, 1.05, 41)  # sizes near the nominal one, because rounding depends on the size
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class ArithmeticPrice:
 
 
 def measure() -> Iterator[ArithmeticPrice]:
-    """Every task in every way; a second or so."""
+    """Measure every task in every way, which takes about a second."""
     yield from _fits()
     yield from _phases()
     yield from _registers()
@@ -57,7 +57,7 @@ def _fits() -> Iterator[ArithmeticPrice]:
 
 
 def _normal(time: Floats, signal: Floats, real: Real) -> float:
-    """Amplitude as anybody would write it down: columns as they are, squared."""
+    """Amplitude by normal equations of the plain columns, the most obvious way."""
     t, y = time.astype(real), signal.astype(real)
     angle = np.array(2 * np.pi * FREQUENCY, real) * t
     columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(t), t], axis=1)
@@ -82,7 +82,7 @@ def _phases() -> Iterator[ArithmeticPrice]:
         "float32 sum": lambda: summed("float32"),
     }
     for way, phase in ways.items():
-        error = 2 * abs(float(np.sin(np.pi * phase())))  # of a sine's amplitude, two at most
+        error = 2 * abs(float(np.sin(np.pi * phase())))  # over a sine's amplitude; two is the greatest
         yield ArithmeticPrice(f"phase after {STEPS:.0e} steps", way, error, seconds_of(phase))
 
 

@@ -1,8 +1,9 @@
-"""What a dwell buys: uncertainty and bias of a force ratio by every estimator, over dwells that a long record holds.
+"""Prices of dwells: uncertainty and bias of a force ratio by each estimator, for dwells cut from a long record.
 
-The record is cut into pieces of each dwell; the spread of their ratios is the uncertainty, their mean the bias. Beside
-them stand the Cramér–Rao bound of the noise that the record has around the drive, and the floor that no dwell beats:
-the scatter of the gains from one load set to the next, and whatever moves in step with the drive.
+The record is cut into pieces of each dwell. The spread of their ratios is the uncertainty, and the error of their mean
+is the bias. They are compared with the Cramér–Rao bound for the noise around the drive, and with the floor that does
+not fall with the dwell: the scatter of the gains from one load set to the next, and everything that moves in step with
+the drive.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from palpate.instrument.signals.sine_columns import sine_columns
 
 DWELLS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0)  # s
 TARGETS = (0.1, 0.01, 1e-3, 1e-4)  # relative standard uncertainty of the ratio
-FEWEST = 10  # pieces of a record that tell a spread: to a quarter of itself
+FEWEST = 10  # pieces of a record; they tell the spread to a quarter of itself
 MOST = 1000
 ROUND_OFF = 1e-12  # relative
-SURE = 2.0  # standard uncertainties that a bias must show above
+SURE = 2.0  # standard uncertainties; a smaller bias does not show
 COHERENT, SCATTER = "in step with the drive", "gain scatter"
 
 
 class LongRecord(Protocol):
-    """Two films under a settled load, and what their ratio should be; see `palpate.simulators.planning.long_record`."""
+    """Record of two films under a settled load, with the true ratio; see `palpate.simulators.planning.long_record`."""
 
     @property
     def time(self) -> Floats: ...
@@ -46,15 +47,16 @@ class LongRecord(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One estimator over one dwell; all relative to the ratio.
+    """One estimator over one dwell. All numbers are relative to the ratio.
 
     Attributes:
-        repeats: pieces of the record.
-        u: standard deviation of their ratios; `u_u` its own standard uncertainty.
-        bias: of their mean; `bias_u` its standard uncertainty.
-        bound: Cramér–Rao, of the noise around the drive.
-        efficiency: bound² / u²; None where nothing scatters. Above 1 by chance, or by neglect of trend and hum.
-        hum: what 1 V of mains hum may add to an amplitude by least squares [V]; 0 where the dwell tells them apart.
+        repeats: number of pieces of the record.
+        u, u_u: standard deviation of their ratios, with its standard uncertainty.
+        bias, bias_u: bias of their mean, with its standard uncertainty.
+        bound: Cramér–Rao bound for the noise around the drive.
+        efficiency: bound² / u²; None where nothing scatters. It may be above 1 by chance, or because an estimator
+            neglects trend and hum.
+        hum: what 1 V of mains hum may add to an amplitude by least squares [V]; 0 where hum is fitted.
     """
 
     estimator: str
@@ -71,7 +73,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Recommended:
-    """The dwell for a target by least squares; None, and why, where there is none."""
+    """The dwell for a target by least squares, or None with the reason."""
 
     target: float
     dwell_s: float | None
@@ -81,12 +83,13 @@ class Recommended:
 
 @dataclass(frozen=True, slots=True)
 class DwellPrices:
-    """What dwells buy on one scene.
+    """Prices of dwells on one scene.
 
     Attributes:
-        floor: relative standard uncertainties that no dwell lowers, by name; `floor_u` all together.
+        floor: relative standard uncertainties that no dwell lowers, by name.
+        floor_u: all of them together.
         noise: relative standard uncertainty after one second by noise alone [√s].
-        saturated: a film was over-ranged: nothing here holds.
+        saturated: whether a film was over-ranged, so that no number here holds.
     """
 
     points: tuple[Point, ...]
@@ -97,19 +100,24 @@ class DwellPrices:
     recommended: tuple[Recommended, ...]
 
     def summary(self) -> dict[str, Any]:
-        """For JSON."""
+        """The prices as JSON has them."""
         return asdict(self)
 
 
 def check(dwells: Sequence[float], estimators: Sequence[str], frequency: float, rate: float, duration: float) -> None:
-    """Refuse what gives no estimate, before anything is simulated.
+    """Refuse settings that give no estimate, before anything is simulated.
 
     Args:
-        duration: of the record that will be cut up [s].
+        dwells: dwells [s].
+        estimators: names of estimators.
+        frequency: frequency of the drive [Hz].
+        rate: samples a second.
+        duration: duration of the record that will be cut [s].
 
     Raises:
-        RangeError: a dwell below one cycle or above a tenth of the record, a frequency above half the sample rate.
-        UnknownName: no such estimator.
+        RangeError: a dwell is below one cycle or above a tenth of the record, or the frequency is above half the sample
+            rate.
+        UnknownName: there is no such estimator.
     """
     for name in estimators:
         if name not in ESTIMATORS:
@@ -157,7 +165,7 @@ def _point(estimator: str, record: LongRecord, whole: SineFit, n: int, rate: flo
     repeats = min(record.time.size // n, MOST)
     time = record.time[:n]
     pieces = record.voltage[:, : repeats * n].reshape(2, repeats, n).swapaxes(0, 1)
-    # The first piece's times serve all: an amplitude does not depend on the phase with which a piece begins.
+    # All pieces use the first one's times, because an amplitude does not depend on the phase at which a piece begins.
     relative = amplitude_ratios(estimator, time, pieces, whole.frequency) / record.ratio
     if not np.isfinite(relative).all():
         raise EstimateError(f"{estimator}: a piece of the record gives no ratio; take a longer dwell")

@@ -1,4 +1,4 @@
-"""What dwells buy: a table of uncertainty and bias by estimator, and a log-log plot of both."""
+"""Prices of dwells: a table of uncertainty and bias by estimator, and a log-log plot of both."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLOT = "dwell.png"
 
 
 def print_dwell(prices: DwellPrices, title: str, plot: Path | None) -> None:
-    """A line a dwell: the bound, and each estimator's standard uncertainty and bias in percent of the ratio."""
+    """Print a line for each dwell: the bound, and each estimator's uncertainty and bias in percent of the ratio."""
     estimators = list(dict.fromkeys(p.estimator for p in prices.points))
     table = new_table(
         stamped(True, title), "dwell s", "repeats", "bound %", *(f"{name}\nu %  bias %" for name in estimators)

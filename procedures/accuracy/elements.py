@@ -34,11 +34,14 @@ Intervals = tuple[float | None, ...]
 def element_prices(
     design: Design, truth: Truth, between: Callable[[Array], Array], surface_errors: Sequence[float], solved: Results
 ) -> Iterator[Price]:
-    """Every refinement of the axisymmetric and of the solid model.
+    """Prices of every refinement of the axisymmetric and of the solid model.
 
     Args:
-        between: force ratios by the design's surface at moduli of the object [Pa], for want of a finer mesh.
-        surface_errors: of these, in each interval.
+        design: the sensor.
+        truth: the reference.
+        between: force ratios by the design's surface at moduli of the object [Pa], where there is no finer mesh.
+        surface_errors: errors of the surface, in each interval.
+        solved: solutions on all meshes.
     """
     middles, uncertain = truth.middles, truth.middle_uncertainties
     if not middles:
@@ -72,12 +75,12 @@ def element_prices(
 
 
 def errors_of(ratios: Values, truth: Truth) -> Values:
-    """Of force ratios at MODULI, with the reference's uncertainty."""
+    """Errors of force ratios at MODULI, with the reference's uncertainty added."""
     return _apart(ratios, truth.reference.force_ratios, truth.reference.uncertainties)
 
 
 def by_interval(values: Values) -> Intervals:
-    """From values at the moduli the greater of each two neighbours."""
+    """The greater of each two neighbours, from values at the moduli."""
     return tuple(_greater(*pair) for pair in itertools.pairwise(values))
 
 
@@ -93,7 +96,7 @@ def _apart(ratios: Values, truth: Values, uncertainties: Values) -> Values:
 
 
 def _estimate(meshes: Sequence[Mesh], results: Sequence[Solved]) -> float | None:
-    """What `solve_to` would say of the last of some refinements; None: it would not stop there."""
+    """Error estimate that `solve_to` would give for the last of some refinements; None: it would not stop there."""
     judged = [result.judged for result in results if result.judged is not None]
     if len(judged) < len(results) or len(judged) < 2:
         return None

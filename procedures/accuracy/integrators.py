@@ -14,7 +14,7 @@ Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
 
 
 def print_integrators(rows: Rows, title: str, plot: Path | None) -> None:
-    """A line a method and setting; failures as failures."""
+    """Print one line for each method and setting; failures are shown as failures."""
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))

@@ -1,4 +1,4 @@
-"""How long a call takes here, and what "here" is."""
+"""Timing of calls on this machine, and a description of the machine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.instrument.models.prices.price import Machine
 
 
 def seconds_of(call: Callable[[], object]) -> float:
-    """Processor time of one call: the least of five rounds of 20 ms or more."""
+    """Processor time of one call [s]: the least of five rounds of 20 ms or more."""
     timer = timeit.Timer(call, timer=time.process_time)
     count = 1
     while timer.timeit(count) < 0.02:
@@ -23,7 +23,7 @@ def seconds_of(call: Callable[[], object]) -> float:
 
 
 def this_machine() -> Machine:
-    """The processor's name where the system tells it, and today."""
+    """Name of the processor, where the system tells it, and today's date."""
     cpu = platform.processor() or platform.machine()
     information = Path("/proc/cpuinfo")
     if information.exists():

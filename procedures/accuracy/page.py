@@ -1,4 +1,4 @@
-"""Everything that accuracy costs, on one page: models, integrators, dwell, arithmetic."""
+"""Prices of accuracy on one page: models, integrators, dwell, arithmetic."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MODELS, INTEGRATORS, DWELL, ARITHMETIC = "sensor models", "time integration", "d
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One way at one setting: relative error, None where it fails, and seconds."""
+    """One method at one setting: relative error (None where it fails) and seconds."""
 
     name: str
     setting: str
@@ -28,7 +28,7 @@ class Way:
 
 @dataclass(frozen=True, slots=True)
 class Recommended:
-    """The cheapest way that meets a tolerance; nothing but why, where none does."""
+    """The cheapest method that meets a tolerance, or the reason why there is none."""
 
     tolerance: float
     name: str | None
@@ -40,7 +40,7 @@ class Recommended:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One kind of cost. `floor`: relative error that nothing in it beats."""
+    """One part of the page. `floor` is a relative error below which no method comes."""
 
     name: str
     error_of: str
@@ -50,7 +50,7 @@ class Part:
     floor: float = 0.0
 
     def summary(self) -> dict[str, Any]:
-        """For JSON."""
+        """The part as JSON has it."""
         return asdict(self)
 
 
@@ -68,9 +68,9 @@ class Integrated(Protocol):
 
 
 def of_models(prices: PriceList, design: str) -> Part:
-    """From the stored list: each model that answers for the rubber samples, at each refinement.
+    """Part for the models, from the stored list: each model that answers for the rubber samples, at each refinement.
 
-    Recommended is what a caller of a model gets: with the error that is promised, for all that it then takes.
+    A recommendation counts what a caller gets: the promised error, and the whole time of such an answer.
     """
     (reference,) = (r for r in prices.references if r.design == design)
     smallest = min(reference.force_ratios[INTERVAL : INTERVAL + 2])
@@ -88,13 +88,13 @@ def of_models(prices: PriceList, design: str) -> Part:
 
 
 def of_integrators(measured: Iterable[Integrated]) -> Part:
-    """Of a stiff chain's output."""
+    """Part for the integrators of a stiff chain."""
     ways = [Way(m.method, "" if m.setting is None else f"{m.setting:.3g}", m.error, m.seconds) for m in measured]
     return _part(INTEGRATORS, "output of a stiff chain over 10 s", CPU, ways)
 
 
 def of_dwells(prices: DwellPrices, scene: str) -> Part:
-    """Noise and bias of each estimator; recommended is what least squares need, floor and all."""
+    """Part for the dwells: noise and bias of each estimator; recommended dwells by least squares, with the floor."""
     ways = [Way(p.estimator, f"{p.dwell_s:g} s", (p.u**2 + p.bias**2) ** 0.5, p.dwell_s) for p in prices.points]
     recommended = tuple(
         Recommended(r.target, r.why, f"{r.dwell_s:g} s", r.u, r.dwell_s, "")
@@ -107,7 +107,7 @@ def of_dwells(prices: DwellPrices, scene: str) -> Part:
 
 
 def of_arithmetic(measured: Sequence[ArithmeticPrice]) -> list[Part]:
-    """A part a task: a cheap phase is no answer to a coarse register."""
+    """Parts for the arithmetic, one for each task."""
     tasks = dict.fromkeys(m.task for m in measured)
     return [
         _part(
@@ -122,7 +122,7 @@ def _part(name: str, error_of: str, time: str, ways: Sequence[Way]) -> Part:
 
 
 def cheapest(ways: Sequence[Way], tolerance: float) -> Recommended:
-    """The fastest way whose error is within the tolerance; of equally fast ones the most accurate."""
+    """The fastest method whose error is within the tolerance; of equally fast ones the most accurate."""
     known = [way for way in ways if way.error is not None]
     good = [way for way in known if way.error is not None and way.error <= tolerance]
     if not good:

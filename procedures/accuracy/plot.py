@@ -10,13 +10,13 @@ from palpate.instrument.quantity import show
 from palpate.procedures.records.run import storing
 from palpate.procedures.showing.figure import MARKERS
 
-# Of the rubber samples: the one that every model answers in.
+# The range of moduli of the rubber samples, in which every model answers.
 INTERVAL = 1
 PLOT = "models.png"
 
 
 def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
-    """Draws a PNG file; its folder exists. A design without a reference has no panel.
+    """Draw a PNG file in an existing folder. A design without a reference has no panel.
 
     Raises:
         RecordError: the folder or file cannot be written.
@@ -57,6 +57,6 @@ def plot_prices(prices: PriceList, designs: list[str], path: Path) -> None:
 
 
 def _point(price: Price) -> tuple[float, float] | None:
-    """Time and error; None where there is not both."""
+    """Time and error of a price; None where one of them is missing."""
     error = price.errors[INTERVAL]
     return None if error is None or price.seconds is None else (price.seconds, error)

@@ -1,7 +1,7 @@
-"""Whether the thesis' readings of the pair on a common base are readings of their own.
+"""Test whether the thesis' readings of the pair on a common base are independent of those of the single sensor.
 
-Tables A2.15 to A2.20 beside A2.9 to A2.14: where a column of one is that of the other times a constant, to the last
-printed digit, it tells nothing that the other does not.
+Tables A2.15 to A2.20 are compared with A2.9 to A2.14. A column that is the other's times a constant, to the last
+printed digit, holds no evidence of its own.
 """
 
 from __future__ import annotations
@@ -13,19 +13,20 @@ import numpy as np
 
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, Cell, read_table
 
-# Constants that are tried: of two digits behind the point, as the pair's are.
+# Constants that are tried, with two decimals, as those of the pair.
 SHARES = tuple(round(0.01 * n, 2) for n in range(80, 180))
 TEETH = ("pvdf1_mV", "pvdf2_mV")
 
 
 @dataclass(frozen=True, slots=True)
 class Copied:
-    """How many cells of a film's column follow from the single sensor's by constants.
+    """Number of cells in a film's column that follow from the single sensor's by constants.
 
     Attributes:
-        film: of the pair.
-        cells: that both have; `same` of them agree to the last printed digit.
-        how: with which constants.
+        film: film of the pair.
+        cells: number of cells that both tables have.
+        same: number of these that agree to the last printed digit.
+        how: the constants, in words.
     """
 
     film: str
@@ -35,12 +36,12 @@ class Copied:
 
 
 def copied() -> list[Copied]:
-    """The pair's base film, and its two tooth films."""
+    """Results for the pair's base film and its two tooth films."""
     return [_base(), *(_tooth(film) for film in TEETH)]
 
 
 def _base() -> Copied:
-    """Each sample's base film as some sample's of the single sensor over twice a constant."""
+    """Each sample's base film as a sample's base film of the single sensor, divided by twice a constant."""
     same, cells, used = 0, 0, []
     for number in COMMON_BASE_TABLES.values():
         pair = read_table(number).columns["pvdf3_total_mV"]
@@ -56,7 +57,7 @@ def _base() -> Copied:
 
 
 def _tooth(film: str) -> Copied:
-    """A tooth film as half the single sensor's times one constant a load, the same for every sample."""
+    """A tooth film as half the single sensor's times a constant for each load that is the same for every sample."""
     pairs = [
         (read_table(SINGLE_TABLES[sample]).columns["pvdf2_rigid_mV"], read_table(number).columns[film])
         for sample, number in COMMON_BASE_TABLES.items()
@@ -74,7 +75,7 @@ def _tooth(film: str) -> Copied:
 
 
 def _agreeing(one: Sequence[Cell], pair: Sequence[Cell], factors: Sequence[float]) -> int:
-    """Cells of the pair that are the single sensor's times a factor, to one unit of the last printed digit."""
+    """Number of the pair's cells that are the single sensor's times a factor, to one unit of the last digit."""
     return sum(
         abs(single.value * factor - other.value) <= _unit(other)
         for single, other, factor in zip(one, pair, factors, strict=False)
@@ -82,6 +83,6 @@ def _agreeing(one: Sequence[Cell], pair: Sequence[Cell], factors: Sequence[float
 
 
 def _unit(cell: Cell) -> float:
-    """Of the last digit that is printed; of a repaired cell, that its best value has."""
+    """Unit of the last printed digit; for a repaired cell, of its best value."""
     text = repr(cell.value) if cell.reason else cell.printed
     return 10.0 ** -len(text.partition(".")[2])

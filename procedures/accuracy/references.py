@@ -1,4 +1,4 @@
-"""Converged force ratios that errors are taken against, each checked by a second way."""
+"""Converged force ratios against which errors are measured, each checked by a second method."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ UNSEEN = {2: 1e-3, 3: 3e-4, 4: 5e-5}
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What is known of a design's force ratios.
+    """Reference of a design's force ratios.
 
     Attributes:
-        reference: at MODULI.
-        middles, middle_uncertainties: at MIDDLES; of the round design, whose finest mesh is cheap; else none.
+        reference: force ratios at MODULI.
+        middles, middle_uncertainties: force ratios and uncertainties at MIDDLES, for the round design alone, whose
+            finest mesh is cheap.
     """
 
     reference: Reference
@@ -37,7 +38,7 @@ class Truth:
 
 
 def truth_of(design: Design, solved: Results) -> Truth:
-    """The finest mesh of a round design, the limit of the solid model's refinements of a square one."""
+    """Reference by a round design's finest mesh, or by the limit of the solid model's refinements."""
     if design.outline == "round":
         return _round(design, solved)
     load = PHYSICAL.load(TIMED)

@@ -1,4 +1,4 @@
-"""The page of what accuracy costs: a table of recommended choices, and one log-log plot."""
+"""The page of prices: a table of recommended choices, and one log-log plot."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from palpate.procedures.accuracy.page import Part
 
 PLOT = "accuracy.png"
-LEAST = 1e-16  # what is exact is drawn here
+LEAST = 1e-16  # an exact result is drawn at this error
 
 
 def print_page(parts: Sequence[Part], plot: Path | None) -> None:
-    """What to take for each tolerance, and why nothing where nothing will do."""
+    """Print the recommended method for each tolerance, or the reason why there is none."""
     table = new_table(None, "", "tolerance", "take", "error", "seconds")
     table.columns[0].justify = table.columns[2].justify = "left"
     for part in parts:

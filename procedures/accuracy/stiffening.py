@@ -1,4 +1,4 @@
-"""Rubber at large strain: the column model with neo-Hookean springs, in closed form but for one root.
+"""Rubber at large strain: the column model with neo-Hookean springs, in closed form except for one root.
 
 A neo-Hookean column of Young modulus E at rest bears the nominal stress E/3 (λ - 1/λ²) at the stretch λ (Treloar, The
 Physics of Rubber Elasticity, 1975, 5.2), and stiffens under compression where a linear one does not.
@@ -16,15 +16,17 @@ def force_ratio(design: Design, sensed: Sample, force: float, times: float = 1.0
     """Tooth force over total force by neo-Hookean columns that are loaded from rest.
 
     Args:
-        force: on one tooth and its ring [N].
-        times: all moduli are so many times as great.
+        design: the sensor.
+        sensed: the object.
+        force: force on one tooth and its ring [N].
+        times: factor on all moduli.
     """
     from scipy.optimize import brentq
 
     ring, tooth = design.ring, design.tooth
 
     def ahead(on_tooth: float) -> float:
-        """How much farther the face sinks above the tooth than above the ring [m]."""
+        """Difference of how far the face sinks above the tooth and above the ring [m]."""
         beside = (force - on_tooth) / ring.area
         above = sensed.thickness * (_stretch(beside / times, sensed.modulus, brentq) - 1)
         below = ring.height * (_stretch(beside / times, ring.material.modulus, brentq) - 1)

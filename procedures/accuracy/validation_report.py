@@ -1,4 +1,4 @@
-"""How far the sensor models lie from the experiments of the thesis, and what could move them apart."""
+"""Report of the models' distances from the experiments of the thesis, and of possible causes."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ if TYPE_CHECKING:
 
 
 def brief(found: Validation) -> str:
-    """In a cell of a table: the rms distance, or why there is none, in a word."""
+    """Text of a table's cell: the rms distance, or one word that says why there is none."""
     return found.kind if found.rms is None else f"{found.rms:.0f} %"
 
 
 def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]:
-    """A sentence for each model beside its error estimate: how far the experiments are from it.
+    """A sentence for each model on its distance from the experiments.
 
     Args:
-        changed: options that say something else than the parameter set, which alone was compared.
+        found: comparisons.
+        changed: options that differ from the parameter set; only the set itself was compared.
     """
     told = []
     for each in found:
@@ -42,7 +43,7 @@ def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]
 
 
 def print_validation(compared: Sequence[Validation]) -> None:
-    """A table a design, a line a model and parameter set."""
+    """Print one table for each design, with one line for each model and parameter set."""
     for design in dict.fromkeys(each.design for each in compared):
         table = new_table(
             stamped(False, f"{design}: {SIGN}"), "model", "set", *(f"sample {name}" for name in SAMPLES), "mean",
@@ -63,7 +64,7 @@ def print_validation(compared: Sequence[Validation]) -> None:
 
 
 def print_causes(found: Causes) -> None:
-    """A line a cause, then what stiffening springs, wrong gains and the readings tell."""
+    """Print one line for each cause, then the results of stiffening springs, wrong gains and the readings."""
     table = new_table(
         stamped(False, f"solid model, coarsest mesh, {SIGN}"), "what if", "cause", "single\nmean", "single\nrms",
         "common base\nmean", "common base\nrms", "pair over\nsingle",

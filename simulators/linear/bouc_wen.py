@@ -2,10 +2,11 @@
 
     z' = k (x' - b |x'| z - (1 - b) x' |z|),   -1 <= z <= 1
 
-Along a stretch in which x moves one way and z keeps its sign this is linear in |dx|, so each step is an exponential,
-cut where z passes zero: exact where x does not turn between its samples, stable for steps of any size. It is no linear
-system in time, so a scene's hysteresis is made of play operators, whose transitions are. Ismail, Ikhouane and Rodellar,
-"The hysteresis Bouc-Wen model, a survey", Arch. Comput. Methods Eng. 16 (2009), with n = 1.
+Along a stretch in which x moves in one direction and z keeps its sign, this is linear in |dx|. So each step is an
+exponential that is cut where z passes zero. This is exact where x does not turn between its samples, and stable for
+steps of any size. It is no linear system in time; therefore a scene's hysteresis is made of play operators, which are
+linear between their transitions. Ismail, Ikhouane and Rodellar, "The hysteresis Bouc-Wen model, a survey", Arch.
+Comput. Methods Eng. 16 (2009), with n = 1.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ import numpy as np
 from palpate.simulators.linear.integrators import LOST, Measured
 from palpate.simulators.linear.lti import Floats
 
-PERIOD, CYCLES, FINEST = 0.1, 3, 10_000  # s; and steps of a cycle
-STEPS = (100, 1000)  # of a cycle
-STIFFNESS, SHARE = 60.0, 0.9  # over the amplitude of x
+PERIOD, CYCLES, FINEST = 0.1, 3, 10_000  # s; cycles; steps in a cycle of the reference
+STEPS = (100, 1000)  # in a cycle
+STIFFNESS, SHARE = 60.0, 0.9  # k in units of 1 over the amplitude of x; b
 
 
 def compare() -> Iterator[Measured]:
-    """Both ways under a sine, against the exact one in steps that are finer still."""
+    """Compare both methods under a sine with the exact one in finer steps."""
     truth = exact(_sine(FINEST), STIFFNESS, SHARE)
     for method, solve in (("Bouc-Wen, exact", exact), ("Bouc-Wen, explicit Euler", explicit_euler)):
         for steps in STEPS:
@@ -42,11 +43,13 @@ def _sine(steps: int) -> Floats:
 
 
 def exact(x: Floats, stiffness: float, share: float = 0.5, start: float = 0.0) -> Floats:
-    """z at samples (n,) of x, from `start` at the first.
+    """z at samples (n,) of x, by exponentials.
 
     Args:
-        stiffness: k, over the unit of x.
-        share: b, 0.5 to 1: below that z would pass 1.
+        x: (n,), samples.
+        stiffness: k, in 1 over the unit of x.
+        share: b, 0.5 to 1; for less z would pass 1.
+        start: z at the first sample.
     """
     z, found = start, np.empty(len(x))
     for number, step in enumerate(np.diff(x, prepend=x[:1])):
@@ -55,7 +58,7 @@ def exact(x: Floats, stiffness: float, share: float = 0.5, start: float = 0.0) -
 
 
 def explicit_euler(x: Floats, stiffness: float, share: float = 0.5, start: float = 0.0) -> Floats:
-    """The same by steps along the tangent: they run away where stiffness times step is above 2."""
+    """z at samples (n,) of x by Euler's method, which runs away where stiffness times step is above 2."""
     z, found = start, np.empty(len(x))
     with np.errstate(all="ignore"):
         for number, step in enumerate(np.diff(x, prepend=x[:1])):
@@ -69,9 +72,9 @@ def _after(z: float, step: float, stiffness: float, share: float) -> float:
     if step == 0:
         return z
     side, left = math.copysign(1.0, step), stiffness * abs(step)
-    z *= side  # as if x rose
+    z *= side  # turned so that x rises
     if z < 0:
-        rate = 2 * share - 1  # towards zero it is z' = 1 - rate z
+        rate = 2 * share - 1  # while z moves towards zero, z' = 1 - rate z
         to_zero = math.log1p(-rate * z) / rate if rate else -z
         if left <= to_zero:
             return side * (z * math.exp(-rate * left) + (-math.expm1(-rate * left) / rate if rate else left))

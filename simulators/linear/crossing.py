@@ -1,8 +1,8 @@
-"""The first nanosecond at which an output falls below zero, certified: no dip, however short, is stepped over.
+"""Certified search for the first nanosecond at which an output falls below zero: no dip is missed, however short.
 
-Each step is as long as the value, its slope and a bound of its bend allow: it ends before the first failure, and near
-one it shrinks as Newton's steps do. What such a bound cannot foresee for long is taken by its size instead: the
-harmonics by their least value, fast modes by what is left of them.
+Each step is as long as the value, its slope and a bound on its second derivative allow. So it ends before the first
+failure, and near a failure steps shrink as Newton's do. Terms for which such a bound holds only for a short time are
+bounded by their size instead: harmonics by their least value, fast modes by what is left of them.
 """
 
 from __future__ import annotations
@@ -23,15 +23,18 @@ from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 NEVER = 2**63 - 1
 AHEAD = 16  # periods of the drive that are searched at once
-LOOKS = 64  # in each period of the highest harmonic, by which the least value of several is bounded
-# Of the size of its terms: by so much below zero an output is below it, less is rounding.
+LOOKS = 64  # points in each period of the highest harmonic, which bound the least value of a sum of harmonics
+# Share of the size of its terms by which an output must be below zero; less is rounding.
 ROUNDING = 1e-13
 
 
 class Part(NamedTuple):
     """One term of a transient at a moment.
 
-    slope: its rate. bend: for `reach` s its slope falls by no more in each second. least: what it never falls below.
+    Attributes:
+        slope: its rate.
+        bend: greatest fall of the slope in each second, for the next `reach` s.
+        least: value below which it never falls.
     """
 
     value: float
@@ -41,14 +44,17 @@ class Part(NamedTuple):
     reach: float = math.inf
 
 
-Transient = Callable[[int], list[Part]]  # parts at a time after the start [ns], the fastest first
+Transient = Callable[[int], list[Part]]  # gives the parts at a time after the start [ns], the fastest first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
-    """level + harmonics + transient, from `start_ns` on.
+    """A function of time: level + harmonics + transient, from `start_ns` on.
 
-    waves: time base, order and phasor of each harmonic. least: bound of their sum. bend: of its second derivative.
+    Attributes:
+        waves: time base, order and phasor of each harmonic.
+        least: lower bound of the sum of harmonics.
+        bend: bound of its second derivative.
     """
 
     level: float
@@ -59,7 +65,7 @@ class Signal:
     transient: Transient
 
     def first_below(self, before_ns: int) -> int:
-        """The first nanosecond with a value below zero; `before_ns` if there is none before, NEVER if none at all."""
+        """The first nanosecond with a value below zero; `before_ns`: none before it; NEVER: none at all."""
         time_ns = self.start_ns
         while time_ns < before_ns:
             value, safe = self._step(time_ns, (before_ns - time_ns) / SECOND)
@@ -71,7 +77,7 @@ class Signal:
         return before_ns
 
     def _step(self, time_ns: int, enough: float) -> tuple[float, float]:
-        """The value at a time, and for how many seconds it will certainly stay at or above zero, or for `enough`."""
+        """The value at a time, and for how long [s] it will certainly not fall below zero, at most `enough`."""
         wave = drift = 0.0
         for base, order, phasor in self.waves:
             turns = (base.start_phase + base.frequency * (time_ns - base.start_ns)) % CYCLE / CYCLE
@@ -85,8 +91,9 @@ class Signal:
         if least + self.least >= 0:
             return value, math.inf
         safe = _turned_below(least, turned, rate) if len(self.waves) == 1 and rate else 0.0
-        # The fastest modes may be taken at their least, the others by slope and bend: of all such shares the longest
-        # step counts. To take a slow mode that rises from below at its least would lose its slope.
+        # Some of the fastest modes are bounded by their least value, the others by slope and bend. Every division is
+        # tried,
+        # and the longest step counts. The least value of a slow mode that rises from below would give up its slope.
         spares = list(itertools.accumulate([part.least - part.value for part in parts], initial=value))
         slope = bend = 0.0
         for spare, part in zip(reversed(spares), (*reversed(parts), None), strict=True):
@@ -104,12 +111,15 @@ class Signal:
 
 
 class _Outputs:
-    """What outputs are made of, in whatever phase their inputs began.
+    """Properties of outputs that do not depend on the phase at which the inputs began.
 
-    mean, terms, least, bend: (g,) as of a signal; terms: sizes of what adds up to it, but for the transient. waves: of
-    each output its harmonics, by number of the input, order and phasor. fastest: numbers of the modes, the fastest
-    first; of a pair the one that turns forward, which counts for both. rates, turning, shapes: theirs, whether they are
-    pairs, and what each output sees of them (g, s).
+    Attributes:
+        mean, least, bend: (g,), as in `Signal`.
+        terms: (g,), sizes of the terms of an output, without the transient.
+        waves: harmonics of each output, by number of the input, order and phasor.
+        fastest: numbers of the modes, the fastest first. Of a pair, the mode that turns forward counts for both.
+        rates, turning: rates of the modes, and whether they are pairs.
+        shapes: (g, s), weight of each mode in each output.
     """
 
     def __init__(self, steady: Steady, rows: Rows) -> None:
@@ -136,10 +146,10 @@ class _Outputs:
 
 
 class Watch:
-    """Outputs of a system under periodic inputs that are to stay at or above zero.
+    """Outputs of a system under periodic inputs that should stay at or above zero.
 
     Args:
-        rows: over states (g, s) and inputs (g, m).
+        rows: weights of the outputs on states (g, s) and inputs (g, m).
     """
 
     def __init__(self, steady: Steady, rows: Rows) -> None:
@@ -154,9 +164,14 @@ class Watch:
         self._ahead_ns = round(AHEAD * period * SECOND)
 
     def first_failure(self, start_ns: int, state: Floats) -> tuple[int, int | None]:
-        """When the first output falls below zero after `start_ns`, where the state is `state` (s,), and which.
+        """Time at which the first output falls below zero after `start_ns`, and its number.
 
-        None: none does before that time, from which the search has to go on, or NEVER.
+        None in place of the number: no output does so before that time, which is NEVER or the time from which the
+            search must go on.
+
+        Args:
+            start_ns: start of the search [ns].
+            state: (s,), state at the start.
         """
         gap, seen = self._steady.gap(start_ns, state), self._outputs
         modes = self._steady.system.motion.modes
@@ -188,7 +203,7 @@ class Watch:
         return end_ns, failed
 
     def _by_powers(self, row: Floats, gap: Floats, elapsed_ns: int) -> list[Part]:
-        """Where modes are too nearly parallel: all of the transient as one part, by bounds that need no modes."""
+        """The transient as one part, by bounds that need no modes: for modes that are too nearly parallel."""
         a = self._steady.system.a
         state = self._steady.system.motion.moment(gap, elapsed_ns)
         reach, growth, measure = self._bounds
@@ -200,14 +215,14 @@ class Watch:
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, Floats, Floats | None]:
-        """For how long [s] |exp(A t)| <= growth, that bound, and `_measure(A)`."""
+        """Time [s] for which |exp(A t)| <= growth holds, that bound, and `_measure(A)`."""
         a = self._steady.system.a
         reach = 1 / float(np.abs(a).sum(axis=1).max())
         return reach, exponential(np.abs(a) * reach), _measure(a)
 
 
 def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list[Part]:
-    """Modes by their weights at the start and their rates [1/s]."""
+    """Parts by modes, from their weights at the start and their rates [1/s]."""
     parts, elapsed = [], elapsed_ns / SECOND
     for weight, rate in modes:
         if rate.imag:
@@ -215,18 +230,19 @@ def _by_modes(modes: Sequence[tuple[complex, complex]], elapsed_ns: int) -> list
             size = abs(term)
             parts.append(Part(term.real, (rate * term).real, abs(rate) ** 2 * size, -size))
             continue
-        # A mode that does not turn keeps its sign: from above it falls ever slower and not below zero,
-        # and one without a rate stays as it is.
+        # A mode that does not turn keeps its sign: a positive one falls ever more slowly and never below zero. A mode
+        # without
+        # a rate stays as it is.
         value, fall = weight.real * math.exp(rate.real * elapsed), rate.real
         parts.append(Part(value, fall * value, max(-fall * fall * value, 0.0), min(value, 0.0) if fall else value))
     return parts
 
 
 def _measure(a: Floats) -> Floats | None:
-    """F (s, s) with which |F x| never grows while x' = a x; None where none is found for certain.
+    """Matrix F (s, s) with which |F x| never grows while x' = a x; None where none is certain.
 
-    P = F'F solves Lyapunov's equation, in units in which rows and columns of `a` are alike; that x'Px never grows is
-    then looked at, not taken for granted.
+    P = F'F solves Lyapunov's equation, in units in which rows and columns of `a` have equal sizes. That x'Px never
+    grows is then checked.
     """
     from scipy.linalg import matrix_balance, solve_continuous_lyapunov
 
@@ -242,7 +258,7 @@ def _measure(a: Floats) -> Floats | None:
 
 
 def _root(value: float, slope: float, bend: float) -> float:
-    """The first time at which value + slope t - bend t^2 / 2 is zero, from a value at or above zero; inf: never."""
+    """The first time at which value + slope t - bend t^2 / 2 is zero, for a value at or above zero; inf: never."""
     if value < 0:
         return 0.0
     if bend == 0:
@@ -252,11 +268,11 @@ def _root(value: float, slope: float, bend: float) -> float:
 
 
 def _turned_below(level: float, turned: complex, rate: float) -> float:
-    """How long level + the real part of a phasor that turns at a rate [rad/s] stays at or above zero; it ends below."""
+    """Time for which level + the real part of a phasor, turning at a rate [rad/s], stays at or above zero."""
     size = abs(turned)
     if not -size < level < size:
         return 0.0
-    end = math.acos(-level / size)  # either way from its height
+    end = math.acos(-level / size)  # angle from the phasor's greatest real part, in either direction
     phase = cmath.phase(turned)
     return (end - phase) / rate if -end <= phase < end else 0.0
 
@@ -269,6 +285,6 @@ def _least(base: Periodic, phasors: Complexes) -> Floats:
     count = LOOKS * int(base.order.max())
     looks = np.exp(2j * np.pi * np.outer(base.order, np.arange(count)) / count)
     seen = (phasors @ looks).real.min(axis=1)
-    # Between two looks it is lower by no more than its bend times an eighth of their distance squared.
+    # Between two points the sum is lower by at most its second derivative times an eighth of their squared distance.
     between: Floats = sizes @ base.order**2 * (2 * np.pi / count) ** 2 / 8
     return np.array(np.maximum(seen - between, -sizes.sum(axis=1)), dtype=np.float64)

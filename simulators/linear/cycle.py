@@ -1,7 +1,8 @@
-"""Transitions that recur, as phases of the drive: what a piecewise linear system does in every period.
+"""Recurring transitions as phases of the drive: the motion of a piecewise linear system in every period.
 
-Samples of many periods are found together, each in closed form: by the stay that its phase belongs to. Slow states
-that only listen, such as amplifiers, need not have settled: what they are off goes on by itself.
+Samples of many periods are computed together in closed form, each by the stay to which its phase belongs. Slow states
+that act on no other state, such as amplifiers (called listeners), need not have settled: their distance from the
+settled state decays by itself.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from palpate.simulators.linear.lti import Complexes, Floats, Rows, StateSpace, S
 from palpate.simulators.linear.mode import Guard, Mode
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
-STEPS = 8  # of Newton, to a root that is known to the nanosecond
-CLOSE = 10.0  # ns: so far from the nanosecond at which it was found a root may be
-LOST = 1e-13  # of the size of an output: to no more is the period known
-LEAST = -100.0  # exponent of what is left of a mode
+STEPS = 8  # of Newton's method, from a root that is known to the nanosecond
+CLOSE = 10.0  # ns; greatest distance of a root from the nanosecond at which it was found
+LOST = 1e-13  # of the size of an output: the period is known no better
+LEAST = -100.0  # exponent below which a mode has decayed
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A stay of each period, from a phase [cycles after the drive's first] and a state (s,) on, until a guard fails."""
+    """A stay in each period, from a phase [cycles after the drive's first] and a state (s,) until a guard fails."""
 
     begin: float
     mode: Mode
@@ -38,8 +39,10 @@ class Leg:
 
     @functools.cached_property
     def modes(self) -> tuple[Complexes, Complexes, Complexes]:
-        """Rates (m,), shapes (s, m) and their inverse (m, s) of modes that turn forward, which come first and count
-        for both of a pair, or not at all."""
+        """Rates (m,), shapes (s, m) and their inverse (m, s) of the modes that turn forward or not at all.
+
+        Those that turn come first; each counts for both of its pair.
+        """
         modes = self.mode.system.motion.modes
         assert modes is not None
         rates, shapes, inverse = modes
@@ -55,7 +58,7 @@ class Leg:
         return state
 
     def end(self, near: float) -> float | None:
-        """The phase at which its guard fails, from one within nanoseconds of it; None if it is not there."""
+        """The phase at which the guard fails, from a phase within nanoseconds of it; None: it does not fail there."""
         assert self.failed is not None
         (row,), (inputs,) = self.failed.row
         system, period_ns = self.mode.system, period_of(self.steady.inputs)
@@ -78,12 +81,12 @@ class Leg:
 
 
 def period_of(inputs: tuple[Periodic, ...]) -> float:
-    """[ns]."""
+    """Period of the drive [ns]."""
     return SECOND * HERTZ / inputs[0].frequency
 
 
 def _turns(inputs: tuple[Periodic, ...], cycles: float) -> list[Complexes | None]:
-    """By how far the harmonics of each input have turned; None: it has none. A drive and its rate turn together."""
+    """Factors by which the harmonics of each input have turned; None: it has none."""
     turns: list[Complexes | None] = []
     found: dict[tuple[int, int], Complexes] = {}
     for u in inputs:
@@ -95,7 +98,7 @@ def _turns(inputs: tuple[Periodic, ...], cycles: float) -> list[Complexes | None
 
 
 def inputs_at(inputs: tuple[Periodic, ...], cycles: float) -> tuple[Floats, Floats]:
-    """Values and rates (m,)."""
+    """Values (m,) and rates (m,) of the inputs at a phase."""
     values, rates = [], []
     for u, turn in zip(inputs, _turns(inputs, cycles), strict=True):
         if turn is None:
@@ -109,7 +112,7 @@ def inputs_at(inputs: tuple[Periodic, ...], cycles: float) -> tuple[Floats, Floa
 
 
 def periodic(steady: Steady, cycles: float) -> Floats:
-    """The state (s,) without the transient."""
+    """The state (s,) without the transient, at a phase."""
     state = steady.mean.copy()
     for waves, turn in zip(steady.waves, _turns(steady.inputs, cycles), strict=True):
         if turn is not None:
@@ -119,9 +122,9 @@ def periodic(steady: Steady, cycles: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Functions of time: their means in all legs (p, l), and their weights (p, l) on waves, by the waves' numbers.
+    """Functions of time: their means (p, l) in all legs, and their weights (p, l) on waves, by the waves' numbers.
 
-    lag: how far they are, from the start on, from how they will settle.
+    `lag` is their distance from the settled functions, from the start on.
     """
 
     means: Floats
@@ -130,9 +133,9 @@ class Table:
 
 
 class Moments:
-    """Times, and the waves then: cosines and sines of the drive, then two for each of the legs' modes.
+    """Times with the values of waves: cosines and sines of the drive, then two waves for each of the legs' modes.
 
-    legs: the leg of each time (n,).
+    `legs` (n,) is the leg of each time.
     """
 
     def __init__(self, legs: npt.NDArray[np.int64], since: Floats, turns: Floats, rates: Sequence[Complexes]) -> None:
@@ -141,7 +144,7 @@ class Moments:
         self._waves = dict(enumerate(turns))
 
     def wave(self, number: int) -> Floats:
-        """(n,)."""
+        """Values (n,) of a wave, by its number."""
         if number not in self._waves:
             mode = (number - self._turns) // 2
             rates, cosine = self._rates[mode], self._turns + 2 * mode
@@ -156,19 +159,20 @@ class Moments:
         return wave
 
     def _exponent(self, rates: Floats) -> Floats:
-        """Of rates (l,) in the legs, (n,)."""
+        """Exponents (n,) at the times, of rates (l,) in the legs."""
         exponent = rates.take(self.legs, mode="clip")
         exponent *= self._since
         return exponent
 
 
 class Cycle:
-    """What recurs from a moment on, `start_ns`.
+    """Motion that recurs from `start_ns` on.
 
     Args:
-        legs: of one period, with listeners as they will settle.
-        listeners: the states that no guard sees. alone: how they are by themselves. lag: how far they are at the start
-            from how they will settle.
+        legs: legs of one period, with settled listeners.
+        listeners: numbers of the states that no guard sees.
+        alone: the system of the listeners by themselves.
+        lag: distance of the listeners at the start from their settled states.
     """
 
     def __init__(
@@ -181,14 +185,14 @@ class Cycle:
         self._since_start = replace(self._inputs[0], start_phase=0)
         one = np.eye(len(self._inputs[0].order))
         self._cosines_and_sines = np.concatenate([one, -1j * one])
-        # (l,) of the first mode in each leg, of the second, ...; 0 where there are no more
+        # rates (l,) of the first mode in each leg, of the second one, ...; 0 where there is none
         own = itertools.zip_longest(*(leg.modes[0].tolist() for leg in legs), fillvalue=0j)
         self._rates = [np.array(rates) for rates in own]
         self._tables: dict[tuple[str, int, int], Table] = {}
         self._last: dict[tuple[int, int, int, int], Moments] = {}
 
     def at(self, name: str, rows: slice, row: Callable[[StateSpace], Rows], time_ns: Times, step_ns: int) -> Floats:
-        """Some of the system's outputs or of what is made of them, (p, n), at times from the start on."""
+        """Some of the system's outputs, or of functions of them, (p, n), at times from the start on."""
         table, moments = self._table((name, rows.start, rows.stop), row), self._moments(time_ns, step_ns)
         value = table.means.take(moments.legs, axis=1, mode="clip")
         part = np.empty_like(value)
@@ -227,7 +231,7 @@ class Cycle:
         return self._legs[bisect_right(self._begins.tolist(), cycles) - 1]
 
     def _moments(self, time_ns: Times, step_ns: int) -> Moments:
-        """What all functions of time share; kept, as voltages and their rates are asked for one after the other."""
+        """Values that all functions of time share; kept, as voltages and their rates are asked for in turn."""
         key = (int(time_ns[0]), int(time_ns[-1]), len(time_ns), step_ns)
         if not step_ns or key not in self._last:
             drive = self._inputs[0]
@@ -249,7 +253,7 @@ class Cycle:
         return self._tables[key]
 
     def _seen(self, leg: Leg, rows: Rows) -> tuple[Floats, Floats]:
-        """Mean (p,) of rows @ state and inputs in a leg, and weights (w, p) of the waves; 0 where lost in rounding."""
+        """Mean (p,) of rows over state and inputs in a leg, and weights (w, p) of waves; 0 if lost in rounding."""
         inputs, gap = leg.steady.inputs, leg.state - periodic(leg.steady, leg.begin)
         mean, _ = leg.steady.harmonics(rows)
         phasors = np.zeros((len(mean), len(inputs[0].order)), complex)
@@ -259,7 +263,7 @@ class Cycle:
         rates, shapes, inverse = leg.modes
         modes = np.zeros((len(self._rates), len(mean)), complex)
         modes[: len(rates)] = ((rows[0] @ shapes) * (inverse @ gap)).T
-        modes[: len(rates)].imag[rates.imag == 0] = 0.0  # left by rounding where poles repeat: a decay has no sine
+        modes[: len(rates)].imag[rates.imag == 0] = 0.0  # a decay has no sine; where poles repeat, rounding leaves one
         weights = np.concatenate([phasors.real.T, -phasors.imag.T, _split(modes)])
         weights[np.abs(weights) < LOST * (np.abs(mean) + np.abs(weights).sum(axis=0))] = 0.0
         return mean, weights

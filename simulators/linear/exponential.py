@@ -1,11 +1,11 @@
 """exp(A t) with every element right to the last digit of a float, whatever the poles.
 
-The series of exp(A h) is summed for a step h so short that A h is small, and squared from there: in decimal numbers of
-60 digits. Squaring doubles the relative error, so that 60 doublings, from a nanosecond to years, leave 40 digits.
-In ordinary floats the same loses a digit every three doublings, which a slow pole beside a fast one shows, and SciPy's
-remedy for triangular matrices divides by the differences of the diagonal elements: nearly equal poles lose all digits.
-Decimal arithmetic has no kernel that depends on the processor: the same bytes everywhere. Golub and Van Loan, Matrix
-Computations, 4th ed. (2013), 9.3.
+The series of exp(A h) is summed for a step h so short that A h is small, and the result is squared again and again, in
+decimal numbers of 60 digits. Squaring doubles the relative error, so 60 doublings, from a nanosecond to years, leave 40
+digits. In ordinary floats squaring loses a digit with every three doublings, which shows for a slow pole beside a fast
+one. SciPy's remedy for triangular matrices divides by the differences of the diagonal elements, so that nearly equal
+poles lose all digits. Decimal arithmetic does not depend on the processor and gives the same bytes everywhere. Golub
+and Van Loan, Matrix Computations, 4th ed. (2013), 9.3.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 
 DIGITS = decimal.Context(prec=60, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
 SMALL = Decimal("0.0625")  # greatest row sum of |A h|
-# Beyond one for each state, through which an element can first be reached: (1/16)^24 / 24! is 1e-53.
+# Terms beyond one for each state, which an element may need before it is not zero: (1/16)^24 / 24! is 1e-53.
 TERMS = 24
 
 
@@ -28,12 +28,12 @@ Decimals = npt.NDArray[np.object_]
 
 
 def decimals(a: Floats) -> Decimals:
-    """The same numbers, exactly; reckon with them under `decimal.localcontext(DIGITS)`."""
+    """The same numbers as decimals, exactly; to be used under `decimal.localcontext(DIGITS)`."""
     return np.array([Decimal(element) for element in a.ravel().tolist()], object).reshape(a.shape)
 
 
 def exact(a: Decimals) -> Decimals:
-    """exp(a), (s, s), to 40 digits."""
+    """exp(a) (s, s) to 40 digits."""
     size = len(a)
     halvings, largest = 0, max(sum(abs(element) for element in row) for row in a)
     while largest > SMALL:
@@ -49,13 +49,13 @@ def exact(a: Decimals) -> Decimals:
 
 
 def exponential(a: Floats) -> Floats:
-    """exp(a), (s, s)."""
+    """exp(a) (s, s), to the last digit of a float."""
     with decimal.localcontext(DIGITS):
         return exact(decimals(a)).astype(np.float64)
 
 
 class Doublings:
-    """exp(A unit), exp(2 A unit), exp(4 A unit), ...; each is worked out when it is first asked for.
+    """exp(A unit), exp(2 A unit), exp(4 A unit), ...; each is computed when it is first asked for.
 
     Args:
         a: (s, s), 1/s.

@@ -1,4 +1,4 @@
-"""How a linear system moves by itself: exp(A t), by its modes, or by doublings where these are too nearly parallel."""
+"""Free motion of a linear system: exp(A t) by its modes, or by doublings where modes are too nearly parallel."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from palpate.simulators.linear.exponential import Doublings
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
-# (p, n) at times [ns]; from when it moves freely; and what is between any two of the times, 0: they differ in it.
+# Gives (p, n) from times [ns], the start of the free motion [ns], and the step between times [ns] (0: not even).
 Seen = Callable[[Times, int, int], Floats]
 
-# Above this condition number the modes are too nearly parallel to carry the transient to thirteen digits.
+# Above this condition number modes are too nearly parallel to give the transient to thirteen digits.
 PARALLEL = 100.0
-BLOCK = 1024  # samples that are found together
-GONE = 1e-150  # of its beginning, below which a mode is nothing: products of two such still are ordinary numbers
+BLOCK = 1024  # samples that are computed together
+GONE = 1e-150  # of its beginning: a mode below it counts as 0; products of two such are still normal floats
 KEPT = 64  # systems
 
 
 class FreeMotion:
-    """x' = A x from any state; `a` is (s, s). What was worked out for a matrix serves all systems that have it."""
+    """x' = A x from any state; `a` is (s, s). Results for a matrix are shared by all systems that have it."""
 
     def __init__(self, a: Floats) -> None:
         self._a = a
-        self._doublings = Doublings(a, "1e-9")  # of a nanosecond
+        self._doublings = Doublings(a, "1e-9")  # from a nanosecond on
         self._steps: dict[int, Floats] = {}
         self._elements: dict[int, tuple[Floats, Times, Times]] = {}
 
@@ -40,7 +40,7 @@ class FreeMotion:
             return np.zeros(0, complex), np.zeros((0, 0), complex), np.zeros((0, 0), complex)
         from scipy.linalg import matrix_balance
 
-        # In units in which rows and columns are alike: metres beside amperes are not nearly parallel.
+        # In units in which rows and columns have equal sizes; metres beside amperes would look parallel.
         balanced, (units, _) = matrix_balance(self._a, permute=False, separate=True)
         rates, shapes = np.linalg.eig(balanced)
         if np.linalg.cond(shapes) > PARALLEL:
@@ -50,13 +50,13 @@ class FreeMotion:
 
     @functools.cached_property
     def _rates(self) -> Floats | Complexes:
-        """Of the modes that are real or turn forward; the other of a pair is its conjugate. Real where none turns."""
+        """Rates of the modes that are real or turn forward; an array of floats where none turns."""
         assert self.modes is not None
         rates: Complexes = self.modes[0][self.modes[0].imag >= 0]
         return rates if rates.imag.any() else rates.real
 
     def seen(self, rows: Floats, x: Floats) -> Seen:
-        """rows @ exp(A t) x, rows (p, s), as a function of time."""
+        """rows @ exp(A t) x, with rows (p, s), as a function of time."""
         if self.modes is None:
             return functools.partial(self._of_doublings, rows, x)
         rates, shapes, inverse = self.modes
@@ -65,18 +65,18 @@ class FreeMotion:
         return functools.partial(self._of_modes, weights if np.iscomplexobj(self._rates) else weights.real)
 
     def free(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """exp(A t) x, shape (s, n)."""
+        """exp(A t) x (s, n)."""
         return self.seen(np.eye(len(x)), x)(elapsed_ns, 0, 0)
 
     def moment(self, x: Floats, elapsed_ns: float) -> Floats:
-        """exp(A t) x at one time, (s,)."""
+        """exp(A t) x (s,) at one time."""
         if self.modes is None:
             return self._later(x, round(elapsed_ns))
         rates, shapes, inverse = self.modes
         return np.asarray((shapes @ (np.exp(rates * (1e-9 * elapsed_ns)) * (inverse @ x))).real)
 
     def decay(self, x: Floats, elapsed_ns: Times) -> Floats:
-        """exp(A t) x, shape (s, n), by the exponentials of 1, 2, 4, ... ns: it needs no modes."""
+        """exp(A t) x (s, n) by the exponentials of 1, 2, 4, ... ns, without modes."""
         answer = np.repeat(x[:, np.newaxis], len(elapsed_ns), axis=1)
         for bit in range(int(elapsed_ns.max(initial=0)).bit_length()):
             used = (elapsed_ns >> bit) & 1 == 1
@@ -85,14 +85,14 @@ class FreeMotion:
         return answer
 
     def _later(self, x: Floats, elapsed_ns: int) -> Floats:
-        """The same at one time, of one state (s,) or of several (s, n) side by side: faster."""
+        """exp(A t) x at one time, of one state (s,) or of several (s, n) side by side, which is faster."""
         for bit in range(elapsed_ns.bit_length()):
             if elapsed_ns >> bit & 1:
                 x = np.einsum("ij,j...->i...", self._doublings[bit], x)
         return x
 
     def _of_doublings(self, rows: Floats, x: Floats, time_ns: Times, start_ns: int, step_ns: int) -> Floats:
-        """As `_of_modes`, with every element of exp(A t) in the place of a mode."""
+        """The same as `_of_modes`, with the elements of exp(A t) in place of modes."""
         if not step_ns:
             return real_product(rows, self.decay(x, time_ns - start_ns))
         within, to, of = self._elements_within(step_ns)
@@ -103,7 +103,7 @@ class FreeMotion:
         return on_grid(heads, within, int(time_ns[0]) - start_ns, len(time_ns), step_ns)
 
     def _elements_within(self, step_ns: int) -> tuple[Floats, Times, Times]:
-        """The elements of exp(A t) in a block that are not always 0, (elements, BLOCK), and their rows and columns."""
+        """Elements (elements, BLOCK) of exp(A t) in a block that are not always 0, with their rows and columns."""
         if step_ns not in self._elements:
             found = one = np.eye(len(self._a))[np.newaxis]
             while len(found) < BLOCK:
@@ -115,8 +115,10 @@ class FreeMotion:
         return self._elements[step_ns]
 
     def _of_modes(self, weights: Floats | Complexes, time_ns: Times, start_ns: int, step_ns: int) -> Floats:
-        """Blocks of samples, counted from the first one after the start, as products of what a mode is at a block's
-        beginning and what it does within a block: the same bytes whatever part of a block is asked for."""
+        """Blocks of samples as products of the modes at a block's beginning and the modes' motion within a block.
+
+        Blocks are counted from the first sample after the start, so that any part of a block has the same bytes.
+        """
         if not step_ns:
             return _decaying(weights, self._rates, time_ns - start_ns)
 
@@ -128,7 +130,7 @@ class FreeMotion:
         return on_grid(heads, self._within(step_ns), int(time_ns[0]) - start_ns, len(time_ns), step_ns)
 
     def _within(self, step_ns: int) -> Floats:
-        """What the modes do in a block, (parts, BLOCK)."""
+        """Motion (parts, BLOCK) of the modes within a block."""
         if step_ns not in self._steps:
             turns = np.exp(np.outer(self._rates, 1e-9 * step_ns * np.arange(BLOCK)))
             turns[np.abs(turns) < GONE] = 0.0
@@ -143,26 +145,26 @@ class FreeMotion:
 
 
 def on_grid(heads: Callable[[Times], Floats], within: Floats, first_ns: int, count: int, step_ns: int) -> Floats:
-    """Samples (p, count), `step_ns` apart, of blocks counted from time 0: the same bytes whatever is asked for.
+    """Samples (p, count), `step_ns` apart, from blocks that are counted from time 0: any part has the same bytes.
 
     Args:
-        heads: from the beginnings of blocks [ns] to what is then, (blocks, p, parts).
-        within: what each part does in a block, (parts, BLOCK).
+        heads: function of the beginnings of blocks [ns] that gives the parts (blocks, p, parts) there.
+        within: (parts, BLOCK), motion of each part within a block.
     """
     number, rest_ns = divmod(first_ns, step_ns)
     blocks = np.arange(number // BLOCK, (number + count - 1) // BLOCK + 1)
-    parts = np.ascontiguousarray(heads(rest_ns + step_ns * BLOCK * blocks))  # how it lies decides how a BLAS rounds
+    parts = np.ascontiguousarray(heads(rest_ns + step_ns * BLOCK * blocks))  # the memory layout decides how BLAS rounds
     start = number - int(blocks[0]) * BLOCK
     found = np.empty((parts.shape[1], len(blocks), BLOCK))
     if len(within) == 1:
-        np.multiply(parts.transpose(1, 0, 2), within, out=found)  # without the calls of a product
+        np.multiply(parts.transpose(1, 0, 2), within, out=found)  # a product would take more calls
     else:
-        np.matmul(parts, within, out=found.transpose(1, 0, 2))  # a stack of products: each block rounds as if alone
+        np.matmul(parts, within, out=found.transpose(1, 0, 2))  # a stack: each block rounds as if it were alone
     return found.reshape(len(found), -1)[:, start : start + count]
 
 
 def free_motion(a: Floats) -> FreeMotion:
-    """Of a matrix (s, s); the same object for an equal one."""
+    """Free motion of a matrix (s, s); the same object for equal matrices."""
     return _known(a.tobytes(), len(a))
 
 
@@ -174,8 +176,8 @@ def _known(a: bytes, size: int) -> FreeMotion:
 def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.inexact[Any]]) -> Floats:
     """Real part of weights @ rows; weights (..., k), rows (k, n), result (..., n).
 
-    Summed row by row: a BLAS product rounds a column otherwise when it stands in a block of another length,
-    and the same samples must be the same bytes whatever blocks they are asked for in.
+    It is summed row by row. A BLAS product would round a column differently in a block of another length, but samples
+    must have the same bytes in whatever blocks they are asked for.
     """
     total = np.zeros((*weights.shape[:-1], rows.shape[1]))
     for k, row in enumerate(rows):
@@ -185,7 +187,7 @@ def real_product(weights: npt.NDArray[np.inexact[Any]], rows: npt.NDArray[np.ine
 
 
 def _decaying(weights: Floats | Complexes, rates: Floats | Complexes, elapsed_ns: Times) -> Floats:
-    """Real part of weights @ exp(rates t), weights (p, s), shape (p, n)."""
+    """Real part (p, n) of weights @ exp(rates t), with weights (p, s)."""
     total = np.zeros((len(weights), len(elapsed_ns)))
     elapsed = 1e-9 * elapsed_ns
     for weight, rate in zip(weights.T[..., np.newaxis], rates, strict=True):

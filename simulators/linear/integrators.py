@@ -1,6 +1,6 @@
-"""Ways to follow one stiff chain through time, compared: error against time, failures included.
+"""Comparison of integrators on one stiff chain: error against time, with failures.
 
-The chain is 9 states in series under a 10 Hz sine, from rest: coil (1 us), armature, sample with two Prony terms,
+The chain has 9 states in series under a 10 Hz sine, from rest: coil (1 us), armature, sample with two Prony terms,
 charge amplifier (1 s), anti-alias filters, bridge filter (0.1 s). The rates of its modes span six decades.
 """
 
@@ -32,14 +32,14 @@ DURATION = 10.0  # s, of the record
 STATES = 9
 STIFFNESS = 1e6  # fastest over slowest rate
 SAMPLE_NS = 1_000_000  # between the samples that are compared
-BLOCK = 100  # steps that one block of the matrix exponential makes
-LOST = 1.0  # error from which on nothing is left of the answer
+BLOCK = 100  # steps in one block of the matrix exponential
+LOST = 1.0  # relative error of an answer that is worthless
 DRIVE = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([-1j]))
 STEPS_MS = (5.0, 1.0, 0.1)
 EULER_US = (2.1, 1.9)
 Adaptive = Literal["Radau", "LSODA"]
 TOLERANCES: dict[Adaptive, tuple[float, ...]] = {"Radau": (1e-3, 1e-5), "LSODA": (1e-3, 1e-6, 1e-9)}
-REPEATED = 0.05  # s: what is faster is measured again, and the least time taken
+REPEATED = 0.05  # s; faster methods are measured again, and the least time counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +47,10 @@ class Measured:
     """One method at one setting.
 
     Attributes:
-        setting: step [s] or relative tolerance; None where there is nothing to set.
-        error: greatest, of the output over its greatest value; None where the method failed.
-        seconds: CPU time of the record.
-        failure: what became of it, or "".
+        setting: step [s] or relative tolerance; None: the method has no setting.
+        error: greatest error of the output over its greatest value; None: the method failed.
+        seconds: CPU time of the record [s].
+        failure: reason of a failure, or "".
     """
 
     method: str
@@ -61,7 +61,7 @@ class Measured:
 
 
 def chain() -> StateSpace:
-    """From the coil voltage to the last filter's output, in units in which all gains are about one."""
+    """The chain from the coil voltage to the last filter's output, in units in which all gains are about one."""
     resonance, damping = 2 * math.pi * 35, 0.15
     armature = StateSpace(
         np.array([[0.0, resonance], [-resonance, -2 * damping * resonance]]),
@@ -83,7 +83,7 @@ def chain() -> StateSpace:
 
 
 def compare() -> Iterator[Measured]:
-    """Every method at every setting, the finer the later."""
+    """Measure every method at every setting, from coarse to fine."""
     system = chain()
     times = np.arange(0, round(DURATION * SECOND) + 1, SAMPLE_NS)
     truth = _reference(system, times)
@@ -139,7 +139,7 @@ def _blocks(
     exponential: Callable[[Any], Any],
     numbers: Callable[[Floats], npt.NDArray[Any]] = np.asarray,
 ) -> Floats:
-    """The chain with the oscillator that drives it, by powers of one matrix exponential, in such numbers."""
+    """The chain with the oscillator that drives it, by powers of one matrix exponential, in numbers of any kind."""
     s, w = system.order, 2 * math.pi * DRIVE.frequency / HERTZ
     augmented = np.zeros((s + 2, s + 2))
     augmented[:s, :s], augmented[:s, s] = system.a, system.b[:, 0]
@@ -159,7 +159,7 @@ def _blocks(
 
 
 def _reference(system: StateSpace, times: Times) -> Floats:
-    """The blocks in decimal numbers of 60 digits."""
+    """The reference: blocks in decimal numbers of 60 digits."""
     with decimal.localcontext(DIGITS):
         return _blocks(system, times, exact, decimals)
 
@@ -170,7 +170,11 @@ Formula = Callable[[Complexes], tuple[Complexes, Complexes, Complexes]]
 
 
 def _first_order_hold(z: Complexes) -> tuple[Complexes, Complexes, Complexes]:
-    """x <- a x + before u + after u', exact for a drive that is straight between the steps; z = rate times step."""
+    """Coefficients of x <- a x + before u + after u', exact for a drive that is straight between steps.
+
+    `z` is rate times step.
+
+    """
     ramp: Complexes = np.where(np.abs(z) < 1e-3, 0.5 + z / 6 + z**2 / 24 + z**3 / 120, (np.expm1(z) - z) / z**2)
     return np.exp(z), np.expm1(z) / z - ramp, ramp
 
@@ -185,7 +189,7 @@ def _explicit_euler(z: Complexes) -> tuple[Complexes, Complexes, Complexes]:
 
 
 def _stepped(system: StateSpace, formula: Formula, step_ns: int, stride: int) -> Floats:
-    """Every `stride`th step. In the modes' coordinates, where a step is nine multiplications: the fastest there is."""
+    """The output at every `stride`th step, in the modes' coordinates, where a step is only nine multiplications."""
     from scipy.signal import lfilter
 
     assert system.motion.modes is not None
@@ -196,7 +200,7 @@ def _stepped(system: StateSpace, formula: Formula, step_ns: int, stride: int) ->
     pushed, seen = step * (inverse @ system.b[:, 0]), system.c[0] @ shapes
     output = system.d[0, 0] * u[::stride]
     for rate, push, own, new, weight in zip(factors, pushed, before, after, seen, strict=True):
-        # In direct form the filter's memory before the first step is that of a state of zero.
+        # In direct form, the filter's memory before the first step belongs to a state of zero.
         memory = np.array([-push * new * u[0]])
         x, _ = lfilter([push * new, push * own], [1.0, -rate], u.astype(complex), zi=memory)
         output = output + (weight * x[::stride]).real

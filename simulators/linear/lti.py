@@ -1,7 +1,7 @@
 """Linear time-invariant parts of a chain, solved in closed form.
 
-A periodic drive is a mean and a few harmonics, so the state is a periodic part plus a transient that
-decays with the system's own modes; both are known at any time without stepping.
+A periodic drive is a mean and a few harmonics. So the state is a periodic part and a transient that decays with the
+system's own modes. Both are known at any time without stepping.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from palpate.simulators.linear.periodic import HERTZ, Periodic
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Times = npt.NDArray[np.int64]
-Rows = tuple[Floats, Floats]  # over states (p, s) and inputs (p, m)
+Rows = tuple[Floats, Floats]  # weights on states (p, s) and inputs (p, m)
 
-KEPT = 256  # systems under inputs, whose settled states are known
+KEPT = 256  # pairs of system and inputs whose settled states are kept
 
 
 Parts = tuple[tuple[Periodic, Complexes], ...]  # time bases with phasors (p, k)
@@ -32,7 +32,11 @@ Parts = tuple[tuple[Periodic, Complexes], ...]  # time bases with phasors (p, k)
 class StateSpace:
     """x' = A x + B u, y = C x + D u, with s states, m inputs and p outputs.
 
-    a: (s, s). b: (s, m). c: (p, s). d: (p, m).
+    Attributes:
+        a: (s, s).
+        b: (s, m).
+        c: (p, s).
+        d: (p, m).
     """
 
     a: Floats
@@ -46,7 +50,7 @@ class StateSpace:
         return len(self.a)
 
     def then(self, following: StateSpace) -> StateSpace:
-        """Both in series: my outputs are its inputs."""
+        """Both systems in series: the outputs of this one are the inputs of `following`."""
         if not self.order:
             return StateSpace(following.a, following.b @ self.d, following.c, following.d @ self.d)
         if not following.order:
@@ -61,27 +65,27 @@ class StateSpace:
         )
 
     def plus(self, other: StateSpace) -> StateSpace:
-        """Both from the same inputs, their outputs added."""
+        """Both systems with the same inputs; their outputs are added."""
         a, _, c, _ = (_block(mine, its) for mine, its in zip(self._parts(), other._parts(), strict=True))
         p = len(self.c)
         return StateSpace(a, np.vstack([self.b, other.b]), c[:p] + c[p:], self.d + other.d)
 
     def beside(self, other: StateSpace) -> StateSpace:
-        """Both side by side: inputs and outputs of one, then of the other."""
+        """Both systems side by side: first inputs and outputs of this one, then those of `other`."""
         return StateSpace(*(_block(mine, its) for mine, its in zip(self._parts(), other._parts(), strict=True)))
 
     def part(self, states: list[int]) -> StateSpace:
-        """With some of the states only; the others must not act on them."""
+        """The system of some of the states, on which the others must not act."""
         return StateSpace(self.a[np.ix_(states, states)], self.b[states], self.c[:, states], self.d)
 
     def transfer(self, frequency: float) -> Complexes:
-        """Outputs over inputs at a frequency in Hz, shape (p, m)."""
+        """Transfer matrix (p, m), outputs over inputs, at a frequency [Hz]."""
         resolvent = -self.a.astype(complex)
         resolvent.flat[:: self.order + 1] += 2j * np.pi * frequency
         return np.asarray(self.c @ np.linalg.solve(resolvent, self.b) + self.d, complex)
 
     def drive(self, inputs: Sequence[Periodic]) -> Steady:
-        """The state that periodic inputs of this system, one after the other, lead to."""
+        """This system under periodic inputs, given in order."""
         inputs = tuple(u if u.frequency else u.held() for u in inputs)
         waves = [(u.frequency, u.order.tobytes(), u.amplitude.tobytes()) for u in inputs]
         means = np.array([u.mean for u in inputs])
@@ -89,7 +93,7 @@ class StateSpace:
 
     @functools.cached_property
     def motion(self) -> FreeMotion:
-        """How it moves without inputs."""
+        """Its motion without inputs."""
         return free_motion(self.a)
 
     def _parts(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -98,9 +102,12 @@ class StateSpace:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The state that periodic inputs lead to, in whatever phase they begin; the same object for equal ones.
+    """The settled state under periodic inputs that begin at any phase; the same object for equal inputs.
 
-    mean: (s,). waves: for each input its harmonics of the state, (s, k). kept: what is made of them.
+    Attributes:
+        mean: (s,), mean of the state.
+        waves: (s, k) for each input, harmonics of the state.
+        kept: results that rest on them.
     """
 
     mean: Floats
@@ -110,7 +117,7 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """A system under periodic inputs, and the state that they lead to."""
+    """A system under periodic inputs, and its settled state."""
 
     system: StateSpace
     inputs: tuple[Periodic, ...]
@@ -118,20 +125,20 @@ class Steady:
 
     @property
     def mean(self) -> Floats:
-        """Of the state (s,)."""
+        """Mean (s,) of the state."""
         return self.settled.mean
 
     @property
     def waves(self) -> tuple[Complexes, ...]:
-        """For each input its harmonics of the state, (s, k)."""
+        """Harmonics (s, k) of the state for each input."""
         return self.settled.waves
 
     def harmonics(self, rows: Rows) -> tuple[Floats, Parts]:
-        """rows[0] @ x + rows[1] @ u without the transient: means (p,), and harmonics of each time base."""
+        """rows[0] @ x + rows[1] @ u without the transient: means (p,) and the harmonics of each time base."""
         mean = rows[0] @ self.mean + rows[1] @ np.array([u.mean for u in self.inputs])
         parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]] = {}
         for number, (u, wave) in enumerate(zip(self.inputs, self.waves, strict=True)):
-            if len(u.order):  # without harmonics there is nothing to multiply
+            if len(u.order):  # an input without harmonics adds none
                 _add(parts, u, rows[0] @ wave + np.outer(rows[1][:, number], u.amplitude))
         return mean, tuple(parts.values())
 
@@ -148,7 +155,7 @@ class Steady:
         return self._now(time_ns) + self.system.motion.moment(self.gap(start_ns, x0), time_ns - start_ns)
 
     def gap(self, start_ns: int, x0: Floats) -> Floats:
-        """What the state `x0` (s,) is off from the periodic one."""
+        """Difference (s,) of the state `x0` from the periodic one."""
         return x0 - self._now(start_ns)
 
     def _now(self, time_ns: int) -> Floats:
@@ -172,9 +179,11 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Functions of time: means, harmonics, and what is left of a transient.
+    """Functions of time: means, harmonics and a decaying transient.
 
-    mean: (p,). gap: (s,) at `start_ns`, of which rows (p, s) are seen.
+    Attributes:
+        mean: (p,).
+        gap: (s,), difference from the settled state at `start_ns`; rows (p, s) of it are seen.
     """
 
     system: StateSpace
@@ -185,7 +194,7 @@ class Trace:
     gap: Floats
 
     def at(self, time_ns: Times, step_ns: int = 0) -> Floats:
-        """Values (p, n) at times from the start on. `step_ns`: between any two times, which is faster; 0: none."""
+        """Values (p, n) at times from the start on. `step_ns`: step between times, for speed; 0: not even."""
         terms = [base.summed(phasors, time_ns, step_ns) for base, phasors in self.parts]
         if self.rows.any() and self.gap.any():
             terms.append(self._transient(time_ns, self.start_ns, step_ns))
@@ -203,7 +212,7 @@ class Trace:
 
 
 def _add(parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]], u: Periodic, phasors: Complexes) -> None:
-    """Harmonics (p, k) of inputs with one frequency and phase add up as phasors."""
+    """Add harmonics (p, k) of an input; those of inputs with one frequency and phase add up as phasors."""
     if len(u.order):
         key = (u.frequency, u.start_ns, u.start_phase, u.order.tobytes())
         parts[key] = (u, phasors + parts[key][1]) if key in parts else (u, phasors)
@@ -211,7 +220,7 @@ def _add(parts: dict[tuple[int, int, int, bytes], tuple[Periodic, Complexes]], u
 
 @functools.lru_cache(maxsize=KEPT)
 def _led_to(a: bytes, b: bytes, means: bytes, waves: tuple[tuple[int, bytes, bytes], ...]) -> Settled:
-    """What inputs, by frequency, orders and amplitudes, lead a system to."""
+    """Settled state of a system under inputs, which are given by frequency, orders and amplitudes."""
     order = len(b) // len(means)
     system, push = np.frombuffer(a).reshape(order, order), np.frombuffer(b).reshape(order, len(waves))
     columns = []
@@ -231,10 +240,10 @@ def _led_to(a: bytes, b: bytes, means: bytes, waves: tuple[tuple[int, bytes, byt
 
 
 def _rest(a: Floats, push: Floats) -> Floats:
-    """The state (s,) that stands still under a constant push (s,) on its rates.
+    """The state (s,) at rest under a constant push (s,) on its rates.
 
-    A state that only integrates makes A singular; what it integrates then has no mean. Each row by its own
-    rate and each column by its own weight: from microseconds to hours side by side, none is taken for zero.
+    A state that only integrates makes A singular; then the quantity that it integrates has no mean. Each row is scaled
+    by its rate and each column by its weight, so that time constants from microseconds to hours side by side are kept.
     """
     if not len(a):
         return np.zeros(0)
@@ -244,7 +253,7 @@ def _rest(a: Floats, push: Floats) -> Floats:
     weight = np.abs(scaled).max(axis=0, initial=0.0)
     columns = 1 / np.where(weight > 0, weight, 1.0)
     scaled, rest = scaled * columns, np.zeros(len(a))
-    for _ in range(2):  # once more for what rounding left
+    for _ in range(2):  # the second time corrects the rounding of the first
         rest += np.linalg.lstsq(scaled, -rows * push - scaled @ rest, rcond=None)[0]
     return np.asarray(columns * rest)
 

@@ -1,4 +1,4 @@
-"""A mode of a piecewise linear system: a linear system with guards that say how long it lasts; and a stay in it."""
+"""Mode of a piecewise linear system: a linear system with guards that tell how long it lasts; and a stay in a mode."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from palpate.simulators.linear.periodic import Periodic
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """What stays at or above zero, and what follows when it does not.
+    """An output that stays at or above zero while a mode lasts, and the mode that follows when it does not.
 
-    entry: from state (s,) and inputs (m,) at the end to the state that the following mode begins with; None: the same.
+    `entry` is a function of state (s,) and inputs (m,) at the end that gives the first state of the following mode;
+    None: the state stays.
     """
 
     row: Rows
@@ -26,7 +27,7 @@ class Guard:
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A linear system from all inputs to all outputs, as long as its guards hold; `touch` tells it from the others."""
+    """A linear system from all inputs to all outputs, valid as long as its guards hold. `touch` tells modes apart."""
 
     touch: Any
     system: StateSpace
@@ -35,9 +36,9 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stay in one mode from `start_ns`, from a state (s,), up to `end_ns`, when a guard failed.
+    """A stay in one mode, from `start_ns` and a state (s,) to `end_ns`, when a guard fails.
 
-    traces: what has been looked at in it, by name and rows.
+    `traces` keeps the functions of time that were asked for, by name and rows.
     """
 
     start_ns: int
@@ -49,7 +50,7 @@ class Stretch:
     traces: dict[tuple[str, int, int], Trace] = field(default_factory=dict, init=False)
 
     def trace(self, name: str, rows: slice, row: Callable[[StateSpace], Rows]) -> Trace:
-        """Of some of the system's outputs or of what is made of them, for all times of the stay."""
+        """Some of the system's outputs, or functions of them, for all times of the stay."""
         key = (name, rows.start, rows.stop)
         if key not in self.traces:
             self.traces[key] = self.steady.trace(row(self.mode.system), self.start_ns, self.state)
@@ -60,7 +61,7 @@ class Stretch:
         return self.steady.moment(self.start_ns, self.state, time_ns)
 
     def after(self, inputs: tuple[Periodic, ...]) -> tuple[Mode, Floats]:
-        """The mode and the state that follow; the same mode where only the search ended."""
+        """The mode and the state that follow; the same mode where only the search was cut off."""
         state = self.moment(self.end_ns)
         if self.failed is None:
             return self.mode, state

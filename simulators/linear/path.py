@@ -1,11 +1,11 @@
-"""What a piecewise linear system does from one change of its settings to the next.
+"""Motion of a piecewise linear system from one change of its settings to the next.
 
-A mode is a linear system with guards: outputs that stay at or above zero while it lasts. Where a guard fails the
-next mode begins with the state that the last one left. Inside a mode everything is known in closed form, and so
-is the guarantee that a guard never fails; only where it may fail is its first failure looked for.
+A mode is a linear system with guards: outputs that stay at or above zero while it lasts. Where a guard fails, the next
+mode begins with the state that the last one left. Inside a mode everything is known in closed form, even whether a
+guard can ever fail. Only where a guard may fail, its first failure is searched for.
 
-The drive brings the same transitions in each of its periods, once what the guards see repeats: from then on nothing is
-looked for, and any later moment is reached without living through what lies before it.
+Once the guards see the same in two periods of the drive, every later period has the same transitions. From then on
+nothing is searched for, and any later moment is reached without following the time before it.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 from palpate.simulators.linear.recurrence import Recurrence, Section, depended_on, recurrence
 
-LONGEST = 100 * SECOND  # in which the transitions of a drive at rest are counted
-KEPT_NS = 12 * SECOND  # how far back stretches are kept: the indicator looks back 10 s at most
+LONGEST = 100 * SECOND  # time in which the transitions of a drive at rest are counted
+KEPT_NS = 12 * SECOND  # stretches are kept for so long; the indicator looks back 10 s at most
 MOST = 4000  # transitions in one period of the drive
 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What is worked out once for a mode: its periodic state, and the states that its guards see, by themselves."""
+    """Results that are computed once for a mode: periodic state, and the system of the states that guards see."""
 
     mode: Mode
     steady: Steady
@@ -42,12 +42,12 @@ class _Known:
 
 
 class Path:
-    """The stretches since a change, found as far as someone looks; what is found does not depend on who looks when.
+    """The stretches since a change. They are computed as far as somebody asks; results do not depend on who asks when.
 
     Args:
         inputs: (m,) periodic functions of time that start at the change, all with the period of the first.
-        mode: at the change.
-        state: (s,) at the change.
+        mode: mode at the change.
+        state: (s,), state at the change.
     """
 
     def __init__(self, inputs: tuple[Periodic, ...], mode: Mode, start_ns: int, state: Floats) -> None:
@@ -62,7 +62,7 @@ class Path:
         self._cycle: Cycle | None = None
         self._crowd = (start_ns, 0)
         self._stretches: list[Stretch] = []
-        self._first = mode, start_ns, state  # entered when someone looks
+        self._first = mode, start_ns, state  # entered when somebody asks
 
     def outputs(self, time_ns: Times, rows: slice, step_ns: int = 0) -> Floats:
         """Some of the outputs (rows, n) at ascending times from the change on, all `step_ns` apart or 0."""
@@ -76,7 +76,7 @@ class Path:
         """Rates of some of the outputs (rows, n) [1/s] at ascending times from the change on, all `step_ns` apart."""
 
         def row(system: StateSpace) -> Rows:
-            # Of the inputs, the first alone changes; the last is its rate.
+            # Only the first input changes; the last one is its rate.
             direct = np.outer(system.d[rows, 0], [0.0] * (len(self._inputs) - 1) + [1.0])
             return system.c[rows] @ system.a, system.c[rows] @ system.b + direct
 
@@ -104,9 +104,9 @@ class Path:
         return [modes[0], *(after for before, after in pairwise(modes) if after is not before)]
 
     def modes_met(self, time_ns: int) -> Iterator[Mode]:
-        """All modes from the change up to a time, one after the other; of those that recur, two periods.
+        """All modes from the change up to a time, one after the other; two periods of those that recur.
 
-        What follows a mode is looked for when the next one is asked for: who has seen enough need not go on.
+        The mode that follows is searched for only when it is asked for, so that a caller can stop early.
         """
         now_ns = self.start_ns
         self._recurring(now_ns)
@@ -135,7 +135,7 @@ class Path:
         return pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)
 
     def _recurring(self, last_ns: int) -> Cycle | None:
-        """What recurs at a time, if anything does then."""
+        """The recurring motion at a time; None: nothing recurs then."""
         if not self._stretches:
             self._enter(*self._first)
         while self._cycle is None and self._stretches[-1].end_ns <= last_ns:
@@ -155,7 +155,7 @@ class Path:
     # --- transitions -----------------------------------------------------------------------------------
 
     def _follow(self) -> None:
-        """What comes after the last stretch."""
+        """Compute the stretch after the last one."""
         last = self._stretches[-1]
         mode, state = last.after(self._inputs)
         if mode is not last.mode:
@@ -190,7 +190,7 @@ class Path:
         return self._known[id(mode)]
 
     def _look_for_repeat(self, stay: Stretch) -> None:
-        """Compare the state whenever the drive has repeated; a stretch is looked at once, when it is found."""
+        """Compare the states of successive periods of the drive in a new stretch."""
         frequency = self._inputs[0].frequency
         number = -(-(stay.start_ns - self.start_ns) * frequency // CYCLE)
         time_ns = self._repeated_ns(number)
@@ -217,9 +217,9 @@ class Path:
 
 @lru_cache(maxsize=KEPT)
 def _by_itself(a: bytes, b: bytes, rows: bytes, shape: tuple[int, int, int]) -> tuple[list[int], StateSpace]:
-    """The states on which so many rows over states depend, and the system of these alone, without outputs.
+    """The states on which some rows depend, and the system of these states alone, without outputs.
 
-    shape: how many rows, states and inputs.
+    `shape` is the number of rows, states and inputs.
     """
     count, order, inputs = shape
     matrix = np.frombuffer(a).reshape(order, order)
@@ -233,6 +233,6 @@ def _start(stay: Stretch) -> int:
 
 
 def split(time_ns: Times, starts_ns: Sequence[int]) -> list[Times]:
-    """Ascending times before the first start, from there to the next, ...; numpy's own takes seven times as long."""
+    """Divide ascending times at some starts. (numpy's own function takes seven times as long.)"""
     borders = [0, *time_ns.searchsorted(starts_ns).tolist(), len(time_ns)]
     return [time_ns[first:end] for first, end in pairwise(borders)]

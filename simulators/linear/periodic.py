@@ -11,20 +11,22 @@ import numpy.typing as npt
 
 from palpate.simulators.linear.free_motion import BLOCK, Complexes, Floats, Times, on_grid, real_product
 
-POINTS = 1024  # of a period, where a waveform is sampled
+POINTS = 1024  # in a period at which a waveform is sampled
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
 HERTZ = 10**9  # one hertz in units of frequency
 SECOND = 10**9  # one second in nanoseconds
-KEPT = 16  # tables of a block's turns
+KEPT = 16  # tables of turns within a block
 
 
 @dataclass(frozen=True)
 class Periodic:
     """mean + sum over k of Re(amplitude[k] exp(i 2 pi order[k] phase)), the phase in cycles.
 
-    frequency: integer nHz, so that the phase after any time is an exact integer count of 1e-18 cycles.
-    start_ns, start_phase: the phase is `start_phase` (1e-18 cycles) at `start_ns`.
-    order: (k,) integers. amplitude: (k,) complex.
+    Attributes:
+        frequency: integer nHz, so that the phase after any time is an exact integer count of 1e-18 cycles.
+        start_ns, start_phase: the phase is `start_phase` (1e-18 cycles) at `start_ns`.
+        order: (k,), integers.
+        amplitude: (k,), complex.
     """
 
     mean: float
@@ -35,9 +37,9 @@ class Periodic:
     amplitude: Complexes
 
     def phase(self, time_ns: Times, step_ns: int = 0) -> Times:
-        """Phase in 1e-18 cycles, exact for 30 days of any frequency up to 20 kHz. Shape of `time_ns`.
+        """Phase [1e-18 cycles], exact for 30 days of any frequency up to 20 kHz, in the shape of `time_ns`.
 
-        step_ns: between any two times, which is faster; 0 where they have none.
+        `step_ns` is the step between times, which makes it faster; 0: times are not even.
         """
         if step_ns:
             heads = self._counts(time_ns[::BLOCK])
@@ -51,12 +53,12 @@ class Periodic:
         return phase
 
     def turns(self, time_ns: Times) -> Complexes:
-        """exp(i 2 pi order phase), shape (k, n)."""
+        """exp(i 2 pi order phase) (k, n)."""
         turns: Complexes = np.exp(2j * np.pi * np.outer(self.order, self.phase(time_ns) / CYCLE))
         return turns
 
     def turn(self, time_ns: int) -> Complexes:
-        """The same at one time, (k,)."""
+        """exp(i 2 pi order phase) (k,) at one time."""
         turn: Complexes = np.exp(2j * np.pi * (self._count(time_ns) / CYCLE) * self.order)
         return turn
 
@@ -65,11 +67,11 @@ class Periodic:
         return (self.start_phase + self.frequency * (time_ns - self.start_ns)) % CYCLE
 
     def _counts(self, time_ns: Times) -> Times:
-        """The phase at few times: then this is faster."""
+        """The phase at times; faster than `phase` for few times."""
         return np.array([self._count(time) for time in time_ns.tolist()])
 
     def summed(self, phasors: Complexes, time_ns: Times, step_ns: int = 0) -> Floats:
-        """Sums of its harmonics with other phasors (p, k), shape (p, n). `step_ns`: between any two times; 0: none."""
+        """Sums (p, n) of its harmonics with other phasors (p, k). `step_ns`: step between times; 0: not even."""
         if not step_ns:
             return real_product(phasors, self.turns(time_ns))
         repeat = self.repeat(step_ns)
@@ -86,7 +88,7 @@ class Periodic:
         return on_grid(heads, within, int(time_ns[0]), len(time_ns), step_ns)
 
     def repeat(self, step_ns: int) -> int:
-        """After so many times, `step_ns` apart, its phases are the same again."""
+        """Number of times, `step_ns` apart, after which its phases repeat."""
         return CYCLE // math.gcd(self.frequency * step_ns, CYCLE)
 
     def restarted(self, time_ns: int) -> Periodic:
@@ -101,7 +103,7 @@ class Periodic:
         )  # fmt: skip
 
     def held(self) -> Periodic:
-        """A function of 0 Hz as what it is: its value at the start, for ever."""
+        """A function of 0 Hz as a constant: its value at the start."""
         return constant(self.now(self.start_ns), self)
 
     def derivative(self) -> Periodic:
@@ -110,7 +112,7 @@ class Periodic:
         return Periodic(0.0, self.frequency, self.start_ns, self.start_phase, self.order, rates * self.amplitude)
 
     def extremes(self) -> tuple[float, float]:
-        """Least and greatest value; of several harmonics at 1024 points of a period."""
+        """Least and greatest value; for several harmonics, of 1024 points in a period."""
         if len(self.order) == 1:
             swing = float(np.abs(self.amplitude[0]))
             return self.mean - swing, self.mean + swing
@@ -119,7 +121,7 @@ class Periodic:
         return float(wave.min()), float(wave.max())
 
     def at(self, time_ns: Times) -> Floats:
-        """Values, shape (n,)."""
+        """Values (n,) at times."""
         return self.mean + real_product(self.amplitude, self.turns(time_ns))
 
     def now(self, time_ns: int) -> float:
@@ -129,19 +131,19 @@ class Periodic:
 
 @functools.lru_cache(maxsize=KEPT)
 def _phase_within(frequency: int, step_ns: int) -> Times:
-    """What the phase gains in a block of samples, (BLOCK,) 1e-18 cycles."""
+    """Phase (BLOCK,) [1e-18 cycles] since the beginning of a block of samples."""
     from_zero = Periodic(0.0, frequency, 0, 0, np.zeros(0, np.int64), np.zeros(0, complex))
     return from_zero.phase(step_ns * np.arange(BLOCK))
 
 
 @functools.lru_cache(maxsize=KEPT)
 def _turns_within(frequency: int, order: bytes, step_ns: int) -> Floats:
-    """Cosines and sines of the harmonics in a block of samples, (2 k, BLOCK)."""
+    """Cosines and sines (2 k, BLOCK) of the harmonics within a block of samples."""
     phase = _phase_within(frequency, step_ns) / CYCLE
     turns = np.exp(2j * np.pi * np.outer(np.frombuffer(order, np.int64), phase))
     return np.concatenate([turns.real, turns.imag])
 
 
 def constant(value: float, like: Periodic) -> Periodic:
-    """A constant on the time of another function."""
+    """A constant with the time base of another function."""
     return Periodic(value, like.frequency, like.start_ns, like.start_phase, like.order[:0], like.amplitude[:0])

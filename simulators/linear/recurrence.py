@@ -1,8 +1,8 @@
-"""The fixed point of a period: from where on the transitions of a piecewise linear system recur.
+"""The fixed point of a period, from which on the transitions of a piecewise linear system recur.
 
-A path finds transitions to the nanosecond, and a period need not be a whole number of them: here they are found as
-phases of the drive, as roots. Behind what the guards see there can be slow states that only listen, such as
-amplifiers. From one period to the next they change by the same linear map, which says how they will settle.
+A path finds transitions to the nanosecond, but a period need not be a whole number of nanoseconds. Here transitions are
+found as roots in the phase of the drive. Some slow states may act on no guard, such as amplifiers (called listeners).
+From one period to the next they change by the same linear map, which tells their settled state.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 
-REPEATED = 1e-13  # of the largest that each state has been: so close it is the same one period later
-NEAR = 1e-6  # of the same, beside what a drive changes in 100 ns: from here on the fixed point is looked for
-PERIODS = 300  # in which it must be found
+REPEATED = 1e-13  # of each state's greatest value: a state that is so close one period later has repeated
+NEAR = 1e-6  # of the same, plus the drive's change in 100 ns: so close, the fixed point is searched for
+PERIODS = 300  # within which the fixed point must be found
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The first nanosecond after so many periods of the drive, in the stretch that holds it."""
+    """The first nanosecond after a number of periods of the drive, with the stretch that holds it."""
 
     number: int
     time_ns: int
     stay: Stretch
 
     def state(self) -> Floats:
-        """(s,) as the drive has repeated, at most a nanosecond before."""
+        """The state (s,) at the moment at which the drive repeats, at most a nanosecond before."""
         drive, stay = self.stay.steady.inputs[0], self.stay
         late_ns = (drive.frequency * (self.time_ns - drive.start_ns) - self.number * CYCLE) / drive.frequency
         gap = stay.steady.gap(stay.start_ns, stay.state)
@@ -43,9 +43,12 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Recurrence:
-    """What recurs, with listeners as they will settle, once so many periods of the drive have passed.
+    """Recurring motion with settled listeners, which begins after a number of periods of the drive.
 
-    listeners: the states that no guard sees. alone: how they are by themselves. near: as far as a state (s,) may be.
+    Attributes:
+        listeners: numbers of the states that no guard sees.
+        alone: the system of the listeners by themselves.
+        near: (s,), greatest distance of a state from the expected one.
     """
 
     number: int
@@ -55,7 +58,7 @@ class Recurrence:
     near: Floats
 
     def begun(self, now: Section) -> Cycle | None:
-        """From a section on; None where it is not what it was to be."""
+        """The recurring motion from a section on; None: the state there is not the expected one."""
         if not (np.abs(now.state() - self.legs[0].state) <= self.near)[self.seen].all():
             return None
         settled = Cycle(now.time_ns, self.legs, self.listeners, self.alone, np.zeros(len(self.listeners)))
@@ -64,7 +67,7 @@ class Recurrence:
 
     @property
     def seen(self) -> list[int]:
-        """The other states."""
+        """Numbers of the states that guards see."""
         return [k for k in range(len(self.near)) if k not in self.listeners]
 
 
@@ -75,15 +78,16 @@ def recurrence(
     largest: Floats,
     watch: Callable[[Mode], tuple[Watch, list[int]]],
 ) -> Recurrence | None:
-    """What will recur after two sections one period apart, or None where they are too far from it.
+    """Motion that will recur after two sections one period apart; None: they are too far from a fixed point.
 
-    It begins when the fixed point has been reached as nearly as it can be: not by what the path finds, which is of
-    whole nanoseconds, but by as many periods from here as it took to find it.
+    It begins as many periods from here as the search for the fixed point took. What the path finds does not decide it,
+    because the path has whole nanoseconds.
 
     Args:
-        stays: from the one that holds the first section to the one that holds the second.
-        largest: that each state (s,) has been.
-        watch: over the guards of a mode, and the states that it looks at.
+        before, now: the two sections.
+        stays: stays from the one that holds the first section to the one that holds the second.
+        largest: (s,), greatest value of each state so far.
+        watch: function of a mode that gives the search over its guards and the states on which they depend.
     """
     inputs = now.stay.steady.inputs
     modes = [stay.mode for stay in stays]
@@ -112,7 +116,7 @@ def recurrence(
     change = (after - state)[listeners]
     try:
         state[listeners] += np.linalg.solve(np.eye(len(listeners)) - once, change) if listeners else change
-    except np.linalg.LinAlgError:  # a listener that forgets nothing has no state to settle at
+    except np.linalg.LinAlgError:  # a listener that never forgets has no settled state
         return None
     legs, _ = orbit.lived(state)
     if legs is None or not _certain(legs, now.time_ns, watch):
@@ -121,7 +125,7 @@ def recurrence(
 
 
 class _Orbit:
-    """The stays of a period, as phases: `stays` begin and end at the nanosecond."""
+    """The stays of a period, to be found as phases; `stays` begin and end at whole nanoseconds."""
 
     def __init__(self, stays: Sequence[Stretch], inputs: tuple[Periodic, ...]) -> None:
         self._inputs = inputs
@@ -130,11 +134,11 @@ class _Orbit:
         self._ending = [
             (stay, drive.frequency * (stay.end_ns - drive.start_ns) % CYCLE / CYCLE)
             for stay in ending
-            if stay.failed is not None  # not where only the search ended
+            if stay.failed is not None  # leaves out ends at which only the search was cut off
         ]
 
     def lived(self, state: Floats) -> tuple[list[Leg] | None, Floats]:
-        """One period from a state (s,); None where a transition is not where it was."""
+        """Legs of one period from a state (s,), and the state after it. None: a transition is not where it was."""
         begin, legs = 0.0, []
         for stay, near in self._ending:
             assert stay.failed is not None
@@ -152,7 +156,7 @@ class _Orbit:
 
 
 def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[Watch, list[int]]]) -> bool:
-    """Whether the search, too, finds these transitions and no others, in the period from a section on."""
+    """Whether the certified search finds just these transitions in the period from a section on."""
     drive = legs[0].steady.inputs[0]
     period = drive.frequency * (start_ns - drive.start_ns) // CYCLE
     for number, leg in enumerate(legs):
@@ -160,11 +164,11 @@ def _certain(legs: Sequence[Leg], start_ns: int, watch: Callable[[Mode], tuple[W
         times = [_first_ns(drive, period, cycles) for cycles in (leg.begin, 1.0 if last else legs[number + 1].begin)]
         time_ns, end_ns = max(times[0], start_ns), times[1]
         if time_ns >= end_ns:
-            continue  # shorter than a nanosecond
+            continue  # the leg is shorter than a nanosecond
         search, seen = watch(leg.mode)
         failed: int | None = None
         while failed is None and time_ns < end_ns:
-            # Of just this nanosecond: a play lies a billionth of its radius from being dragged.
+            # The state of exactly this nanosecond: a play may be a billionth of its radius from being dragged.
             cycles = (drive.frequency * (time_ns - drive.start_ns) - period * CYCLE) / CYCLE
             time_ns, failed = search.first_failure(time_ns, leg.moment(cycles)[seen])
         if last:
@@ -193,7 +197,11 @@ def seen_states(modes: Sequence[Mode]) -> list[int]:
 
 
 def depended_on(seen: npt.NDArray[np.bool_], linked: npt.NDArray[np.bool_]) -> list[int]:
-    """The states on which some (s,) depend, now or later; linked: (s, s), whose rate depends on which."""
+    """The states on which some states (s,) depend, now or later.
+
+    `linked` (s, s) tells which rate depends on which state.
+
+    """
     for _ in seen:
         seen = seen | (seen @ linked)
     return np.flatnonzero(seen).tolist()

@@ -1,1 +1,1 @@
-"""The mechanical and electrical chain of a scene: what is put together of coil, stack, films and amplifiers."""
+"""The mechanical and electrical chain of a scene: coil, stack, films and amplifiers."""

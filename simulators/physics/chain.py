@@ -3,12 +3,12 @@
     coil voltage -> current -> armature on its suspension -> probe on sample and sensor -> films -> amplifiers
                                                                                         `-> load cell -> filter
 
-Inputs of every mode are the coil voltage, the constant 1, and the rate of the coil voltage; outputs are the films'
+Inputs of every mode are the coil voltage, the constant 1, and the rate of the coil voltage. Outputs are the films'
 voltages, the filtered and the plain force on the load cell, the compression of the stack, and the armature's
-displacement. Modes differ in what touches: the probe the sample, the armature a stop, the drive its limits.
+displacement. Modes differ in what touches: the probe and the sample, the armature and a stop, the drive and its limits.
 
-A sample is pressed, never pulled: it leaves the probe where its force passes zero, which is before its compression does
-where it creeps, relaxes free of force, and is met again where its surface then stands.
+A sample is pressed and never pulled. It leaves the probe where its force passes zero. If it creeps, that is before its
+compression passes zero; then it relaxes free of force, and the probe meets it again where its surface is by then.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from palpate.simulators.physics.parts import Armature, Limits, Plays, Touch
 
 
 class Chain:
-    """The modes of one setting of the bench: a sample mounted, a position, gains.
+    """The modes of one setting of the bench: a mounted sample, a position, gains.
 
     Args:
-        armature, limits: of the shaker.
-        stack: from the compressions over tooth and ring [m] to the forces on them [N], both summed over teeth; neither
-            acts on the other.
-        advance: of the probe past the point where it meets the sample [m].
-        before: from the forces on tooth and ring, the plays' force h and the constant 1 to the films' voltages before
-            their amplifiers.
+        armature, limits: armature and limits of the shaker.
+        stack: system from the compressions over tooth and ring [m] to the forces on them [N], both summed over teeth;
+            neither acts on the other.
+        advance: distance of the probe past the point where it meets the sample [m].
+        before: system from the forces on tooth and ring, the plays' force h and the constant 1 to the films' voltages
+            before their amplifiers.
         amplifiers: one for each film.
         offsets: of the amplifiers' outputs (films,) [V].
         bridge_tau: time constant of the load cell's filter [s].
@@ -63,12 +63,13 @@ class Chain:
         constant = np.outer(offsets, [0.0, 0.0, 0.0, 1.0])
         films = before.then(functools.reduce(StateSpace.beside, amplifiers)).plus(gain(constant))
         self._after = _fan_out(films, bridge_tau, weight)
-        # A mode leads back here by what follows it: held by whoever is in it, so that nothing waits for the collector.
+        # Modes refer back to the chain. Whoever uses a mode holds it, so that no cycle has to wait for the garbage
+        # collector.
         self._modes: WeakValueDictionary[Touch, Mode] = WeakValueDictionary()
-        # Numbers of outputs and states that others ask for by name.
+        # Numbers of outputs and states for others.
         self.bridge = len(amplifiers)
         self.force, self._compression, self._displacement, self._current = range(self.bridge + 1, self.bridge + 5)
-        self.stack_order = stack.order  # states that come first
+        self.stack_order = stack.order  # the stack's states come first
         self._mechanical = stack.order + (3 if armature.mass else 0)
         self.play_states = range(self._mechanical, self._mechanical + self.plays)
         first = self.play_states.stop + before.order
@@ -79,7 +80,7 @@ class Chain:
                 first += amplifier.order
 
     def mode(self, touch: Touch) -> Mode:
-        """The mode in which just this touches."""
+        """The mode in which exactly this touches."""
         mode = self._modes.get(touch)
         if mode is None:
             played, rate = self._played(touch, self._mechanics.system(touch))
@@ -91,10 +92,10 @@ class Chain:
     # --- plays -----------------------------------------------------------------------------------------
 
     def _played(self, touch: Touch, mechanics: StateSpace) -> tuple[StateSpace, Rows]:
-        """The mechanics with the plays as further states and h as the last output; and the rate of the plays' force."""
+        """The mechanics with the plays as further states and h as last output, and rows of their force's rate."""
         count, n = len(self._plays.radii), mechanics.order
         state, inputs = self._play_force(mechanics)
-        # x' = c (A x + B u) + d u', and of the inputs the voltage alone changes.
+        # x' = c (A x + B u) + d u', and the voltage is the only input that changes.
         rate = (state @ mechanics.a, state @ mechanics.b + inputs[0] * np.array([0.0, 0.0, 1.0]))
         a, b = np.zeros((n + count, n + count)), np.zeros((n + count, INPUTS))
         a[:n, :n], b[:n] = mechanics.a, mechanics.b
@@ -122,7 +123,7 @@ class Chain:
                 continue
             gap = force.copy()
             gap[n + k] -= 1.0
-            # A little more than the radius: where dragging ends, rest begins at the radius itself.
+            # A little more than the radius, because rest begins at the radius itself where dragging ends.
             reach = np.array([0.0, radius * (1 + 1e-9), 0.0])
             for sign in (-1, 1):
                 row = (-sign * gap, reach - sign * inputs)
@@ -136,7 +137,7 @@ class Chain:
 
     @staticmethod
     def _seat(at: int, force: Floats, inputs: Floats, radius: float) -> Callable[[Floats, Floats], Floats]:
-        """A play that begins to be dragged is a radius away from the force."""
+        """Function that sets a play one radius away from the force, where it begins to be dragged."""
 
         def entry(x: Floats, u: Floats) -> Floats:
             seated = x.copy()
@@ -171,7 +172,7 @@ class Chain:
                 change: dict[str, Any] = {name: 0 if side else sign}
                 other = replace(touch, **change)
                 if name == "current" and not side and self._armature.mass:
-                    # As with plays: where limiting ends, the current is at the limit itself.
+                    # As for plays: where limiting ends, the current is at the limit itself.
                     guard = self._sided(row, limit * (1 + 1e-9), False, other)
                     guards.append(replace(guard, entry=self._held(sign * limit)))
                 else:
@@ -179,7 +180,7 @@ class Chain:
         return guards
 
     def _held(self, current: float) -> Callable[[Floats, Floats], Floats]:
-        """A limited current stays at the limit itself: above it, it would be limited again when let go."""
+        """Function that sets the current to the limit itself; above it, it would be limited again when released."""
         at = self.stack_order
 
         def entry(x: Floats, u: Floats) -> Floats:
@@ -190,7 +191,7 @@ class Chain:
         return entry
 
     def _unlimited_current(self, touch: Touch, system: StateSpace, current: Rows) -> Rows:
-        """The current; where it is held at its limit, the one that the voltage would drive through the coil."""
+        """Rows of the current; where it is held at its limit, of the one that the voltage would drive."""
         if not touch.current:
             return current
         arm = self._armature
@@ -200,14 +201,14 @@ class Chain:
         return row, self._mechanics.voltage(touch) / arm.resistance
 
     def _sided(self, row: Rows, limit: float, beyond: bool, other: Touch) -> Guard:
-        """Stays above (`beyond`) or below a limit, else another mode follows."""
+        """Guard that a quantity stays above (`beyond`) or below a limit; else another mode follows."""
         sign = 1.0 if beyond else -1.0
         constant = np.array([0.0, limit, 0.0])
         return Guard(_single(sign * row[0], sign * (row[1] - constant)), lambda: self.mode(other))
 
 
 def _fan_out(films: StateSpace, bridge_tau: float, weight: float) -> StateSpace:
-    """From what the mechanics give to the chain's outputs."""
+    """System from the mechanics' outputs to the chain's outputs."""
     tooth, ring, compression, displacement, one, current, played = np.eye(7)
     spread = gain(
         np.array(

@@ -1,4 +1,4 @@
-"""Steps and rail of a converter."""
+"""Rounding and saturation of a converter."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy.typing as npt
 
 from palpate.simulators.linear.lti import Floats
 
-FINEST = 16  # bits: those that travel on the bus
+FINEST = 16  # bits of a sample on the bus
 
 
 def convert(fraction: Floats, bits: int = FINEST) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Samples given as a fraction of the range, rounded to 2**bits steps over plus and minus it, and saturation flags.
+    """Round samples, as fractions of the range, to 2**bits steps over plus and minus it, and flag saturation.
 
-    A sample that is no number is flagged and stays none.
+    A NaN is flagged and stays a NaN.
     """
     half = 2.0 ** (bits - 1)
     code = np.multiply(fraction, half)
     np.rint(code, out=code)
-    if code.size and code.min() >= -half and code.max() <= half - 1:  # of a sample that is no number neither is true
+    if code.size and code.min() >= -half and code.max() <= half - 1:  # for NaN neither comparison is true
         saturated = np.zeros(code.shape, bool)
     else:
         saturated = ~((code >= -half) & (code <= half - 1))

@@ -1,4 +1,4 @@
-"""Coil, armature and stack: from the coil voltage to the forces, whatever touches."""
+"""Coil, armature and stack: systems from the coil voltage to the forces, for each combination of what touches."""
 
 from __future__ import annotations
 
@@ -11,28 +11,29 @@ INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]
 
 
 class Mechanics:
-    """From the inputs to forces on tooth and ring, compression, displacement, 1 and the current.
+    """Systems from the inputs to forces on tooth and ring, compression, displacement, 1 and the current.
 
     Args:
-        armature, limits: of the shaker.
-        stack: from the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the other.
-        advance: of the probe past the point where it meets the sample [m].
+        armature, limits: armature and limits of the shaker.
+        stack: system from the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the
+            other.
+        advance: distance of the probe past the point where it meets the sample [m].
     """
 
     def __init__(self, armature: Armature, limits: Limits, stack: StateSpace, advance: float) -> None:
         self._armature, self._limits, self._stack, self._advance = armature, limits, stack, advance
 
     def system(self, touch: Touch) -> StateSpace:
-        """While just this touches."""
+        """The system while exactly this touches."""
         return self._dynamic(touch) if self._armature.mass else self._quasi_static(touch)
 
     def parting(self) -> list[list[int]]:
-        """What parts from the probe by itself: tooth (0) and ring (1), or both at once where neither creeps."""
+        """Groups of columns that part from the probe together: tooth (0) and ring (1) alone, or both without creep."""
         creeping = self._stack.order and (self._stack.d.diagonal() > 0).all()
         return [[0], [1]] if creeping else [[0, 1]]
 
     def pressing(self, columns: list[int], compression: Rows) -> Rows:
-        """The force on these as it is where they touch, and as it would be where they do not: then it is negative."""
+        """Rows of the force on some columns; where they do not touch, of the negative force if they did."""
         stiffness = float(self._stack.d.diagonal()[columns].sum())
         state = stiffness * compression[0]
         state[: self._stack.order] += self._stack.c[columns].sum(axis=0)
@@ -47,15 +48,15 @@ class Mechanics:
         return stiffness, push
 
     def voltage(self, touch: Touch) -> Floats:
-        """Rows over the inputs of the voltage that the amplifier gives."""
+        """Weights on the inputs of the voltage that the amplifier gives."""
         if touch.rail and self._limits.rail is not None:
             return np.array([0.0, touch.rail * self._limits.rail, 0.0])
         return np.array([1.0, 0.0, 0.0])
 
     def _pressed(self, touch: Touch) -> StateSpace:
-        """From how far the probe is past where it meets a sample at rest [m] to the forces on tooth and ring [N].
+        """System from the probe's distance past a resting sample's surface [m] to the forces on tooth and ring [N].
 
-        Where the sample does not touch the probe it is free of force: it relaxes to where its surface then stands.
+        A column that does not touch the probe is free of force and relaxes.
         """
         stack = self._stack
         touching = np.array(touch.contact)
@@ -70,7 +71,7 @@ class Mechanics:
         )
 
     def _quasi_static(self, touch: Touch) -> StateSpace:
-        """All in balance."""
+        """The system without inertia, in which all forces balance."""
         stack = self._pressed(touch)
         voltage = self.voltage(touch)
         current = voltage / self._armature.resistance
@@ -100,7 +101,7 @@ class Mechanics:
         )
 
     def _dynamic(self, touch: Touch) -> StateSpace:
-        """With inertia: L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F.
+        """The system with inertia: L i' = u - R i - Bl v, m v' = Bl i - c v - k x - F.
 
         States: those of the stack, then i, x, v.
         """

@@ -1,4 +1,4 @@
-"""The parts of the chain as the effects leave them: shaker, stack, play operators; and which limits are met."""
+"""Parts of the chain, as set by the effects: shaker, stack, play operators; and the limits that are met."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from palpate.simulators.linear.lti import StateSpace, gain
 class Touch:
     """Which of the chain's limits are met: -1 below, 0 not, 1 above.
 
-    contact: of probe and sample, over the tooth and over the ring.
-    drag: of each play operator: -1 dragged down, 0 at rest, 1 dragged up.
+    `contact` tells whether probe and sample touch over the tooth and over the ring. `drag` tells of each play operator:
+    -1 dragged down, 0 at rest, 1 dragged up.
     """
 
     contact: tuple[bool, bool] = (True, True)
@@ -26,9 +26,12 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Where the drive and the armature end; None: nowhere.
+    """Limits of drive and armature; None: there is none.
 
-    rail: of the amplifier [V]. current: in the coil [A]. stop: displacement of the armature [m].
+    Attributes:
+        rail: greatest voltage of the amplifier [V].
+        current: greatest current in the coil [A].
+        stop: greatest displacement of the armature [m].
     """
 
     rail: float | None = None
@@ -65,15 +68,19 @@ class Stack:
     object_share: float
 
     def elastic(self) -> StateSpace:
-        """From the compressions over tooth and ring [m] to the forces on them [N]."""
+        """System from the compressions over tooth and ring [m] to the forces on them [N]."""
         return gain(np.diag([self.tooth, self.ring]))
 
 
 @dataclass(frozen=True, eq=False)
 class Plays:
-    """Play operators z on a force x: z stays where it is until x is further than a radius away, and is dragged then.
+    """Play operators z on a force x: z stays until x is farther than a radius away, and then is dragged.
 
-    ring: whether x holds the ring's force beside the tooth's. radii [N]. weights: h = sum of weights times z.
+    Attributes:
+        ring: whether x is the force on tooth and ring, not on the tooth alone.
+        radii: radii [N].
+        weights: weights of h = sum of weights times z.
+
     """
 
     ring: bool
