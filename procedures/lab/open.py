@@ -19,7 +19,7 @@ from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import RecordError, UsageError
-from palpate.instrument.findings.evidence import of_experiment, ratio_by
+from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.arithmetic import arithmetic

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.findings.evidence import Evidence, of_experiment, ratio_by
+from palpate.instrument.models.evidence import Evidence, of_experiment, ratio_by
 from palpate.instrument.models.prices.validation import SIGN, Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.chapter5.blind import told
 from palpate.procedures.reproduce.figure_page import ALL, anchor, figure_sections, heading, listed, pictures_of

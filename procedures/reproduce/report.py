@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.reproduce.everything import Everything
 from palpate.procedures.reproduce.judging.rows import counts
 from palpate.procedures.reproduce.page import AGAIN, orders

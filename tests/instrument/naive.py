@@ -12,7 +12,8 @@ from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
 from palpate.instrument.models.axisymmetric import bodies as axisymmetric_elements
-from palpate.instrument.models.axisymmetric import elements, mesh, numbering
+from palpate.instrument.models.axisymmetric import mesh, numbering
+from palpate.instrument.models.finite_elements import elements
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.threads import one_each
 from palpate.instrument.models.foundation.beam import Stretch

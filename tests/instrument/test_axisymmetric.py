@@ -14,11 +14,11 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.models.axisymmetric import elements, numbering
 from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric import numbering
 from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.axisymmetric.model import AxisymmetricSolution, solve, solve_on, solve_to
-from palpate.instrument.models.finite_elements import condensed
+from palpate.instrument.models.finite_elements import condensed, elements
 from palpate.instrument.models.finite_elements.error_estimate import Energies, Judged
 from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
 from palpate.instrument.models.parameters import RoundParameters, round_parameters

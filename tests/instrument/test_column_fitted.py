@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.findings.evidence import Evidence, of_model, ratio_by
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
 from palpate.instrument.models.foundation import column_fitted, springs
 from palpate.instrument.models.foundation.column_fitted import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.models.parameter_sets import PHYSICAL, THESIS

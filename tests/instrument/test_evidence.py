@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.instrument.errors import UnknownName
-from palpate.instrument.findings.evidence import GIVEN, REPEATS, Evidence, of_experiment, of_model, ratio_by
+from palpate.instrument.models.evidence import GIVEN, REPEATS, Evidence, of_experiment, of_model, ratio_by
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
 

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
-from palpate.instrument.findings.evidence import Evidence, ratio_by
 from palpate.instrument.findings.film_forces import ToothPoint
+from palpate.instrument.models.evidence import Evidence, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import Cell, read_table

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.models.prices.validation import validate
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.instrument.findings.evidence import Evidence, ratio_by
+from palpate.instrument.models.evidence import Evidence, ratio_by
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter4 import theory

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from skfem import ElementQuadP
 
 from palpate.instrument.bench.description import BenchDescription, RtuAddress, TcpAddress
-from palpate.instrument.findings.evidence import REPEATS, Evidence
+from palpate.instrument.models.evidence import REPEATS, Evidence
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

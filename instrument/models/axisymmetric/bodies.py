@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric import elements as el
 from palpate.instrument.models.axisymmetric.mesh import Body
 from palpate.instrument.models.axisymmetric.numbering import Numbering, Part
+from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.threads import Each
 from palpate.instrument.models.parameters import RoundParameters

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric import elements as el
 from palpate.instrument.models.axisymmetric.mesh import Grid, inside
 from palpate.instrument.models.axisymmetric.numbering import AXIAL, Part
+from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.parameters import RoundParameters
 
 Array = NDArray[np.float64]

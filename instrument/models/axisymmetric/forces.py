@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric import elements as el
 from palpate.instrument.models.axisymmetric.fields import OnMesh, on
 from palpate.instrument.models.axisymmetric.mesh import Body, Grid
 from palpate.instrument.models.axisymmetric.numbering import AXIAL, RADIAL, Part, within
+from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.coupling import capacitance, charge
 from palpate.instrument.models.parameters import RoundParameters

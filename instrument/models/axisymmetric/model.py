@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.axisymmetric import elements as el
 from palpate.instrument.models.axisymmetric.bodies import assemble, keeps_pressure
 from palpate.instrument.models.axisymmetric.fields import FacePressure, Field, OnMesh, displacements, face
 from palpate.instrument.models.axisymmetric.forces import (
@@ -36,6 +35,7 @@ from palpate.instrument.models.axisymmetric.forces import (
 )
 from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.axisymmetric.numbering import number, parts
+from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.condensed import Elements
 from palpate.instrument.models.finite_elements.coupling import Circuits
 from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds, narrow_gap

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric.elements import Line
 from palpate.instrument.models.axisymmetric.mesh import Body, Grid, inside
+from palpate.instrument.models.finite_elements.elements import Line
 from palpate.instrument.models.parameters import RoundParameters
 
 Indices = NDArray[np.intp]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.models.axisymmetric.elements import differences, nodal
+from palpate.instrument.models.finite_elements.elements import differences, nodal
 from palpate.instrument.models.finite_elements.linear_solver import ordered_factors
 from palpate.instrument.models.finite_elements.threads import Each
 

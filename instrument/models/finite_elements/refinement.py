@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.axisymmetric.elements import nodal
 from palpate.instrument.models.finite_elements.condensed import Elements, Factorised, product
+from palpate.instrument.models.finite_elements.elements import nodal
 from palpate.instrument.models.finite_elements.threads import Each
 
 Array = NDArray[np.float64]

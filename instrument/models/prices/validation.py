@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 
 from palpate.instrument.config import LARGEST_FILE, Config
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
-from palpate.instrument.findings.evidence import ratio_by
+from palpate.instrument.models.evidence import ratio_by
 from palpate.instrument.models.parameter_sets import PARAMETER_SETS, get_parameter_set
 from palpate.instrument.models.prices.price_list import fingerprint
 from palpate.instrument.models.response import response

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save

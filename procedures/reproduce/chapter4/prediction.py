@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.findings.evidence import OTHER_RING, REPEATS, Evidence
+from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.curves import RING, ring_of

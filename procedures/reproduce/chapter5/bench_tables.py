@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import LOADING
-from palpate.instrument.findings.evidence import GIVEN
+from palpate.instrument.models.evidence import GIVEN
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import Cell, read_table
 from palpate.procedures.measurements.load_cell.procedure import LoadCellResult

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from palpate.instrument.findings.evidence import of_experiment, ratio_by
+from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.models.prices.validation import SIGN, Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from palpate.instrument.findings.evidence import Evidence, Part, of_experiment
 from palpate.instrument.findings.mean_ratio import apart
+from palpate.instrument.models.evidence import Evidence, Part, of_experiment
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

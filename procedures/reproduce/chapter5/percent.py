@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import Cell, Table, read_table
 from palpate.procedures.measurements.loads.procedure import SweepResult

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.findings.evidence import Evidence, of_model, ratio_by
+from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.curves import RING, STIFF_RING, Case, Curves
 from palpate.procedures.reproduce.chapter4.theory import OF_THEORY, beam_ratios, implied, sample_moduli

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.measurements.loads.procedure import SweepResult
 from palpate.procedures.measurements.modulus.procedure import ModulusResult
 

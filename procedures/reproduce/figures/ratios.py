@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.reproduce.chapter4.curves import RING, STIFF_RING, Case, Curves

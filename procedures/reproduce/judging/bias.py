@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
 
 BY_CHANCE = 0.05  # share of runs without bias in which a bias is found by chance

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.findings.evidence import OTHER_RING, REPEATS, Evidence, of_model, ratio_by
+from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence, of_model, ratio_by
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.thesis import MODULUS, Cell, Table, read_table
 from palpate.procedures.reproduce.chapter4.curves import RING, ring_of

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.judging.bias import BY_CHANCE, Bias, all_means, limit
 from palpate.procedures.reproduce.judging.comparison import HARD_END

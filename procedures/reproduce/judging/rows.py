@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from palpate.instrument.findings.evidence import Evidence
+from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.thesis import Cell
 from palpate.procedures.records.run import storing
 
