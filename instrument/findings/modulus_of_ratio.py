@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.instrument.errors import EstimateError, RangeError
-from palpate.instrument.models.stored.curve import RatioCurve
+from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.uncertainty.budget import coverage_factor
 
 Array = NDArray[np.float64]

@@ -16,10 +16,10 @@ from palpate.instrument.findings.modulus_of_ratio import (
     check_ratios,
     modulus_of_ratio,
 )
+from palpate.instrument.models.curve import RatioCurve, ratio_curve
 from palpate.instrument.models.prices.price_list import model_error, stored
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.models.response import AUTO
-from palpate.instrument.models.stored.curve import RatioCurve, ratio_curve
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
-from palpate.instrument.models.prices.validation import SIGN, Validation, measured_designs, validate
+from palpate.instrument.models.validation import SIGN, Validation, measured_designs, validate
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy import readings, stiffening, what_if
-from palpate.procedures.reproduce.chapter4.curves import Progress
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.curves import Progress
+from palpate.procedures.reproduce.solutions import Solutions
 
 # All rubber as in 5.3, and as the calibration of Table 5.1 would have it; least and greatest load of 5.4 [N].
 TIMES, LOADS = (1.0, 9.5), (1.5, 4.0)

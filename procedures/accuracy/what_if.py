@@ -15,12 +15,12 @@ from typing import Any
 
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
-from palpate.instrument.models.prices.validation import Validation
+from palpate.instrument.models.validation import Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.sample import SAMPLES, Sample
-from palpate.procedures.reproduce.chapter4.curves import Progress
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.curves import Progress
+from palpate.procedures.reproduce.solutions import Solutions
 
 STORED = Path(__file__).with_name("what_if.json")
 ONE, PAIR = "single", "common_base"

@@ -53,7 +53,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     """
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.prices import price_list
-    from palpate.instrument.models.prices.validation import validate
+    from palpate.instrument.models.validation import validate
     from palpate.procedures.accuracy.machine import this_machine
     from palpate.procedures.accuracy.measure import DESIGNS, measure
     from palpate.procedures.accuracy.meshes import MODULI

@@ -124,8 +124,8 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     point.
     The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
-    from palpate.instrument.models.prices.validation import validate
     from palpate.instrument.models.ratio import ask
+    from palpate.instrument.models.validation import validate
     from palpate.instrument.quantity import parse
 
     output = Output(as_json, quiet)
@@ -177,7 +177,7 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     an hour.
     """
     from palpate.instrument.findings import object_modulus as model_modulus
-    from palpate.instrument.models.prices.validation import validate
+    from palpate.instrument.models.validation import validate
     from palpate.instrument.quantity import parse
 
     output = Output(as_json, quiet)

@@ -42,13 +42,14 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     if context.invoked_subcommand is not None:
         return 0
     from palpate.procedures.reproduce import everything
-    from palpate.procedures.reproduce.chapter4.models import Reproduction
     from palpate.procedures.reproduce.files import table_object
+    from palpate.procedures.reproduce.models import Reproduction
+    from palpate.procedures.reproduce.outcome import Everything
     from palpate.procedures.reproduce.report import print_everything
 
     output = Output(as_json, quiet)
     with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
-        done = everything.Everything(Reproduction(folder))
+        done = Everything(Reproduction(folder))
         with _kept(done.tables, folder), output.progress() as progress:
             everything.run(_opener(folder, seed), done, progress)
     if output.as_json:
@@ -111,7 +112,7 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
     Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, repaired cells marked; figures of chapter 4 as PNG,
     the thesis' values as marks and ours as curves, its schematics from designs and meshes; a summary.
     """
-    from palpate.procedures.reproduce.chapter4 import models as against
+    from palpate.procedures.reproduce import models as against
     from palpate.procedures.reproduce.files import table_object
     from palpate.procedures.reproduce.show import print_reproduction
 

@@ -26,11 +26,11 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     load, geometry, rubber and base each change on one sensor and on a pair, and what the readings themselves tell.
     """
     from palpate.instrument.errors import UnknownName, UsageError
-    from palpate.instrument.models.prices import validation as kept
+    from palpate.instrument.models import validation as kept
     from palpate.procedures.accuracy import what_if
     from palpate.procedures.accuracy.causes import Causes
     from palpate.procedures.accuracy.validation_report import print_causes, print_validation
-    from palpate.procedures.reproduce.chapter4.solutions import Solutions
+    from palpate.procedures.reproduce.solutions import Solutions
 
     output = Output(as_json, quiet)
     designs = kept.measured_designs()

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.models.evidence import Evidence, of_experiment, ratio_by
-from palpate.instrument.models.prices.validation import SIGN, Validation
+from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
@@ -21,16 +18,16 @@ from palpate.procedures.measurements.loads import plan as load_plan
 from palpate.procedures.measurements.loads import procedure as load_sweep
 from palpate.procedures.measurements.modulus import procedure as modulus
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.reproduce.chapter4 import models
-from palpate.procedures.reproduce.chapter4.curves import Progress
-from palpate.procedures.reproduce.chapter4.models import Reproduction
+from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
+from palpate.procedures.reproduce.curves import Progress
 from palpate.procedures.reproduce.figures.chapter5 import FIGURES
 from palpate.procedures.reproduce.figures.measured import Measured
-from palpate.procedures.reproduce.judging.criterion import Verdict, judge, write_classes
-from palpate.procedures.reproduce.judging.rows import Row, RowTable
+from palpate.procedures.reproduce.judging.criterion import write_classes
+from palpate.procedures.reproduce.judging.rows import RowTable
 from palpate.procedures.reproduce.judging.slips import write_slips
+from palpate.procedures.reproduce.outcome import Everything
 from palpate.procedures.reproduce.page import write_page
 
 PROCEDURE = "reproduce"
@@ -60,45 +57,6 @@ class Open(Protocol):
         self, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
     ) -> AbstractContextManager[Recorded]:
         """Open the bench of a scene, with the scene's model or with another one and its parameter set."""
-
-
-@dataclass(slots=True)
-class Everything:
-    """Everything that is done so far: the models' part, tables of rows with their files, and the page."""
-
-    models: Reproduction
-    tables: list[tuple[RowTable, Path]] = field(default_factory=list)
-    orders: dict[str, bool] = field(default_factory=dict)
-    order_evidence: dict[str, Evidence] = field(default_factory=dict)
-    blind: list[Validation] = field(default_factory=list)
-    page: Path | None = None
-
-    def all_tables(self) -> list[RowTable]:
-        """Tables of the experiments and tables of the models."""
-        return [table for table, _ in self.tables] + [found.row_table() for found, _ in self.models.tables]
-
-    def verdicts(self) -> dict[Evidence, Verdict]:
-        """Verdict on each class of rows."""
-        return judge(self.all_tables())
-
-    def outside(self) -> list[tuple[str, Row]]:
-        """Rows outside their stated scatter, with their table."""
-        return [(table.number, row) for table in self.all_tables() for row in table.judged if not row.within]
-
-    def met(self) -> bool:
-        """Whether every class meets its requirement and the orders are right."""
-        return all(verdict.met for verdict in self.verdicts().values()) and all(self.orders.values())
-
-    def summary(self) -> dict[str, Any]:
-        """The summary with the names that JSON has."""
-        return {
-            "evidence": {evidence.value: verdict.record() for evidence, verdict in self.verdicts().items()},
-            "softness_order_right": self.orders,
-            "softness_order_evidence": {design: each.value for design, each in self.order_evidence.items()},
-            "blind": {"sign": SIGN, "runs": [found.record() for found in self.blind]},
-            "met": self.met(),
-            "outside": [{"table": number, **row.record()} for number, row in self.outside()],
-        }
 
 
 def run(open_bench: Open, done: Everything, progress: Progress) -> None:

@@ -6,21 +6,18 @@ import re
 from collections.abc import Container, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.chapter5.blind import told
 from palpate.procedures.reproduce.figure_page import ALL, anchor, figure_sections, heading, listed, pictures_of
 from palpate.procedures.reproduce.judging.cells import every_cell
+from palpate.procedures.reproduce.judging.comparison import Comparison
+from palpate.procedures.reproduce.judging.criterion import Verdict
 from palpate.procedures.reproduce.judging.rows import Row, RowTable, counts, counts_said
 from palpate.procedures.reproduce.judging.slips import COLUMNS, slips
+from palpate.procedures.reproduce.outcome import Everything
 from palpate.procedures.showing.text import STAMP, number
-
-if TYPE_CHECKING:
-    from palpate.procedures.reproduce.everything import Everything
-    from palpate.procedures.reproduce.judging.comparison import Comparison
-    from palpate.procedures.reproduce.judging.criterion import Verdict
 
 PARTS = (
     "Table by table", "Models beside the experiments", "Experiments", "Models", "Figures", "Slips of the thesis", ALL,

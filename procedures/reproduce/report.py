@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from palpate.instrument.models.evidence import Evidence
-from palpate.procedures.reproduce.everything import Everything
 from palpate.procedures.reproduce.judging.rows import counts
+from palpate.procedures.reproduce.outcome import Everything
 from palpate.procedures.reproduce.page import AGAIN, orders
 from palpate.procedures.showing.text import new_table, print_all, stamped
 

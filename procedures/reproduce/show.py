@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from palpate.procedures.reproduce.chapter4.models import Reproduction
 from palpate.procedures.reproduce.judging.rows import counts_said
+from palpate.procedures.reproduce.models import Reproduction
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 

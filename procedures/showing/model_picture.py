@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.models.ratio import Answer, Question, ask
-from palpate.instrument.models.stored.curve import ratio_curve
 from palpate.instrument.models.stored.surface import has_many_teeth
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design

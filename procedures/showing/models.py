@@ -13,9 +13,9 @@ from palpate.procedures.showing.text import new_table, number, print_all, short,
 
 if TYPE_CHECKING:
     from palpate.instrument.models.prices.price_list import PriceList
-    from palpate.instrument.models.prices.validation import Validation
     from palpate.instrument.models.ratio import Answer
     from palpate.instrument.models.stored.surface import ResponseSurface
+    from palpate.instrument.models.validation import Validation
 
 
 def print_ratios(

@@ -22,8 +22,8 @@ from palpate.instrument.findings.compression import Series, compress
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.response import response
-from palpate.instrument.models.stored.curve import ratio_curve
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import get_sample

@@ -20,7 +20,7 @@ from palpate.procedures.records.check import check
 from palpate.procedures.records.format3 import DATABASE
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.reproduce.chapter4 import solutions
+from palpate.procedures.reproduce import solutions
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import MOST_EFFECTS
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers

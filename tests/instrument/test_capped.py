@@ -24,8 +24,8 @@ from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4 import position
-from palpate.procedures.reproduce.chapter4.curves import Curves
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.curves import Curves
+from palpate.procedures.reproduce.solutions import Solutions
 
 ROUND = RoundParameters(interface="capped", support="rigid", sensed_thickness=1e-3)
 SQUARE = SolidParameters(interface="capped", support="rigid", sensed_thickness=1e-3)

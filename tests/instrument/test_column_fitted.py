@@ -9,13 +9,13 @@ import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
 from palpate.instrument.models.foundation import column_fitted, springs
 from palpate.instrument.models.foundation.column_fitted import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.models.parameter_sets import PHYSICAL, THESIS
 from palpate.instrument.models.ratio import Question, ask
 from palpate.instrument.models.response import response
-from palpate.instrument.models.stored.curve import ratio_curve
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load

@@ -15,10 +15,11 @@ from palpate.instrument.errors import UnknownName
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.thesis import contents, read_table
-from palpate.procedures.reproduce.chapter4 import curves, models, position, single, solutions
-from palpate.procedures.reproduce.chapter4.curves import COARSE_MESH, FINE_MESH, STIFF_RING, Case, Curves, Solved
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce import curves, models, solutions
+from palpate.procedures.reproduce.chapter4 import position, single
+from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, Case, Curves, Solved
 from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series
+from palpate.procedures.reproduce.solutions import Solutions
 from tests.procedures.conftest import Palpate
 
 REPRODUCE = ("reproduce", "models")

@@ -24,14 +24,13 @@ from palpate.procedures.measurements.loads import procedure as load_sweep
 from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
 from palpate.procedures.measurements.modulus.procedure import ModulusResult
 from palpate.procedures.records.run import Run
-from palpate.procedures.reproduce import everything
-from palpate.procedures.reproduce.chapter4 import curves, models
-from palpate.procedures.reproduce.chapter4.curves import Case
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce import curves, everything, models
 from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
-from palpate.procedures.reproduce.everything import Everything
+from palpate.procedures.reproduce.curves import Case
 from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
 from palpate.procedures.reproduce.judging.rows import Row, RowTable
+from palpate.procedures.reproduce.outcome import Everything
+from palpate.procedures.reproduce.solutions import Solutions
 from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from palpate.instrument.models.evidence import Evidence
-from palpate.instrument.models.prices.validation import validate
+from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.reproduce.chapter5 import blind, experiments

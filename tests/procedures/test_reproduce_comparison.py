@@ -11,8 +11,8 @@ import pytest
 
 from palpate.instrument.thesis import Cell, Table, read_table
 from palpate.procedures.reproduce.chapter4 import pair, theory
-from palpate.procedures.reproduce.chapter4.curves import TOOTH, Case
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
+from palpate.procedures.reproduce.curves import TOOTH, Case
 from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series, fit_sentence
 
 IDENTIFIED = Case("single", "axisymmetric", "identified")

@@ -16,13 +16,13 @@ from palpate.instrument.models.evidence import Evidence, ratio_by
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter4 import theory
-from palpate.procedures.reproduce.chapter4.curves import Curves
 from palpate.procedures.reproduce.chapter5 import experiments, percent
-from palpate.procedures.reproduce.everything import Everything
+from palpate.procedures.reproduce.curves import Curves
 from palpate.procedures.reproduce.judging.bias import Bias, all_means, biases, limit
 from palpate.procedures.reproduce.judging.comparison import Comparison, Series, column_of
 from palpate.procedures.reproduce.judging.criterion import judge
 from palpate.procedures.reproduce.judging.rows import Group, Row, RowTable, counts
+from palpate.procedures.reproduce.outcome import Everything
 from tests.procedures.conftest import Palpate
 from tests.procedures.test_reproduce_all import COMMON, DIFFERENT, MEANS, SINGLE, quick, row, swept
 

@@ -31,9 +31,7 @@ from palpate.procedures.measurements.load_cell import procedure as load_cell
 from palpate.procedures.measurements.loads import procedure as load_sweep
 from palpate.procedures.measurements.modulus import procedure as modulus
 from palpate.procedures.reproduce import everything
-from palpate.procedures.reproduce.chapter4.models import Reproduction
 from palpate.procedures.reproduce.chapter5 import experiments
-from palpate.procedures.reproduce.everything import Everything
 from palpate.procedures.reproduce.figure_page import anchor
 from palpate.procedures.reproduce.figures import area_ratios, chapter4, chapter5, elements, orders, setup
 from palpate.procedures.reproduce.figures.experiments import WITH_THEORIES
@@ -41,6 +39,8 @@ from palpate.procedures.reproduce.figures.measured import Measured
 from palpate.procedures.reproduce.figures.ratios import RATIO_FIGURES
 from palpate.procedures.reproduce.judging.criterion import REQUIRED
 from palpate.procedures.reproduce.judging.rows import RowTable, counts
+from palpate.procedures.reproduce.models import Reproduction
+from palpate.procedures.reproduce.outcome import Everything
 from palpate.procedures.reproduce.page import PARTS, write_page
 from palpate.procedures.reproduce.report import print_everything
 from tests.procedures.conftest import silent

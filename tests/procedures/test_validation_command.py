@@ -10,15 +10,15 @@ from types import SimpleNamespace
 
 import pytest
 
+from palpate.instrument.models import validation
 from palpate.instrument.models.foundation import springs
-from palpate.instrument.models.prices import validation
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.instrument.thesis import Cell
 from palpate.procedures.accuracy import readings, stiffening, what_if
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.solutions import Solutions
 from tests.procedures.conftest import Palpate, silent
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "validation.md"

@@ -10,8 +10,8 @@ import pytest
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
+from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.stored.curve import ratio_curve
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock

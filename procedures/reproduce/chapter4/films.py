@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.thesis import Table
-from palpate.procedures.reproduce.chapter4.curves import TOOTH
+from palpate.procedures.reproduce.curves import TOOTH
 
 Array = NDArray[np.float64]
 

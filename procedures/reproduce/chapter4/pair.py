@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.instrument.thesis import Table, read_table
-from palpate.procedures.reproduce.chapter4.curves import TOOTH, Case, Curves, ring_of
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.chapter4.prediction import prediction_sentences
+from palpate.procedures.reproduce.curves import TOOTH, Case, Curves, ring_of
 from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
 from palpate.procedures.reproduce.judging.odds import odds_sentence
 

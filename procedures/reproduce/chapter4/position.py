@@ -11,8 +11,8 @@ from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.parameters import SolidParameters, solid_parameters
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce.chapter4.curves import BASE, COARSE_MESH, RING, TOOTH, Curves, film_voltages
 from palpate.procedures.reproduce.chapter4.theory import table_ratio
+from palpate.procedures.reproduce.curves import BASE, COARSE_MESH, RING, TOOTH, Curves, film_voltages
 from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
 
 MODEL = "solid"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce.chapter4.curves import BASE, TOOTH, Case, Curves, ring_of
 from palpate.procedures.reproduce.chapter4.films import voltage_sentence
 from palpate.procedures.reproduce.chapter4.prediction import prediction_sentences
+from palpate.procedures.reproduce.curves import BASE, TOOTH, Case, Curves, ring_of
 from palpate.procedures.reproduce.judging.comparison import Comparison, column_of, fit_sentence
 from palpate.procedures.reproduce.judging.odds import odds_sentence
 

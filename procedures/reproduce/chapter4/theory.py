@@ -14,7 +14,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import Cell, Table, program_lines, read_table
-from palpate.procedures.reproduce.chapter4.curves import RING, Case, Curves
+from palpate.procedures.reproduce.curves import RING, Case, Curves
 from palpate.procedures.reproduce.judging.comparison import Column, Comparison, Series, fit_sentence
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from palpate.instrument.models.evidence import of_experiment, ratio_by
-from palpate.instrument.models.prices.validation import SIGN, Validation
+from palpate.instrument.models.validation import SIGN, Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import Cell, read_table

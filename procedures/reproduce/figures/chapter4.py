@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from palpate.instrument.thesis import contents
-from palpate.procedures.reproduce.chapter4.curves import Curves
+from palpate.procedures.reproduce.curves import Curves
 from palpate.procedures.reproduce.figures import area_ratios, beam, elements, mesh, pressed, ratios, sections
 from palpate.procedures.reproduce.figures.picture import Picture
 

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from palpate.procedures.reproduce.chapter4.curves import Curves
+from palpate.procedures.reproduce.curves import Curves
 from palpate.procedures.reproduce.figures import experiments, orders, setup
 from palpate.procedures.reproduce.figures.measured import Measured
 from palpate.procedures.reproduce.figures.picture import Picture

@@ -14,9 +14,9 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
 from palpate.procedures.measurements.loads.procedure import SweepResult
-from palpate.procedures.reproduce.chapter4.curves import Case, Curves
 from palpate.procedures.reproduce.chapter5.blind import MODEL
 from palpate.procedures.reproduce.chapter5.columns import RATIO
+from palpate.procedures.reproduce.curves import Case, Curves
 from palpate.procedures.reproduce.figures.lines import Line
 from palpate.procedures.reproduce.figures.measured import Measured
 from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce.chapter4.curves import RING, STIFF_RING, Case, Curves
 from palpate.procedures.reproduce.chapter4.theory import OF_THEORY, beam_ratios, implied, sample_moduli
+from palpate.procedures.reproduce.curves import RING, STIFF_RING, Case, Curves
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.reproduce.chapter4.curves import RING, STIFF_RING, Case, Curves
+from palpate.procedures.reproduce.curves import RING, STIFF_RING, Case, Curves
 from palpate.procedures.reproduce.figures.lines import MODULI, Line
 from palpate.procedures.reproduce.figures.picture import BEAM_COLOR, COLORS, THESIS, Picture, canvas, legend, save
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence, of_model, ratio_by
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.thesis import MODULUS, Cell, Table, read_table
-from palpate.procedures.reproduce.chapter4.curves import RING, ring_of
+from palpate.procedures.reproduce.curves import RING, ring_of
 from palpate.procedures.reproduce.judging.rows import WITHIN, Group, Row, RowTable
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from palpate.instrument.models.foundation.column_fitted import LINES, OddsLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import Table
-from palpate.procedures.reproduce.chapter4.curves import RING, ring_of
+from palpate.procedures.reproduce.curves import RING, ring_of
 
 Array = NDArray[np.float64]
 

@@ -10,14 +10,14 @@ from types import MappingProxyType
 
 from palpate.instrument.errors import UnknownName
 from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
-from palpate.procedures.reproduce.chapter4.curves import RINGS, Case, Curves, Progress
-from palpate.procedures.reproduce.chapter4.solutions import Solutions
+from palpate.procedures.reproduce.curves import RINGS, Case, Curves, Progress
 from palpate.procedures.reproduce.figures import experiments, ratios
 from palpate.procedures.reproduce.figures.chapter4 import FIGURES
 from palpate.procedures.reproduce.figures.picture import Picture
 from palpate.procedures.reproduce.figures.position import draw as draw_position
 from palpate.procedures.reproduce.files import write_summary, write_table
 from palpate.procedures.reproduce.judging.comparison import Comparison
+from palpate.procedures.reproduce.solutions import Solutions
 
 PROCEDURE = "reproduce-models"
 SETS = ("physical", "identified")
