@@ -1,12 +1,12 @@
-"""The client's end of a Modbus RTU line: which of the bytes that come are the reply to what was asked.
+"""The client's end of a Modbus RTU line: it finds the reply to a request among the bytes that come.
 
-Frames have no number, so a late reply, a repeated one or an adapter's echo must be told from the reply by what a wire
-can do: it cannot come before the request has been sent (`earliest_reply`), and it answers this unit, function and
-number of registers.
+Frames have no number. So a late reply, a repeated one or an adapter's echo is told from the reply by two facts: a reply
+cannot come before the request has been on the wire (`earliest_reply`), and it answers this unit, function and number of
+registers.
 
-Only a UART keeps the baud rate that it is given: the serial ports of a computer, and USB adapters with a UART in them,
-which Linux calls ttyUSB. A USB device of the class CDC (ttyACM) may ignore it, and so may a pseudo-terminal with a
-gateway behind it: their replies can be there at once. On such a port the bound is that of `FASTEST`.
+Only a UART keeps the baud rate that it is given: a computer's serial ports, and USB adapters with a UART, which Linux
+calls ttyUSB. A USB device of the class CDC (ttyACM) may ignore the baud rate, and so may a pseudo-terminal with a
+gateway behind it: their replies can be there at once. For such ports the bound is that of `FASTEST`.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from pymodbus.pdu import DecodePDU
 from palpate.instrument.bench.serial_line import FASTEST, character_bits, earliest_reply
 
 READ, WRITE = 3, 16  # functions
-REFUSED = 0x80  # bit of a function
-LARGEST_REPLY = 4096  # bytes that may come for one request, late replies among them
-CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes
+REFUSED = 0x80  # bit of a function that says: refused
+LARGEST_REPLY = 4096  # bytes that may come for one request, with late replies
+CHECK_SUM, OF_REFUSAL, OF_CONFIRMATION = 2, 5, 8  # bytes of a check sum, a refusal, a confirmation
 HEAD = 3  # bytes of a reply to a read before its registers
 UART = re.compile(r"/dev/tty(S|USB|AMA|O|SC|THS|mxc|PS|UL|LP|HS|sWK|XRUSB)\d+")  # device files of Linux
 
 
 class ReplyFramer(FramerRTU):
-    """Finds the reply to `request` among what came: an echo of the request, noise and other replies are passed over.
+    """Finds the reply to `request` in the bytes that came. An echo of the request, noise and other replies are skipped.
 
-    pymodbus' own takes the first frame whose check sum fits, and none at all after a byte too many.
+    pymodbus' own framer takes the first frame whose check sum fits, and none at all after a surplus byte.
     """
 
     request = b""
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
-        """As pymodbus wants it. Two replies that differ are none: nobody knows which is the one."""
+        """Decode as pymodbus asks for. Two replies that differ count as none, because either may be the true one."""
         echo = data.find(self.request) if self.request else -1
         first = 0 if echo < 0 else echo + len(self.request)
         at, found = first, dict[bytes, int]()
@@ -55,13 +55,13 @@ class ReplyFramer(FramerRTU):
         return at + len(frame), frame[0], 0, frame[1:-CHECK_SUM]
 
     def _reply(self, data: bytes) -> bytes:
-        """The reply that these bytes begin with, whole; empty: none."""
+        """The complete reply at the beginning of these bytes; empty: there is none."""
         frame = data[: self._size(data)]
-        whole = len(frame) >= OF_REFUSAL and self.request[: len(frame)] != frame  # a part of the echo is no reply
+        whole = len(frame) >= OF_REFUSAL and self.request[: len(frame)] != frame  # a part of the echo is not a reply
         return frame if whole and self.check_CRC(frame[:-CHECK_SUM], int.from_bytes(frame[-CHECK_SUM:])) else b""
 
     def _size(self, data: bytes) -> int:
-        """Bytes of the reply that begins so; 0: no reply to the request does, or not all of it is there."""
+        """Size of the reply at the beginning of these bytes; 0: there is none, or it is incomplete."""
         request = self.request
         if not request or data[0] != request[0] or data[1] & ~REFUSED != request[1]:
             return 0
@@ -78,10 +78,10 @@ class ReplyFramer(FramerRTU):
 
 
 class RtuClient(ModbusSerialClient):
-    """pymodbus' serial client, which sleeps in steps of 1 ms to see whether a reply has come, woken by it.
+    """pymodbus' serial client, woken as soon as a reply comes; pymodbus' own looks for one every millisecond.
 
-    `too_soon` counts the bytes that came for the last request before a wire of `speed` bit/s could have brought its
-    reply: they are thrown away.
+    `too_soon` counts the bytes that came after the last request, before a wire of `speed` bit/s could have brought its
+    reply. They are thrown away.
     """
 
     def __init__(self, port: str, **settings: Any) -> None:
@@ -95,7 +95,7 @@ class RtuClient(ModbusSerialClient):
         self.speed = line.baudrate if UART.fullmatch(os.path.realpath(port)) else FASTEST
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        """What has come unasked is thrown away. Once the system has taken the request there is nothing to wait for."""
+        """Throw away bytes that came unasked, and hand the request to the system."""
         try:
             unasked = 0
             while unasked < LARGEST_REPLY and self._ready(0.0):
@@ -108,12 +108,16 @@ class RtuClient(ModbusSerialClient):
             raise self._lost() from None
 
     def recv(self, size: int | None) -> bytes:
-        """What has come, once anything has; nothing after the time-out. A reply in pieces is put together above."""
+        """Bytes that have come, as soon as there are any; empty after the time-out.
+
+        The caller joins the pieces of a reply.
+
+        """
         try:
             while (left := self._earliest - self._now()) > 0 and self.too_soon < LARGEST_REPLY:
                 if self._ready(left):
                     heard = self._heard()
-                    if self._now() > self._earliest:  # by how much it was too soon, if at all, nobody knows
+                    if self._now() > self._earliest:  # too late to tell whether they came too soon
                         return heard
                     self.too_soon += len(heard)
             return self._heard() if self._ready(self._patience()) else b""
@@ -121,7 +125,7 @@ class RtuClient(ModbusSerialClient):
             raise self._lost() from None
 
     def _heard(self) -> bytes:
-        """Raises OSError: ready to be read, and nothing to read: it was unplugged."""
+        """Read what is there. Raises OSError: nothing is there although the port is ready, because it was unplugged."""
         if heard := self._read():
             return heard
         raise OSError
@@ -133,7 +137,7 @@ class RtuClient(ModbusSerialClient):
     # --- the line itself -------------------------------------------------------------------------------
 
     def _line(self) -> Any:
-        """Raises OSError: it is not open."""
+        """The open port. Raises OSError: it is not open."""
         if self.socket is None:
             raise OSError
         return self.socket

@@ -1,4 +1,4 @@
-"""The client's end of SDO transfers (CiA 301): which of the answers that come belongs to what was asked."""
+"""The client's end of SDO transfers (CiA 301): it finds the answer that belongs to a request."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-LATE_ANSWERS = 10  # that one interrupted transfer can leave; a node that sends more is not to be trusted
+LATE_ANSWERS = 10  # one interrupted transfer can leave; a node that sends more is not trusted
 LARGEST_OBJECT = 4096  # bytes; a device name has some tens
 SEGMENT = 7  # bytes of an object in a frame
 FRAME = 8  # bytes
@@ -21,27 +21,27 @@ NO_OBJECT = bytes(3)
 
 
 class CheckedSdoClient(SdoClient):
-    """canopen's SDO client, which takes the first answer that comes, of any length, and keeps those nobody asked for.
+    """SDO client that checks answers; canopen's own takes the first answer that comes, of any length.
 
-    Answers have no number. A late or repeated one is told by its object, by its toggle bit, or because it came before
-    request and answer could have been on the bus, and is passed over. A text, whose frames do not name their object, is
-    read twice: both must be the same.
+    Answers have no number. A late or repeated answer is known by its object, by its toggle bit, or because it came
+    before request and answer could have been on the bus; it is skipped. The frames of a text do not name their object,
+    so a text is read twice, and both readings must agree.
 
     Attributes:
-        shortest: what request and answer take on the bus at least [s]; 0 where there is no wire.
-        too_soon: how many answers came sooner to the last request.
+        shortest: shortest time that request and answer take on the bus [s]; 0 where there is no wire.
+        too_soon: number of answers to the last request that came sooner.
     """
 
     shortest = 0.0
     too_soon = 0
-    _object = NO_OBJECT  # index and subindex that are transferred
+    _object = NO_OBJECT  # index and subindex of the transfer
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
         if len(data) == FRAME and self.responses.qsize() <= LATE_ANSWERS:
             super().on_response(can_id, data, timestamp)  # type: ignore[no-untyped-call]
 
     def request_response(self, sdo_request: bytearray) -> bytes:
-        """The answer. Raises SdoCommunicationError: none in time. SdoAbortedError."""
+        """Send a request and return its answer. Raises SdoCommunicationError: none came in time; SdoAbortedError."""
         request = bytes(sdo_request)
         if request[0] & SPECIFIER in (DOWNLOAD, UPLOAD):
             self._object = request[1:4]
@@ -77,7 +77,7 @@ class CheckedSdoClient(SdoClient):
         return answer[0] & TOGGLE == request[0] & TOGGLE
 
     def _forget(self) -> None:
-        """What came before it was asked for."""
+        """Throw away answers that came before they were asked for."""
         while not self.responses.empty():
             self.responses.get()
 
@@ -85,10 +85,11 @@ class CheckedSdoClient(SdoClient):
         return time.monotonic()
 
     def upload(self, index: int, subindex: int, size: int | None = None) -> bytes:
-        """An object of the size that was announced, or, where none is in four bytes, the first `size` of them.
+        """Read an object, which must have the announced size; without one, the first `size` of its four bytes.
 
-        Raises SdoCommunicationError: of another size, without end, or of several frames that say another thing when
-        they are read again. SdoAbortedError.
+        Raises:
+            SdoCommunicationError: the object has another size or no end, or its frames differ when they are read again.
+            SdoAbortedError: the node refuses.
         """
         data, in_segments = self._read(index, subindex, size)
         if in_segments and self._read(index, subindex, size)[0] != data:

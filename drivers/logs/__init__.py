@@ -1,1 +1,1 @@
-"""Files of all that went over a bench's links: written, read, and answered from again."""
+"""Bus logs: files of everything that went over a bench's links. They are written, read and replayed."""

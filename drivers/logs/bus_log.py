@@ -1,4 +1,4 @@
-"""All traffic of a run in files that other tools read: everything as pcapng, CAN beside it as BLF or ASC."""
+"""Logs of a run's traffic that other tools read: everything as pcapng, and CAN also as BLF or ASC."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from palpate.instrument.errors import RecordError, UsageError
 
 CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
 WHOLE_FORMAT = ".pcapng"
-UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # where the unit id stands
-CLOCK, RUN = "clock", "run"  # notes: a time that the bench's clock has told [ns], the header of the run
+UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # place of the unit id in a frame
+CLOCK, RUN = "clock", "run"  # notes: a time of the bench's clock that the program read [ns], the header of the run
 NODES = sensor_node.CONTRACT.name
 FRAME = struct.Struct(">IB3x")  # Linux' can_frame up to its data
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
 
 
 def check_log(path: Path) -> None:
-    """Whether a log can be written there.
+    """Check that a log can be written.
 
     Raises:
-        UsageError: CAN traffic has no such format, or a file of that name is there.
+        UsageError: CAN traffic has no such format, or a file of that name exists.
         RecordError: no file can be made there.
     """
     if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
@@ -55,7 +55,7 @@ def check_log(path: Path) -> None:
 
 
 def logged(path: Path) -> Path:
-    """A log that shall be read. Raises UsageError: it has not the name of one, or is no file."""
+    """Check the path of a log to be read. Raises UsageError: its name is not that of a log, or it is no file."""
     if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
         raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}")
     try:
@@ -68,7 +68,7 @@ def logged(path: Path) -> Path:
 
 
 def log_files(path: Path) -> list[Path]:
-    """The files of a log: everything, and CAN beside it where `path` names a format of CAN."""
+    """Files of a log: the whole log, and one for CAN where `path` names a CAN format."""
     whole = path.with_suffix(WHOLE_FORMAT)
     return [path] if path.suffix.lower() == WHOLE_FORMAT else [whole, path]
 
@@ -78,7 +78,7 @@ def _unwritable(path: Path, error: OSError) -> RecordError:
 
 
 def modbus_links(bench: Bench) -> Iterator[tuple[ModbusLink, Link, Callable[[bytes], str]]]:
-    """Each Modbus link of a bench, its kind, and which device a request on it is for."""
+    """Each Modbus link of a bench, its kind, and a function that names the device of a request."""
     devices = [device for device in bench.devices if isinstance(device, ModbusDevice)]
     for link in {id(device.link): device.link for device in devices}.values():
         place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
@@ -96,13 +96,13 @@ def can_links(bench: Bench) -> list[CanLink]:
 
 
 def packed(frame: can.Message) -> bytes:
-    """A frame as Linux has it."""
+    """Bytes of a frame in Linux' format (`can_frame`)."""
     flags = (EXTENDED, frame.is_extended_id), (REMOTE, frame.is_remote_frame), (ERROR, frame.is_error_frame)
     return FRAME.pack(frame.arbitration_id | sum(bit for bit, is_set in flags if is_set), frame.dlc) + frame.data
 
 
 def unpacked(data: bytes) -> can.Message:
-    """The frame that gives this when it is packed."""
+    """The frame of bytes in Linux' format."""
     identifier, size = FRAME.unpack_from(data)
     return can.Message(
         arbitration_id=identifier & ~(EXTENDED | REMOTE | ERROR),
@@ -115,10 +115,10 @@ def unpacked(data: bytes) -> can.Message:
 
 
 class BusLog:
-    """A context manager, entered before the bench is; messages are stamped with its `clock` after `started`.
+    """A context manager, to be entered before the bench; messages are stamped with its `clock` after `started`.
 
-    What the program does stands in the order in which it was done: what it sends, each reply, and each time that it was
-    told. A CAN frame stands before what is done about it.
+    The log has the program's actions in their order: what it sends, each reply, and each time that it read. A CAN frame
+    comes before the actions that follow from it.
     """
 
     def __init__(self, bench: Bench, clock: Clock, path: Path, started: datetime) -> None:
@@ -126,7 +126,7 @@ class BusLog:
         self._bench = bench
         self._clock = clock
         self._begun_ns = round(started.timestamp()) * 1_000_000_000
-        self._lock = threading.RLock()  # held from the stamp on: both files in one order, and in that of time
+        self._lock = threading.RLock()  # held from the stamp on, so that both files have one order, that of time
         self._stack = ExitStack()
         self._failure: Exception | None = None
 
@@ -149,7 +149,7 @@ class BusLog:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Raises RecordError: something could not be written, so that the log ends before the run."""
+        """End the log. Raises RecordError: something could not be written, so that the log ends before the run."""
         with self._lock:
             try:
                 with self._stack:
@@ -161,7 +161,7 @@ class BusLog:
             raise RecordError(f"{self._path}: the bus log is not whole: {self._failure}; free the disk")
 
     def describe(self, header: str) -> None:
-        """Write down which run this is: the header of its record, as JSON."""
+        """Write the header of the run's record, as JSON."""
         self._note(RUN, header)
 
     def _listen(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
@@ -196,7 +196,7 @@ class BusLog:
         return self._begun_ns + self._clock.now_ns()
 
     def _write(self, write: Any, what: object) -> None:
-        """What fails ends the log, not the run."""
+        """Write; a failure ends the log, not the run."""
         with self._lock:
             if self._failure is None:
                 try:

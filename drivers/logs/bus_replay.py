@@ -1,7 +1,7 @@
-"""A recorded bench on the wire again: what its log holds is answered as it was, and nothing else.
+"""Replay of a recorded bench on the wire: it answers what its log holds, as it was answered, and nothing else.
 
-The program that made the log does the same again: each request and each look at the clock has to be the next one of the
-log. What was heard up to the one after it is then given over real sockets, a pseudo-terminal and a CAN bus.
+The program that made the log runs again. Each of its requests and each reading of the clock must be the next one of the
+log. Everything that was heard up to the following one is then sent over real sockets, a pseudo-terminal and a CAN bus.
 """
 
 from __future__ import annotations
@@ -45,36 +45,35 @@ from palpate.instrument.errors import ConfigError, UsageError
 LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes
 LINE = "line"
-TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its number; all that stands before the request
+TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its number; everything before the request
 AMPLIFIER = shaker_amplifier.CONTRACT
 ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # token and counter are written
 FIRST = bytes([0, 0, 0, 1])
-LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # the status alone is read
+LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # a read of the status alone
 LOOKED = b"\3\2\0\0"
 BITS = character_bits(parity=True, stop_bits=2)  # of the longest character
 
 
 class BusReplay:
-    """A context manager: inside it the devices of a log are to be found where `description` says.
+    """A context manager: inside it the devices of a log are at the addresses of `description`.
 
-    It is the clock of the bench that is opened there, which is given to `attach` before.
-
-    What feeds the amplifier's watchdog may come at any time and finds out nothing: here it is always confirmed.
+    It is also the clock of the bench that is opened there; that bench must be given to `attach` first. Requests that
+    feed the amplifier's watchdog may come at any time and tell nothing; they are always confirmed.
 
     Attributes:
-        goes_on: as a wall's clock, so that nobody looks at it to feed the watchdog.
-        run: header of the run that was recorded, as its record has it.
-        verified: whether the log is as it was written; one of an earlier version does not tell.
-        description: of the recorded bench; inside, with its addresses of now.
+        goes_on: true, as for a wall clock, so that nobody reads it to feed the watchdog.
+        run: header of the recorded run, as its record has it.
+        verified: whether the log is as it was written; a log of an earlier version cannot tell.
+        description: description of the recorded bench; inside the context with its present addresses.
 
-    Raises where it is made:
+    Raises when it is made:
         UsageError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
     """
 
     goes_on = True
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
-        """`describe` says for people what a packet is."""
+        """Read a log; `describe` gives a text for people on a packet."""
         self.path = path if path.suffix.lower() == WHOLE_FORMAT else logged(path).with_suffix(WHOLE_FORMAT)
         self._describe = describe
         packets = self._read()
@@ -128,19 +127,19 @@ class BusReplay:
         self._stack.close()
 
     def attach(self, bench: Bench) -> None:
-        """Hear what is asked on the links of a bench that is not open yet."""
+        """Listen to the requests on the links of a bench that is not open yet."""
         for modbus, kind, whom in modbus_links(bench):
             self._answer(modbus, kind, whom)
         for link in can_links(bench):
             link.tap(self._heard_frame)
 
     def now_ns(self) -> int:
-        """The time that the program was told here."""
+        """The time that the program read at this place of the log [ns]."""
         at = self._next(Packet(0, CLOCK, Link.NOTE, True, b""))
         return int(self._packets[at].data)
 
     def wait(self, duration: float) -> None:
-        """It has passed already."""
+        """Return at once: the time has passed in the log."""
 
     def _answer(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
         def heard(sending: bool, data: bytes) -> None:
@@ -159,7 +158,7 @@ class BusReplay:
             self._next(Packet(0, NODES, Link.CAN, True, packed(frame)))
 
     def _next(self, did: Packet) -> int:
-        """Where the log has what the program does now. Raises ConfigError: it did something else here."""
+        """Place of the program's present action in the log. Raises ConfigError: the log has another action there."""
         self._hear()
         at = self._at
         if at == len(self._packets) or not _same(self._packets[at], did):
@@ -173,14 +172,14 @@ class BusReplay:
         return at
 
     def _hear(self) -> None:
-        """The frames that came before the program did something again."""
+        """Send the frames that came before the program's next action."""
         while self._at < len(self._packets) and not self._packets[self._at].sent:
             if self._packets[self._at].link is Link.CAN:
                 self._bus.send(unpacked(self._packets[self._at].data))
             self._at += 1
 
     def _reply(self, at: int) -> bytes:
-        """What was answered to a request; nothing where it was asked in vain."""
+        """The recorded answer to a request; empty where there was none."""
         who = self._packets[at].who
         for later in range(at + 1, len(self._packets)):
             if self._packets[later].who == who:
@@ -189,7 +188,7 @@ class BusReplay:
 
 
 def _same(recorded: Packet, did: Packet) -> bool:
-    """A look at the clock is one whatever it shows, a request on TCP the same whatever its number."""
+    """Whether two actions are the same. Readings of the clock and numbers of requests on TCP may differ."""
     if (recorded.link, recorded.who) != (did.link, did.who):
         return False
     begins = TRANSACTION if did.link is Link.TCP else 0
@@ -197,7 +196,7 @@ def _same(recorded: Packet, did: Packet) -> bool:
 
 
 def _is_heartbeat(packet: Packet) -> bool:
-    """Whether it feeds the amplifier's watchdog and does nothing else; the first of a token claims the amplifier."""
+    """Whether a packet only feeds the amplifier's watchdog. The first one of a token also claims the amplifier."""
     if packet.who != AMPLIFIER.name:
         return False
     request = packet.data[MBAP:]
@@ -221,7 +220,7 @@ def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
 
 
 class _Wire:
-    """The far ends of the Modbus links: each gives its reply once the whole request has come."""
+    """The far ends of the Modbus links. Each sends its reply once the whole request has come."""
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
@@ -268,7 +267,7 @@ class _Wire:
         self._selector.register(end, selectors.EVENT_READ, name)
 
     def expect(self, name: str, size: int, reply: bytes) -> None:
-        """A request of `size` bytes will come, and gets this."""
+        """Expect a request of `size` bytes, and answer it with this reply."""
         self._due[name].append((size, reply))
 
     def _run(self) -> None:
@@ -287,7 +286,7 @@ class _Wire:
                     key.fileobj.close()
 
     def _serve(self, end: int, name: str) -> bool:
-        """Take what has come and give what is due for it; whether the end is open still."""
+        """Take bytes that have come and send the reply that is due. Returns whether the end is still open."""
         try:
             data = os.read(end, CHUNK)
             self._got[name] += len(data)
@@ -296,8 +295,8 @@ class _Wire:
                 size, reply = due.popleft()
                 self._got[name] -= size
                 if name == LINE:
-                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # a reply that comes sooner is none
+                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # a reply that comes sooner is thrown away
                 os.write(end, reply)
-        except OSError:  # the other side has gone
+        except OSError:  # the other side is closed
             return False
         return bool(data)

@@ -1,7 +1,7 @@
-"""Capture files that Wireshark reads: pcapng (IETF draft-ietf-opsawg-pcapng), with everything a bench says.
+"""Capture files that Wireshark reads: pcapng (IETF draft-ietf-opsawg-pcapng), with all traffic of a bench.
 
-Modbus TCP, a serial line and CAN each have an interface of their own; so have palpate's notes, which are JSON.
-The last note is the SHA-256 of all before it: a file without it was cut off, or is from before there were any.
+Modbus TCP, a serial line and CAN each have an interface of their own, and so do palpate's notes, which are JSON. The
+last note is the SHA-256 of everything before it. A file without it was cut off, or is of an earlier version.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ IP_HEADER, TCP_HEADER = 20, 20  # bytes
 SENT, CAME = 1, 2  # events of a serial line
 APPLICATION, HASHED = 4, b"palpate, with the SHA-256 at its end"  # option of the section
 SHA256 = "sha256"  # note
-NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # says which dissector reads on
+NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # names the dissector of the rest
 
 
 class Link(IntEnum):
@@ -41,9 +41,9 @@ HEADERS = {Link.TCP: IP_HEADER + TCP_HEADER, Link.LINE: 12, Link.CAN: 0, Link.NO
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One message: `data` as on the wire, without the headers of the network below; `who` said or got it.
+    """One message: `data` as on the wire, without the headers of lower layers; `who` sent or received it.
 
-    A CAN frame is as Linux has it (`can_frame`), a note JSON text.
+    A CAN frame is in Linux' format (`can_frame`), a note is JSON text.
     """
 
     time_ns: int
@@ -54,7 +54,7 @@ class Packet:
 
 
 class PcapngWriter:
-    """Writes packets to a file that is open; each who on TCP gets a connection of its own."""
+    """Writes packets to an open file. Each `who` on TCP gets a connection of its own."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -66,7 +66,7 @@ class PcapngWriter:
             self._block(INTERFACE, struct.pack("<HHI", kind, 0, 0) + _options({RESOLUTION: bytes([NANOSECONDS])}))
 
     def end(self) -> None:
-        """Writes the last note; nothing may follow."""
+        """Write the last note, after which nothing may follow."""
         self.write(Packet(self._last_ns, SHA256, Link.NOTE, True, self._hash.hexdigest().encode()))
 
     def write(self, packet: Packet) -> None:
@@ -131,10 +131,11 @@ def _options(values: dict[int, bytes]) -> bytes:
 
 
 def read_pcapng(path: Path) -> Iterator[Packet]:
-    """The packets of a file that `PcapngWriter` wrote.
+    """Packets of a file that `PcapngWriter` wrote.
 
     Raises:
-        ValueError: it is another, damaged or cut off; damage between packets is noticed behind the last one.
+        ValueError: the file is of another kind, damaged or cut off. Damage between packets is noticed after the last
+            one.
     """
     data = path.read_bytes()
     if struct.unpack_from("<I4xI", data.ljust(12)) != (SECTION, BYTE_ORDER):
@@ -157,7 +158,7 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
 
 
 def is_hashed(data: bytes) -> bool:
-    """Whether a file with this beginning ends with its hash; one of an earlier version does not."""
+    """Whether a file with this beginning should end with its hash; files of an earlier version have none."""
     size = int.from_bytes(data[4:8], "little")
     return HASHED in data[:size]
 

@@ -1,4 +1,4 @@
-"""Faults of the CAN bus: what becomes of the frames that the nodes send."""
+"""Faults of the CAN bus, which change the frames that the nodes send."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from palpate.simulators.faults.fault import CAN, NODE, Fault, Trigger
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
 HEARTBEAT = 0x700
-FUNCTION, NODE_ID = 0x780, 0x7F  # of an identifier, by CiA 301
+FUNCTION, NODE_ID = 0x780, 0x7F  # parts of an identifier by CiA 301
 DELAY = 5  # frames that overtake a delayed one
-BABBLE = 50  # frames a babbling node sends for one
+BABBLE = 50  # frames that a babbling node sends in place of one
 
 Frame = Any  # can.Message, which the frames of the bus are already
 Send = Callable[[Frame], None]
 
 
 class CanFault(Fault):
-    """What is on the bus instead of a frame. A node's fault counts, and strikes, its own frames alone."""
+    """Replaces a frame on the bus. A node's fault counts and strikes only that node's frames."""
 
     targets: ClassVar[tuple[str, ...]] = (CAN, NODE)
-    function: ClassVar[int | None] = None  # strikes these frames alone
-    overtaken: ClassVar[int] = 0  # by so many frames
+    function: ClassVar[int | None] = None  # strikes only frames of this function
+    overtaken: ClassVar[int] = 0  # number of frames that overtake a struck one
 
     def frames(self, frame: Frame) -> list[Frame]:
         return []
@@ -68,7 +68,7 @@ class BusOff(CanFault):
 
 
 class BusOverload(CanFault):
-    """More than the bus carries: of what has the lower priority, the number and flags of a sample, nothing gets by."""
+    """The bus is overloaded: frames of lower priority, with the numbers and flags of samples, are lost."""
 
     targets: ClassVar[tuple[str, ...]] = (CAN,)
     function: ClassVar[int | None] = STAMP
@@ -91,7 +91,7 @@ class _Counter(CanFault):
 
 
 class CounterRepeats(_Counter):
-    """The number of a sample is that of the one before."""
+    """A sample has the number of the sample before it."""
 
     step: ClassVar[int] = -1
 
@@ -101,7 +101,7 @@ class CounterSkips(_Counter):
 
 
 class BabblingNode(CanFault):
-    """A node says its samples over and over."""
+    """A node sends its samples again and again."""
 
     targets: ClassVar[tuple[str, ...]] = (NODE,)
     function: ClassVar[int | None] = SAMPLES
@@ -112,7 +112,7 @@ class BabblingNode(CanFault):
 
 
 class FaultyBus:
-    """Sends in place of the bus."""
+    """Sends frames in place of the bus, with the faults applied."""
 
     def __init__(self, clock: VirtualClock, faults: Sequence[tuple[CanFault, Trigger]], send: Send) -> None:
         self._clock = clock

@@ -1,4 +1,4 @@
-"""What befalls a device itself: it loses its settings, trips, or somebody turns its knobs."""
+"""Faults of a device itself: it loses its settings, trips, or somebody changes a setting."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 
 class DeviceFault(Fault):
-    """Begins and ends under the clock's lock."""
+    """A fault that begins and ends under the clock's lock."""
 
     def begin(self, sim: SimulatedBench) -> None:
-        """It strikes."""
+        """Let the fault begin."""
         raise NotImplementedError
 
     def end(self, sim: SimulatedBench) -> None:
-        """It is over, where it lasts a time."""
+        """Let the fault end, if it lasts."""
 
 
 class PowerCycle(DeviceFault):
-    """The device starts anew, with the settings it left the factory with."""
+    """The device restarts with its factory settings."""
 
     targets: ClassVar[tuple[str, ...]] = MODBUS
 
@@ -51,13 +51,13 @@ class OverTemperature(_Trip):
 
 
 class LatchedFault(_Trip):
-    """Of the amplifier's supply."""
+    """The amplifier's supply trips, and the fault is latched."""
 
     latches: ClassVar[str] = "supply"
 
 
 class FrontPanel(DeviceFault):
-    """Somebody changes a setting at the device: `setting` to `value`, in the contract's unit."""
+    """Somebody changes a setting at the device's panel: `setting` to `value`, in the contract's unit."""
 
     targets: ClassVar[tuple[str, ...]] = (*MODBUS, NODE)
     setting: str
@@ -81,7 +81,7 @@ class FrontPanel(DeviceFault):
 
 
 def device(sim: SimulatedBench, name: str) -> SimulatedDevice:
-    """A Modbus device of the bench by its name in a scene. Raises ConfigError: the bench has no sample changer."""
+    """Modbus device of the bench by its name in a scene. Raises ConfigError: the bench has no sample changer."""
     devices = (sim.generator, sim.amplifier, sim.changer, sim.indicator, sim.positioner)
     found = dict(zip(MODBUS, devices, strict=True))[name]
     if found is None:

@@ -1,4 +1,4 @@
-"""What all faults share: where they strike, and when."""
+"""The common base of all faults: where they strike, and when."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Fault(Config):
     """A `[[fault]]` of a scene.
 
     Attributes:
-        on: the device or link that has it.
+        on: device or link that has the fault.
         at: bench time at which it strikes; or
-        transaction: the number, from 1, of the request (on CAN: the frame) that it strikes; or
-        probability: that it strikes a request, by the scene's seed.
-        lasts: how long it goes on; 0: it strikes once, and what a device has become it stays.
+        transaction: number, from 1, of the request (on CAN: the frame) that it strikes; or
+        probability: probability of striking a request, by the scene's seed.
+        lasts: how long it goes on; 0: it strikes once, and a changed device stays changed.
     """
 
     targets: ClassVar[tuple[str, ...]]
@@ -42,7 +42,7 @@ class Fault(Config):
     lasts: Seconds = Field(default=0.0, ge=0)
 
     def problem(self) -> str:
-        """What is wrong with its own parameters, together; empty: nothing."""
+        """What is wrong with the combination of its parameters; empty: nothing."""
         return ""
 
     @property
@@ -51,7 +51,9 @@ class Fault(Config):
 
 
 class Trigger:
-    """When a fault strikes, counted by the transactions of what it is on: the same for the same scene and seed."""
+    """Decides when a fault strikes, by the transactions of its device or link. It is the same for the same scene and
+    seed.
+    """
 
     def __init__(self, fault: Fault, number: int, seed: int) -> None:
         from scipy.special import ndtri
@@ -60,11 +62,11 @@ class Trigger:
         self._stream = Stream(seed, "fault", number)
         self._threshold = float(ndtri(fault.probability)) if fault.probability is not None else None
         self._count = 0
-        self.struck = 0  # so many transactions
+        self.struck = 0  # number of struck transactions
         self._until_ns: int | None = None
 
     def strikes(self, now_ns: int) -> bool:
-        """Whether the transaction that begins now is struck; asked once for each."""
+        """Whether the transaction that begins now is struck; to be asked once for each transaction."""
         self._count += 1
         struck = self._until_ns is not None and now_ns < self._until_ns
         if not struck and self._begins(now_ns):
@@ -82,10 +84,11 @@ class Trigger:
 
 
 def parse_faults(given: Sequence[Mapping[str, Any]], nodes: int, where: str) -> tuple[Fault, ...]:
-    """The faults of a scene file, checked.
+    """Read and check the faults of a scene file.
 
     Raises:
-        ConfigError: unknown kinds, devices or keys, or not one time; names the file, the number of the fault, the key.
+        ConfigError: a kind, device or key is unknown, or there is not exactly one time. The message names the file, the
+            number of the fault and the key.
     """
     if len(given) > MOST:
         raise ConfigError(f"{where}: fault: {len(given)} faults are more than {MOST}; leave some out")
@@ -93,7 +96,7 @@ def parse_faults(given: Sequence[Mapping[str, Any]], nodes: int, where: str) -> 
 
 
 def parse_fault(table: dict[str, Any], nodes: int, where: str) -> Fault:
-    """One fault, checked; `where` is what messages call it. Raises ConfigError as `parse_faults`."""
+    """Read and check one fault; `where` names it in messages. Raises ConfigError as `parse_faults` does."""
     kind = table.get("kind")
     if not isinstance(kind, str):
         raise ConfigError(f"{where}: kind: is missing or no text; valid: {', '.join(FAULTS)}")

@@ -1,4 +1,4 @@
-"""Faults of load cell and strain indicator: what the indicator's registers say meanwhile."""
+"""Faults of load cell and strain indicator, which change the indicator's registers while they last."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class IndicatorFault(DeviceFault):
         vars(sim.indicator).pop("read", None)
 
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
-        """What is read in place of `read`."""
+        """Function that is read in place of `read`."""
         raise NotImplementedError
 
 
 class StuckReading(IndicatorFault):
-    """The display is not renewed any more."""
+    """The display is no longer renewed."""
 
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
         stuck = {name: read(name) for name in DISPLAY}
@@ -60,14 +60,14 @@ class Overload(IndicatorFault):
 
 
 class NotANumber(IndicatorFault):
-    """The reading as a float is no number, and nothing in the status says why."""
+    """The reading as a float is NaN, and the status does not say why."""
 
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
         return lambda name: math.nan if name == "reading_float" else read(name)
 
 
 class ZeroDrift(IndicatorFault):
-    """The zero of the bridge runs away by `rate` mV in a second."""
+    """The zero of the bridge drifts by `rate` mV in a second."""
 
     rate: float = Field(default=0.5)
 

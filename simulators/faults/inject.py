@@ -1,4 +1,4 @@
-"""Puts the faults of a bench where they belong, and takes them away again; nothing is anywhere else."""
+"""Puts the faults of a bench into its devices and links, and takes them away again."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from palpate.simulators.faults.tcp import FaultyLink, TcpFault
 if TYPE_CHECKING:
     from palpate.simulators.bench import SimulatedBench
 
-# Of the wall, of a link that has faults. A time-out is waited for, and the bench's clock stands; an answer that a busy
-# machine is so late with would count as a fault that the scene does not have.
+# Time-out by the wall clock of a link with faults. While it is waited for, the bench's clock stands. If a busy machine
+# answered later than this, it would count as a fault that the scene does not have.
 TIMEOUT: Any = "2 s"
-FOREVER = "1000000000.0 s"  # of a fault that is given by hand: until it is cleared
+FOREVER = "1000000000.0 s"  # duration of a fault that is given by hand, until it is cleared
 ALL = "all"
 
 
 def timeouts(faults: Iterable[Fault]) -> dict[str, Any]:
-    """Of the links whose bytes or frames have faults, by their names."""
+    """Time-outs of the links whose bytes or frames have faults, by their names."""
     links = {TcpFault: "", RtuFault: LINE, CanFault: CAN}
     return {
         name or fault.on: TIMEOUT for fault in faults for family, name in links.items() if isinstance(fault, family)
@@ -36,14 +36,14 @@ def timeouts(faults: Iterable[Fault]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """A fault that a bench has, with its count of what it has struck; of a device's fault, what happens to it."""
+    """A fault of a bench, with the count of its strikes; for a device's fault also the event on the clock."""
 
     fault: Fault
     trigger: Trigger
     happening: _Happening | None = None
 
     def told(self) -> str:
-        """For people: where, what, its parameters, and whether it has struck."""
+        """Text for people: where it is, what it is, its parameters, and whether it has struck."""
         own = self.fault.model_dump(mode="json", exclude={"kind", "on"}, exclude_defaults=True)
         if own.get("lasts") == FOREVER:
             own["lasts"] = "until it is cleared"
@@ -67,7 +67,7 @@ class Injection:
         self._bus: list[tuple[CanFault, Trigger]] | None = None
 
     def give(self, fault: Fault) -> None:
-        """Let the bench have a fault from now on. Raises ConfigError: the bench has no such device."""
+        """Give the bench a fault from now on. Raises ConfigError: the bench has no such device."""
         if fault.on in MODBUS:
             device(self._sim, fault.on)
         trigger = Trigger(fault, self._numbers, self._sim.scene.seed)
@@ -85,9 +85,9 @@ class Injection:
         self.given.append(Given(fault, trigger, happening))
 
     def give_by_hand(self, table: Mapping[str, Any]) -> None:
-        """As `give`, of a table as scenes have it; without a time it begins now, and lasts until it is cleared.
+        """Give the bench a fault from a table as in scenes. Without a time it begins now and lasts until it is cleared.
 
-        Raises ConfigError: it is wrong, the bench has it already, or one that it cannot be told from.
+        Raises ConfigError: the table is wrong, or the bench has this fault already, or one that cannot be told from it.
         """
         now = {"at": f"{self._sim.clock.now_ns()} ns", "lasts": FOREVER}
         timed = dict(table) if any(key in table for key in WHEN) else {**now, **table}
@@ -100,7 +100,7 @@ class Injection:
         self.give(fault)
 
     def clear(self, on: str, kind: str = "") -> list[Given]:
-        """Take away a fault, those of a device or link (no kind), or `all`; returns them.
+        """Take away a fault, all faults of a device or link (no kind), or `all` faults, and return them.
 
         Raises UsageError: there is none.
         """
@@ -152,25 +152,25 @@ class Injection:
 
 
 def _in_one_place(one: Fault, other: Fault) -> bool:
-    """Whether the end of one would end the other, too."""
+    """Whether the end of one fault would also end the other."""
     return any(isinstance(one, family) and isinstance(other, family) for family in (IndicatorFault, FilmFault))
 
 
 class _Happening:
-    """A device's fault on the virtual clock: at its time, or at a request to its device."""
+    """A device's fault on the virtual clock. It begins at its time or at a request to its device."""
 
     def __init__(self, sim: SimulatedBench, fault: DeviceFault, trigger: Trigger) -> None:
         self._sim = sim
         self._fault = fault
         self._trigger = trigger
-        self.begun = 0  # so many times
+        self.begun = 0  # number of times that it began
         self._over = False
         self._begin_ns = NEVER if fault.at is None else round(fault.at * 1e9)
         self._end_ns = NEVER
         sim.clock.add(self)
         if fault.at is None:
             self._count_requests()
-        elif 0 < sim.clock.now_ns() >= self._begin_ns:  # given by hand; those of a scene begin as time does
+        elif 0 < sim.clock.now_ns() >= self._begin_ns:  # given by hand; a scene's faults are there from the start
             self._begin()
 
     def next_event_ns(self) -> int:
@@ -184,7 +184,7 @@ class _Happening:
             self._fault.end(self._sim)
 
     def end(self) -> None:
-        """It strikes no more, and what it does is over; called under the clock's lock."""
+        """End the fault for good; called under the clock's lock."""
         self._over = True
         self._sim.clock.remove(self)
         if self.begun:

@@ -14,12 +14,12 @@ from palpate.simulators.faults.fault import NODE
 if TYPE_CHECKING:
     from palpate.simulators.bench import SimulatedBench
 
-HARDWARE = 0x5000  # emergency code: device hardware, CiA 301
+HARDWARE = 0x5000  # emergency code for device hardware, CiA 301
 BEYOND = 1e3  # V, above every range
 
 
 class NodeReboot(DeviceFault):
-    """The node starts anew, announces itself and waits to be started, its settings gone."""
+    """The node restarts, announces itself and waits to be started; its settings are lost."""
 
     targets: ClassVar[tuple[str, ...]] = (NODE,)
 
@@ -36,7 +36,7 @@ class Emergency(DeviceFault):
 
 
 class FilmFault(DeviceFault):
-    """Something is added to what the charge amplifier of a `channel` gives."""
+    """A voltage is added to the output of the charge amplifier of a `channel`."""
 
     targets: ClassVar[tuple[str, ...]] = (NODE,)
     channel: int = Field(default=1, ge=1, le=CHANNELS, strict=True)
@@ -54,7 +54,7 @@ class FilmFault(DeviceFault):
         vars(node(sim, self.on)).pop("sample", None)
 
     def added(self, seconds: Any) -> Any:
-        """Voltage, `seconds` (n,) after it began [V]."""
+        """Added voltage [V] at `seconds` (n,) after the fault began."""
         raise NotImplementedError
 
 
@@ -64,7 +64,7 @@ class SaturatedFilm(FilmFault):
 
 
 class FilmDrift(FilmFault):
-    """The output runs away by `rate` V in a second."""
+    """The output drifts by `rate` V in a second."""
 
     rate: float = Field(default=1e-3)
 

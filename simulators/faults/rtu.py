@@ -1,4 +1,4 @@
-"""Faults of the Modbus RTU line: what noise and slow devices make of its frames.
+"""Faults of the Modbus RTU line: noise and slow devices change its frames.
 
 A frame is unit, function, data and two bytes of CRC; a pause ends it.
 """
@@ -15,14 +15,14 @@ from typing import ClassVar
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import LINE, Fault, Trigger
 
-GLITCH = b"\x00\xff\xf8"  # what a line that starts to drive looks like
+GLITCH = b"\x00\xff\xf8"  # bytes that are read when a device begins to drive the line
 
 
 class RtuFault(Fault):
-    """What the client gets instead of a reply."""
+    """Changes what the client gets as a reply."""
 
     targets: ClassVar[tuple[str, ...]] = (LINE, "strain_indicator", "positioner")
-    late: ClassVar[bool] = False  # the reply itself comes when the client has given up
+    late: ClassVar[bool] = False  # whether the reply comes after the client's time-out
     reaches: ClassVar[bool] = True  # whether the device hears the request
 
     def received(self, reply: bytes) -> bytes:
@@ -30,7 +30,7 @@ class RtuFault(Fault):
 
 
 class BitError(RtuFault):
-    """One bit turned over: the CRC does not fit."""
+    """One bit is inverted, so that the CRC does not fit."""
 
     def received(self, reply: bytes) -> bytes:
         middle = len(reply) // 2
@@ -51,7 +51,7 @@ class LeadingGlitch(RtuFault):
 
 
 class LateAnswer(RtuFault):
-    """The reply comes after the client's time-out, and would answer its next request."""
+    """The reply comes after the client's time-out, and would look like the answer to its next request."""
 
     late: ClassVar[bool] = True
 
@@ -68,7 +68,7 @@ class Silence(RtuFault):
 
 
 class NoisyLine:
-    """Carries frames between the two ends of a line; `units` are the devices' names by unit."""
+    """Carries frames between the two ends of a line, with faults. `units` holds the devices' names by unit."""
 
     def __init__(self, clock: VirtualClock, faults: Sequence[tuple[RtuFault, Trigger]], units: dict[int, str]) -> None:
         self._clock = clock
@@ -78,13 +78,14 @@ class NoisyLine:
         self._late = b""
 
     def watch(self, client: int) -> None:
-        """Have the client's terminal tell when it is opened anew, in the first byte of what is read from it."""
+        """Set the client's terminal to tell when it is opened anew, in the first byte of what is read from it."""
         fcntl.ioctl(client, termios.TIOCPKT, struct.pack("i", 1))
 
     def to_device(self, client: int, told: bytes) -> bytes:
-        """What the device hears of what was read from the client's terminal; the client writes a whole frame at once.
+        """What the device hears of the bytes that were read from the client's terminal.
 
-        A client that has given up opens the line anew, and clears it: then comes what was late.
+        The client writes a whole frame at once. A client that has given up opens the line anew and clears it; late
+        replies come then.
         """
         frame = told[1:]
         if self._late and told[0] & termios.TIOCPKT_FLUSHREAD:
@@ -96,7 +97,7 @@ class NoisyLine:
         return frame if self._struck is None or self._struck.reaches else b""
 
     def to_client(self, frame: bytes) -> bytes:
-        """What the client hears of what a device has written, likewise."""
+        """What the client hears of the bytes that a device has written."""
         struck, self._struck = self._struck, None
         if struck is None:
             return frame

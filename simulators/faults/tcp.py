@@ -1,4 +1,4 @@
-"""Faults of a Modbus TCP connection: what happens to one reply on its way back.
+"""Faults of a Modbus TCP connection, each of which strikes one reply.
 
 A frame is 2 bytes of transaction id, 2 of protocol, 2 of length, then unit, function and data.
 """
@@ -13,17 +13,17 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.faults.fault import TCP, Fault, Trigger
 from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
 
-TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # where they stand in a frame
+TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # places in a frame
 HEADER = 6  # bytes up to the length, which does not count them
 
 
 class TcpFault(Fault):
-    """What the client gets instead of the reply.
+    """Changes what the client gets as a reply.
 
     Attributes:
         forwards: whether the request reaches the device.
         holds: whether the reply is kept until the next request comes.
-        then: what becomes of the connection.
+        then: what happens to the connection afterwards.
     """
 
     targets: ClassVar[tuple[str, ...]] = TCP
@@ -32,16 +32,16 @@ class TcpFault(Fault):
     then: ClassVar[Literal["goes on", "reset", "refused"]] = "goes on"
 
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
-        """What is sent, piece by piece. `reply` is empty where the request was not forwarded."""
+        """The segments that are sent. `reply` is empty where the request was not forwarded."""
         return []
 
 
 class NoReply(TcpFault):
-    """The device carries the request out and does not answer."""
+    """The device carries out the request and does not answer."""
 
 
 class LateReply(TcpFault):
-    """The reply comes just before that to the next request on the same connection."""
+    """The reply comes just before the reply to the next request on the same connection."""
 
     holds: ClassVar[bool] = True
 
@@ -81,7 +81,7 @@ class WrongFunction(TcpFault):
 
 
 class WrongCount(TcpFault):
-    """One register less than was asked for; of a write, one register less is confirmed."""
+    """The reply has one register less than was asked for; a write is confirmed for one register less."""
 
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
         if reply[FUNCTION] != 3:
@@ -120,7 +120,7 @@ class ConnectionReset(TcpFault):
 
 
 class ConnectionRefused(TcpFault):
-    """As a reset, and nobody listens while it lasts, or until the bench's clock goes on."""
+    """The connection is reset, and nobody listens while the fault lasts, or until the bench's clock goes on."""
 
     forwards: ClassVar[bool] = False
     then: ClassVar[Literal["goes on", "reset", "refused"]] = "refused"
@@ -132,16 +132,16 @@ def _with_transaction(frame: bytes, step: int) -> bytes:
 
 
 class Listener(Protocol):
-    """The server of a device, as a link that has faults sees it."""
+    """The server of a device, as a link with faults uses it."""
 
     def stop_listening(self) -> None: ...
 
     def listen_again(self) -> None:
-        """At once, and waits for nobody: the servers' thread may be waiting for the clock."""
+        """Listen again at once, without waiting for any thread: the servers' thread may be waiting for the clock."""
 
 
 class FaultyLink:
-    """Says what befalls the requests of a device's clients. Lives on the virtual clock."""
+    """Applies the faults to the requests of a device's clients. It is an event source of the virtual clock."""
 
     def __init__(self, clock: VirtualClock, faults: Sequence[tuple[TcpFault, Trigger]]) -> None:
         self._clock = clock
@@ -151,20 +151,20 @@ class FaultyLink:
         clock.add(self)
 
     def struck(self) -> TcpFault | None:
-        """The first of the faults that strike the request that has come; each of them counts it."""
+        """The first of the faults that strike the present request. Every fault counts the request."""
         with self._clock.lock:
             now = self._clock.now_ns()
             struck = [fault for fault, trigger in self._faults if trigger.strikes(now)]
         return struck[0] if struck else None
 
     def refuse(self, server: Listener, fault: TcpFault) -> None:
-        """Nobody listens while the fault lasts, or until the clock goes on."""
+        """Stop listening while the fault lasts, or until the clock goes on."""
         with self._clock.lock:
             server.stop_listening()
             self._silent, self._listens_again_ns = server, self._clock.now_ns() + max(fault.lasts_ns, 1)
 
     def listen_again(self) -> None:
-        """Called under the clock's lock."""
+        """Listen again; called under the clock's lock."""
         self._listens_again_ns = NEVER
         if self._silent is not None:
             self._silent.listen_again()
