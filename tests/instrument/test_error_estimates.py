@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds, narrow_gap
+from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
 from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
@@ -84,7 +84,7 @@ def test_meshes_that_do_not_see_a_narrow_gap_are_not_trusted(name: str) -> None:
 def test_the_gap_of_the_designs_is_not_narrow() -> None:
     """Else their estimates were three times as wide, for nothing: their errors are known."""
     loads = PHYSICAL.load(100e3)
-    assert not any(narrow_gap(solid_parameters(design, loads)) for design in DESIGNS.values())
+    assert not any(solid.has_narrow_gap(solid_parameters(design, loads)) for design in DESIGNS.values())
 
 
 def test_under_a_point_load_changes_alone_count() -> None:

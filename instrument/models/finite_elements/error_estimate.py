@@ -19,17 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from palpate.instrument.models.parameters import SensorParameters
-
-# Of the greater of change and product of energies: of a thousand random sensors with a wide gap none took more than 0.7
-# (`python -m tests.benchmarks estimates`).
+# Of the greater of change and product of energies: of random sensors none took more than half of it on three meshes or
+# more (`python -m tests.benchmarks estimates`).
 SAFETY = 1.5
 # Of the bound before, the least that the next may be: what both meshes say can be luck.
 LUCK = 0.1
-# Where tooth and ring meet in a closed gap, the error only halves from mesh to mesh. To coarse meshes a narrow gap is a
-# closed one.
+# Where tooth and ring meet in a closed gap, the error only halves from mesh to mesh.
 SLOW = 3.0
-NARROW = 0.05  # of the tooth's radius
 # Of the greatest change of a voltage: none took more than a third.
 VOLTAGE_SAFETY = 4.0
 
@@ -69,11 +65,6 @@ class Bounds:
 
     force_ratio: float
     voltage: float
-
-
-def narrow_gap(parameters: SensorParameters) -> bool:
-    """Whether the gap between tooth and ring is narrow, or closed."""
-    return parameters.ring_inner_radius - parameters.tooth_radius < NARROW * parameters.tooth_radius
 
 
 def bounds(meshes: Sequence[Judged], slowly: bool, safety: float = SAFETY) -> Bounds:

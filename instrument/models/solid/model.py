@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds, narrow_gap
+from palpate.instrument.models.finite_elements.error_estimate import Bounds, Energies, Judged, bounds
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import system as solid_system
 from palpate.instrument.models.solid.forces import energies, evaluate
@@ -29,8 +29,10 @@ from palpate.instrument.models.solid.system import System, symmetry
 REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Of the product of energies, what the finer mesh is left with: a refinement divides the error by about four.
 SHARE_LEFT = 0.5
-# The two coarsest meshes do not see a narrow gap: they hardly differ, and what is left is up to four times that.
-UNSEEN = 3.0
+# To coarse meshes a narrow gap is a closed one. They hardly differ there, and what is left is up to four times that;
+# this share counts beside that of a closed gap.
+NARROW = 0.05  # of the tooth's radius
+NARROW_SHARE = 3.0
 # Least estimate by number of meshes. Some may agree by chance. The first three have the same sectors, so that their
 # changes do not tell what these leave, up to 3.3e-4 of a random sensor.
 LEAST = {2: 1e-3, 3: 1e-3, 4: 5e-5}
@@ -177,9 +179,14 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 
 def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
     """Bounds on the errors of the last of two or more refinements from the first on."""
-    narrow = narrow_gap(parameters)
-    found = bounds(meshes, slowly=narrow, safety=UNSEEN if narrow and len(meshes) == 2 else SHARE_LEFT)
+    narrow = has_narrow_gap(parameters)
+    found = bounds(meshes, slowly=narrow, safety=NARROW_SHARE if narrow else SHARE_LEFT)
     return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
+
+
+def has_narrow_gap(parameters: SolidParameters) -> bool:
+    """Whether coarse meshes take the gap between tooth and ring for closed."""
+    return parameters.ring_inner_radius - parameters.tooth_radius < NARROW * parameters.tooth_radius
 
 
 def _series(ratios: Sequence[float]) -> float:
