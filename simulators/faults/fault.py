@@ -13,9 +13,9 @@ from palpate.instrument.quantity import Seconds
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.randomness import Stream
 
-MOST = 100  # faults of a scene
+MOST = 100  # faults in a scene
 WHEN = ("at", "transaction", "probability")
-CHANGER = "sample_changer"  # which a bench may lack
+CHANGER = "sample_changer"  # a bench may be without it
 TCP = ("signal_generator", "shaker_amplifier", CHANGER)
 MODBUS = (*TCP, "strain_indicator", "positioner")
 LINE, CAN, NODE = "line", "can", "sensor_node_"
@@ -51,9 +51,7 @@ class Fault(Config):
 
 
 class Trigger:
-    """Decides when a fault strikes, by the transactions of its device or link. It is the same for the same scene and
-    seed.
-    """
+    """Decides when a fault strikes, by its transactions: the same for the same scene and seed."""
 
     def __init__(self, fault: Fault, number: int, seed: int) -> None:
         from scipy.special import ndtri
