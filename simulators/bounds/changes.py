@@ -140,6 +140,9 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
         apart = reach(case, after.effects) * np.abs(after.passed)
     changed = (before.volts != after.volts).any(axis=(0, 2))
     for i in range(count):
+        if not np.isfinite(factor[:, i]).all():  # no sine before: no share of it can be bounded
+            apart[:, i] = math.inf
+            continue
         rates = before.rates(i)
         for each in before.effects.input:
             error = each.error(case, rates)

@@ -250,3 +250,9 @@ def test_gains_that_scatter_change_what_passes_them_and_not_what_is_added_behind
 def test_poles_that_repeat_in_every_film_recur() -> None:
     """Random scene 7387: charge amplifiers alike, whose common pole rounding takes apart into shapes with a sine."""
     assert tried(7387).greatest[0] == pytest.approx(0.948, abs=1e-3)
+
+
+def test_where_the_drive_stands_still_there_is_no_bound() -> None:
+    """Random scene 16241: half a hertz lies below the generator's step, so that films hold no sine to compare."""
+    found = tried(16241)
+    assert (found.bounds, found.refused) == ([None, None], "")
