@@ -50,6 +50,9 @@ PACKAGES = ("instrument", "drivers", "simulators", "procedures", "tests")
 ROOT = Path(__file__).parents[2]
 
 
+NOTHING: list[float | None] = [None, None]
+
+
 class TooLong(PalpateError):
     """A scene takes more than `LIMIT`."""
 
@@ -60,6 +63,7 @@ class Tried:
 
     bounds: of force and ratio; None: none is given. greatest, first: changes, of all draws and of the scene as drawn;
     None: nothing to compare. refused: why the scene could not be followed. long: it was given up after `LIMIT`.
+    crash: an error that is none of ours.
     """
 
     number: int
@@ -70,6 +74,7 @@ class Tried:
     first: list[float | None]
     refused: str = ""
     long: bool = False
+    crash: str = ""
 
     def broken(self) -> bool:
         pairs = zip(self.bounds, self.greatest, strict=True)
@@ -86,6 +91,8 @@ def tried(number: int) -> Tried:
     signal.setitimer(signal.ITIMER_VIRTUAL, LIMIT)
     try:
         return _tried(number)
+    except Exception as error:  # a crash is a figure, too, and the campaign goes on
+        return Tried(number, drawn(number).name, [], NOTHING, NOTHING, NOTHING, crash=repr(error)[:200])
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
         signal.signal(signal.SIGVTALRM, before)
@@ -94,7 +101,6 @@ def tried(number: int) -> Tried:
 def _tried(number: int) -> Tried:
     chosen = drawn(number)
     scene, effect = chosen.without, chosen.with_it.effects[chosen.name]
-    none: list[float | None] = [None, None]
     try:
         case = case_of(scene.design, scene.model, scene.effects, chosen.question, scene.rig)
         bound = bound_of(case, effect)
@@ -106,10 +112,10 @@ def _tried(number: int) -> Tried:
         found = changes(scene, chosen.with_it, chosen.question, *draws)
     except PalpateError as error:
         long = isinstance(error, TooLong)
-        return Tried(number, chosen.name, list(scene.effects), none, none, none, str(error)[:200], long)
+        return Tried(number, chosen.name, list(scene.effects), NOTHING, NOTHING, NOTHING, str(error)[:200], long)
     bounds = [value if math.isfinite(value) else None for value in (bound.force, bound.ratio)]
     if not found:
-        return Tried(number, chosen.name, list(scene.effects), bounds, none, none)
+        return Tried(number, chosen.name, list(scene.effects), bounds, NOTHING, NOTHING)
     greatest = np.array(found).max(axis=0).tolist()
     return Tried(number, chosen.name, list(scene.effects), bounds, greatest, list(found[0]))
 
@@ -184,6 +190,8 @@ def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
     broken = [each for each in results if each.broken()]
     yield Row("random scenes", f"{len(results)}", f"{goal}", len(results) >= goal)
     yield Row("  broken bounds", _listed(broken), "0", not broken)
+    crashed = [each for each in results if each.crash]
+    yield Row("  that crash", _listed(crashed), "0", not crashed)
     yield Row("  that nothing can follow", _listed([each for each in results if each.refused and not each.long]))
     yield Row(f"  given up after {LIMIT:g} s of processor", _listed([each for each in results if each.long]))
     results = [each for each in results if each.number < FULLY]

@@ -87,7 +87,7 @@ def test_bounds_that_were_once_too_small_hold() -> None:
 @pytest.mark.slow
 def test_bounds_hold_in_many_random_scenes_and_nine_in_ten_are_at_most_ten_times_too_wide() -> None:
     figures = list(rows([tried(number) for number in range(EXAMPLES)], EXAMPLES))
-    assert [row.met for row in figures if row.met is not None] == [True] * 3, figures
+    assert [row.met for row in figures if row.met is not None] == [True] * 4, figures
 
 
 @pytest.mark.slow
