@@ -1,15 +1,16 @@
-"""Bounds on what a mesh leaves of force ratio and voltages, from the coarser meshes before it.
+"""Bounds on the errors of force ratio and voltages on a mesh, from the coarser meshes before it.
 
-The change from one mesh to the next is no bound: over the modulus of the object the ratios of two meshes cross, and
-there the change is nothing while the error is not. Energies do not cross. The force ratio is the work of the load on
-a jump, the object raised by 1 from the teeth; on nested meshes the change of such a work is at most √(ΔJ ΔJ'), J and
-J' being twice the energies under the load and by the jump (Cauchy and Schwarz). Meshes here are not quite nested, and
-pressures are projected, so that the greater of change and product counts, and half as much again.
+The change from one mesh to the next is no bound. As functions of the object's modulus, the ratios of two meshes cross;
+there the change is zero while the error is not. Energies do not cross. The force ratio is the work of the load on a
+jump, the object raised by 1 from the teeth. On nested meshes such a work changes by at most √(ΔJ ΔJ'), where J and J'
+are twice the energies under the load and by the jump (Cauchy and Schwarz). Meshes here are not quite nested, and
+pressures are projected; so a bound is 1.5 times the greater of change and product.
 
-The same product is a thousand times the error of a voltage: a film's own energy is all at its edges. So the greatest
-change of any voltage counts for each, four times; and, since all may cross at once, the greatest voltage times the
-share √(ΔJ/J) by which the whole solution still moves: of random sensors the worst error was 0.47 of that, on the two
-coarsest meshes of the solid model (`python -m tests.benchmarks estimates`).
+For a voltage the same kind of product would be a thousand times the error, because a film's own energy lies at its
+edges. So four times the greatest change of any voltage counts for each. Since all voltages may cross at once, the
+greatest voltage times √(ΔJ/J) counts as well, the share by which the whole solution still changes. Of random sensors
+the worst error was 0.47 of that, on the two coarsest meshes of the solid model (`python -m tests.benchmarks
+estimates`).
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-# Of the greater of change and product of energies: of random sensors none took more than half of it on three meshes or
-# more (`python -m tests.benchmarks estimates`).
+# Factor on the greater of change and product of energies. On three meshes or more, no random sensor's error was more
+# than half of the result (`python -m tests.benchmarks estimates`).
 SAFETY = 1.5
-# Of the bound before, the least that the next may be: what both meshes say can be luck.
+# Least bound over the bound before: two meshes may agree by luck.
 LUCK = 0.1
-# Where tooth and ring meet in a closed gap, the error only halves from mesh to mesh.
+# Factor where tooth and ring meet in a closed gap, because the error only halves from mesh to mesh there.
 SLOW = 3.0
-# Of the greatest change of a voltage: none took more than a third.
+# Factor on the greatest change of a voltage; no error was more than a third of the result.
 VOLTAGE_SAFETY = 4.0
 
 
@@ -35,8 +36,8 @@ class Energies:
     """Twice the energies on one mesh.
 
     Attributes:
-        load: under 1 N [J]; None: under a point load, which has none.
-        jump: of the jump over the teeth by 1 m [J].
+        load: twice the energy under 1 N [J]; None: under a point load, which stores no finite energy.
+        jump: twice the energy by the jump over the teeth by 1 m [J].
     """
 
     load: float | None
@@ -45,12 +46,13 @@ class Energies:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What one mesh gives.
+    """Results of one mesh from which errors are estimated.
 
     Attributes:
         force_ratio: tooth force over total force.
-        voltages: of the films under 1 N [V].
-        imbalance: of the forces, over the total force.
+        voltages: voltages of the films under 1 N [V].
+        energies: energies under the load and by the jump.
+        imbalance: imbalance of the forces, over the total force.
     """
 
     force_ratio: float
@@ -61,18 +63,19 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """On the errors of the last of some meshes: of the force ratio, and of any film's voltage [V]."""
+    """Bounds on the errors of the last of some meshes: of the force ratio, and of any film's voltage [V]."""
 
     force_ratio: float
     voltage: float
 
 
 def bounds(meshes: Sequence[Judged], slowly: bool, safety: float = SAFETY) -> Bounds:
-    """From two or more meshes, each finer than the one before.
+    """Bounds from two or more meshes, each finer than the one before.
 
     Args:
-        slowly: errors fall as in a closed gap.
-        safety: how often the greater of change and product counts.
+        meshes: results of the meshes.
+        slowly: whether errors fall as slowly as with a closed gap.
+        safety: factor on the greater of change and product.
     """
     slow = SLOW if slowly else 1.0
     ratio = voltage = 0.0
@@ -86,7 +89,7 @@ def bounds(meshes: Sequence[Judged], slowly: bool, safety: float = SAFETY) -> Bo
 
 
 def _moving(coarse: Energies, fine: Energies) -> float:
-    """Share of the solution, by its energy, that the finer mesh has changed; 0 under a point load."""
+    """Share of the solution, by its energy, that the finer mesh changes; 0 under a point load."""
     if coarse.load is None or fine.load is None:
         return 0.0
     return math.sqrt(abs(fine.load - coarse.load) / fine.load)
