@@ -67,6 +67,7 @@ class Bench:
         for device in self.devices:
             if device is not self.amplifier:
                 device.afterwards = self.clock.feed_in_time
+        self.is_open = False
         self._stack = ExitStack()
 
     @property
@@ -106,12 +107,14 @@ class Bench:
             self.generator.sine(10.0, 0.0)
             self._configure()
             self._stack = stack.pop_all()
+        self.is_open = True
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stack.__exit__(kind, error, trace)
+        self.is_open = False
+        self._stack.__exit__(kind, error, trace)  # the second time nothing is left of it
 
     def _open(self, link: ModbusLink | CanLink, stack: ExitStack) -> None:
         link.open()

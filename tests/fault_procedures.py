@@ -11,12 +11,14 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.characterise import procedure as characterise
 from palpate.procedures.measurements.films import procedure as film_calibration
 from palpate.procedures.measurements.frequency import procedure as frequency_sweep
 from palpate.procedures.measurements.load_cell import procedure as load_cell
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.modulus import procedure as modulus
 from palpate.procedures.measurements.position import procedure as position_sweep
 from palpate.procedures.measurements.softness import procedure as softness
@@ -48,7 +50,7 @@ def silent(_done: int, _total: int, _what: str) -> None:
 
 
 def _ratios(
-    points: Sequence[load_sweep.LoadPoint | softness.SoftnessPoint | temperature_sweep.TemperaturePoint],
+    points: Sequence[LoadPoint | softness.SoftnessPoint | temperature_sweep.TemperaturePoint],
 ) -> Found:
     return {f"ratio {i}": Value(p.force_ratio, p.force_ratio_u, p.valid) for i, p in enumerate(points)}
 
@@ -59,8 +61,8 @@ def _gain(gain: float, load: float, load_u: float, valid: bool) -> Value:
 
 
 def _sweep_loads(bench: Bench, record: Recorder) -> Found:
-    settings = SweepSettings((SAMPLE,), LOADS[::2], DWELL, FREQUENCY)
-    return _ratios(load_sweep.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent).points)
+    sweep = LoadSweep((SAMPLE,), LOADS[::2], DWELL, FREQUENCY)
+    return _ratios(conduct(sweep, Lab(bench, SINGLE, THESIS_LOAD_CELL), record).points)
 
 
 def _sweep_position(bench: Bench, record: Recorder) -> Found:

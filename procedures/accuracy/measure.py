@@ -23,8 +23,9 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import by_interval, element_prices, errors_of
 from palpate.procedures.accuracy.machine import seconds_of, this_machine
-from palpate.procedures.accuracy.meshes import MODULI, TIMED, Progress, side_by_side, solve_all
+from palpate.procedures.accuracy.meshes import MODULI, TIMED, side_by_side, solve_all
 from palpate.procedures.accuracy.references import truth_of
+from palpate.procedures.engine.progress import Progress
 
 Array = NDArray[np.float64]
 

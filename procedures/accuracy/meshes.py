@@ -21,10 +21,10 @@ from palpate.instrument.models.stored.surface import has_many_teeth
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.engine.progress import Progress
 
 PROCESSES = 2
 Apply = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
-Progress = Callable[[int, int, str], None]
 
 # The thesis' softest and hardest objects, the ends of the rubber samples, and one more.
 MODULI = (1.49e4, SAMPLES["2"].modulus, SAMPLES["1"].modulus, 1e6, 140e9)

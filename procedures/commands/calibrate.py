@@ -20,8 +20,8 @@ from palpate.procedures.commands.options import (
 )
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.conduct import Procedure
-    from palpate.procedures.lab.open import Session
+    from palpate.procedures.engine.unconverted import Procedure
+    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.group(cls=Group)
@@ -68,9 +68,9 @@ def load_cell(
     certificate; stores the calibration: later sweeps with the same indicator use and name it, until it expires and
     within its loads.
     """
-    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.engine.unconverted import conduct
     from palpate.procedures.measurements.load_cell import procedure
-    from palpate.procedures.measurements.loads.plan import parse_loads
+    from palpate.procedures.steps.checks import parse_loads
 
     settings = procedure.LoadCellSettings(
         parse_loads(loads),
@@ -84,18 +84,19 @@ def load_cell(
 
 
 def of_load_cell() -> Procedure[Any, Any]:
-    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.commands.measure import tell_result
+    from palpate.procedures.engine.unconverted import Procedure
     from palpate.procedures.lab.calibrations import keep, load_cell_path
     from palpate.procedures.measurements.load_cell import procedure
     from palpate.procedures.measurements.load_cell.certificate import write_certificate
     from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
 
-    def tell(session: Session, result: procedure.LoadCellResult, outcome: dict[str, Any], output: Output) -> None:
+    def tell(session: Session, result: procedure.LoadCellResult, outcome: Outcome, output: Output) -> None:
         folder = session.record.folder
-        path = load_cell_path(session.bench.indicator.serial)
-        keep(result.calibration, session, path)
+        path = load_cell_path(session.lab.bench.indicator.serial)
+        keep(result.calibration, folder, session.opened.chosen.logged is not None, path)
         certificate = write_certificate(folder, result.calibration)
-        plot = plot_load_cell(result, session.bench.simulated, folder)
+        plot = plot_load_cell(result, session.lab.bench.simulated, folder)
         outcome = {
             **outcome,
             "calibration": result.calibration.source,
@@ -110,7 +111,7 @@ def of_load_cell() -> Procedure[Any, Any]:
         procedure.LoadCellSettings,
         lambda settings, target: procedure.check(settings, target.force_limit),
         lambda session, settings, progress, _: procedure.run(
-            session.bench, settings, session.record, progress, session.started
+            session.lab.bench, settings, session.record, progress, session.lab.started
         ),
         tell,
         calibrating="load cell",
@@ -147,9 +148,9 @@ def films(
     and name it in place of the design's sensitivities.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.engine.unconverted import conduct
     from palpate.procedures.measurements.films import procedure
-    from palpate.procedures.measurements.loads.plan import parse_loads
+    from palpate.procedures.steps.checks import parse_loads
 
     settings = procedure.FilmSettings(
         parse_loads(loads),
@@ -183,26 +184,33 @@ def accept(file: Path, as_json: bool, quiet: bool) -> None:
 
 
 def of_films() -> Procedure[Any, Any]:
-    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.commands.measure import tell_result
+    from palpate.procedures.engine.unconverted import Procedure
     from palpate.procedures.lab.calibrations import films_path, keep
     from palpate.procedures.measurements.films import procedure
     from palpate.procedures.measurements.films.report import plot_films, print_films
 
-    def tell(session: Session, result: procedure.FilmResult, outcome: dict[str, Any], output: Output) -> None:
+    def tell(session: Session, result: procedure.FilmResult, outcome: Outcome, output: Output) -> None:
         folder, found = session.record.folder, result.calibration
         path = films_path(found.device, found.design)
-        keep(found, session, path)
-        plot = plot_films(result, session.design, folder)
+        keep(found, folder, session.opened.chosen.logged is not None, path)
+        plot = plot_films(result, session.lab.design, folder)
         outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
         told = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
-        tell_result(output, told, lambda: print_films(result, session.design, outcome, plot), found.budgets())
+        tell_result(output, told, lambda: print_films(result, session.lab.design, outcome, plot), found.budgets())
 
     return Procedure(
         procedure.PROCEDURE,
         procedure.FilmSettings,
         lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
         lambda session, settings, progress, _: procedure.run(
-            session.bench, session.design, session.calibration, settings, session.record, progress, session.started
+            session.lab.bench,
+            session.lab.design,
+            session.lab.calibration,
+            settings,
+            session.record,
+            progress,
+            session.lab.started,
         ),
         tell,
         calibrating="films",

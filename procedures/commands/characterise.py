@@ -18,8 +18,8 @@ from palpate.procedures.commands.options import (
 )
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.conduct import Procedure
-    from palpate.procedures.lab.open import Session
+    from palpate.procedures.engine.unconverted import Procedure
+    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.command(
@@ -45,9 +45,9 @@ def characterise(
     and the sensor's spatial resolution: loads up, loads down, then the middle one held.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.engine.unconverted import conduct
     from palpate.procedures.measurements.characterise import procedure
-    from palpate.procedures.measurements.loads.plan import parse_loads
+    from palpate.procedures.steps.checks import parse_loads
 
     settings = procedure.CharacteriseSettings(
         sample, parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz"), parse(drift_time, "s")
@@ -56,13 +56,14 @@ def characterise(
 
 
 def of_characterise() -> Procedure[Any, Any]:
-    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.commands.measure import tell_result
+    from palpate.procedures.engine.unconverted import Procedure
     from palpate.procedures.measurements.characterise import procedure
     from palpate.procedures.measurements.characterise.characteristics import CharacteriseResult
     from palpate.procedures.measurements.characterise.report import plot_characteristics, print_characteristics
 
-    def tell(session: Session, result: CharacteriseResult, outcome: dict[str, Any], output: Output) -> None:
-        plot = plot_characteristics(result, session.bench.simulated, session.record.folder)
+    def tell(session: Session, result: CharacteriseResult, outcome: Outcome, output: Output) -> None:
+        plot = plot_characteristics(result, session.lab.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
         found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
         tell_result(output, found, lambda: print_characteristics(result, outcome, plot), result.budgets)
@@ -72,7 +73,7 @@ def of_characterise() -> Procedure[Any, Any]:
         procedure.CharacteriseSettings,
         lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
         lambda session, settings, progress, _: procedure.run(
-            session.bench, session.design, session.calibration, settings, session.record, progress
+            session.lab.bench, session.lab.design, session.lab.calibration, settings, session.record, progress
         ),
         tell,
         loads=lambda settings: (settings.loads, False),

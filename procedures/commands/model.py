@@ -13,7 +13,8 @@ import click
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands.model_shear import shear
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options, store
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
     from palpate.instrument.models.ratio import Answer, Question

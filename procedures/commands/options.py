@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
 
 from palpate.instrument.errors import UsageError
+from palpate.procedures.engine.progress import Progress, silent
 from palpate.procedures.showing.terminal import Spoken, console, say
 
 F = TypeVar("F", bound=Callable[..., Any])
-Progress = Callable[[int, int, str], None]
 
 
 _bars: list[Any] = []  # that are on the terminal now
@@ -46,49 +44,6 @@ class Group(Command, click.Group):
 
     command_class = Command
     group_class = type
-
-
-def store() -> Path:
-    """Where runs and calibrations are kept: $PALPATE_STORE, or runs/ in the current folder."""
-    return Path(os.environ.get("PALPATE_STORE", "runs"))
-
-
-@contextmanager
-def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterator[Path]:
-    """A folder for results that can be written to: `out`, which must be new or empty, or a new one in the store.
-
-    What was made for it and is left empty goes again.
-
-    Raises:
-        UsageError: `out` holds a run or other files.
-        RecordError: the folder cannot be made or written to.
-    """
-    import tempfile
-
-    from palpate.procedures.records.record import new_run_folder
-    from palpate.procedures.records.run import is_run, storing
-
-    folder = store() if out is None else out
-    made: list[Path] = []
-    try:
-        with storing(folder):
-            made += [path for path in (folder, *folder.parents) if not path.exists()]
-            if out is None:
-                folder = new_run_folder(folder, procedure, started)
-                made.insert(0, folder)
-            elif is_run(folder):
-                raise UsageError(f"{out} already holds a run; choose another --out")
-            else:
-                folder.mkdir(parents=True, exist_ok=True)
-                if any(folder.iterdir()):
-                    raise UsageError(f"{out} holds other files; choose a new or empty folder with --out")
-            with tempfile.TemporaryFile(dir=folder):
-                pass
-        yield folder
-    finally:
-        for path in made:
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
 
 
 def make_folder(out: Path | None) -> None:
@@ -232,13 +187,14 @@ class Output:
         """A progress bar on stderr, where someone can see it."""
         shown = console(file=Spoken())
         if self.quiet or not shown.is_terminal:
-            yield lambda _done, _total, _what: None
+            yield silent
             return
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
 
         columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
         with ExitStack() as stack:
-            bar = stack.enter_context(Progress(*columns, console=shown))
+            bar = stack.enter_context(Bar(*columns, console=shown))
             _bars.append(bar)
             stack.callback(_bars.remove, bar)
             task = bar.add_task(first, total=None)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Choice, Group, Output, output_options, result_folder
+from palpate.procedures.commands.options import FILE_NAME, Choice, Group, Output, output_options
+from palpate.procedures.lab.store import result_folder
 
 if TYPE_CHECKING:
     from palpate.procedures.reproduce.everything import Open
@@ -80,7 +81,8 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
 
 def _opener(folder: Path, seed: int | None) -> Open:
     """Opens the simulated bench of a scene, its run in a folder of its own."""
-    from palpate.procedures.lab.open import Session, open_session
+    from palpate.procedures.engine.unconverted import open_session
+    from palpate.procedures.lab.session import Session
 
     @contextmanager
     def opened(

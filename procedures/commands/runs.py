@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.mend import check, repair
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options, store
-from palpate.procedures.engine.resumption import resume
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.resume import resume
+from palpate.procedures.lab.store import store
 
 
 @click.group(cls=Group)

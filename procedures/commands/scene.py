@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from palpate.procedures.commands.explain import asked, explain, question_options
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options, store
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
     from palpate.simulators.scenes.scene import Scene

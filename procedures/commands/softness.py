@@ -20,8 +20,9 @@ from palpate.procedures.commands.options import (
 if TYPE_CHECKING:
     from palpate.instrument.sensor.design import Design
     from palpate.instrument.sensor.sample import Sample
-    from palpate.procedures.engine.conduct import Procedure
-    from palpate.procedures.lab.open import Session, Target
+    from palpate.procedures.engine.unconverted import Procedure
+    from palpate.procedures.lab.lab import Target
+    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.command(
@@ -56,12 +57,12 @@ def softness(
     is named with its price; "experiment" interpolates what was measured on the six samples.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.conduct import conduct
-    from palpate.procedures.lab.open import target_of
-    from palpate.procedures.measurements.loads.plan import parse_loads
+    from palpate.procedures.commands.measure import chosen_by
+    from palpate.procedures.engine.unconverted import conduct
     from palpate.procedures.measurements.softness import procedure
+    from palpate.procedures.steps.checks import parse_loads
 
-    target = target_of(choice)
+    target = chosen_by(choice).target
     settings = procedure.SoftnessSettings(
         _objects(target.design, samples, modulus, parse(thickness, "m"), real=choice.bench is not None),
         parse_loads(loads),
@@ -75,12 +76,14 @@ def softness(
 def of_softness() -> Procedure[Any, Any]:
     from palpate.instrument.models.response import response
     from palpate.instrument.sensor.load import Load
-    from palpate.procedures.engine.conduct import Procedure, check_some_valid, tell_result
+    from palpate.procedures.commands.measure import tell_result
+    from palpate.procedures.engine.unconverted import Procedure
     from palpate.procedures.measurements.softness import procedure
     from palpate.procedures.measurements.softness.report import plot_softness, print_softness
+    from palpate.procedures.showing.marks import check_some_valid
 
-    def tell(session: Session, result: procedure.SoftnessResult, outcome: dict[str, Any], output: Output) -> None:
-        plot = plot_softness(result, session.bench.simulated, session.record.folder)
+    def tell(session: Session, result: procedure.SoftnessResult, outcome: Outcome, output: Output) -> None:
+        plot = plot_softness(result, session.lab.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
         found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
         tell_result(output, found, lambda: print_softness(result, outcome, plot), result.budgets)
@@ -97,7 +100,7 @@ def of_softness() -> Procedure[Any, Any]:
         procedure.SoftnessSettings,
         check,
         lambda session, settings, progress, _: procedure.run(
-            session.bench, session.design, session.calibration, settings, session.record, progress
+            session.lab.bench, session.lab.design, session.lab.calibration, settings, session.record, progress
         ),
         tell,
         loads=lambda settings: (settings.loads, False),

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options, store
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options
+from palpate.procedures.lab.store import store
 
 AHEAD = 4  # cells that each worker is given at a time, so that none waits for the next
 FOLDER = "studies"

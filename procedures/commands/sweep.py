@@ -22,7 +22,7 @@ from palpate.procedures.commands.options import (
 from palpate.procedures.showing.terminal import say
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.conduct import Procedure
+    from palpate.procedures.engine.unconverted import Procedure
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
@@ -68,20 +68,21 @@ def loads(
     from palpate.instrument.errors import UsageError
     from palpate.instrument.quantity import parse, parse_tolerance
     from palpate.instrument.sensor.sample import parse_samples
-    from palpate.procedures.commands.sweeps import of_loads
-    from palpate.procedures.measurements.loads import plan as load_plan
+    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.measurements.loads.procedure import LoadSweep
+    from palpate.procedures.steps.checks import parse_loads
 
     if dwell is not None and tolerance is not None:
         raise UsageError("--dwell and --tolerance: the one is chosen by the other; give one of them")
-    settings = load_plan.SweepSettings(
+    asked = LoadSweep(
         parse_samples(samples),
-        load_plan.parse_loads(loads),
+        parse_loads(loads),
         parse(dwell or "1 s", "s"),
         parse(frequency, "Hz"),
         None if tolerance is None else parse_tolerance(tolerance),
         extrapolate,
     )
-    _sweep(of_loads(), load_plan, settings, choice, output, dry_run, model)
+    (plan if dry_run else measure)(asked, choice, output, model)
 
 
 @sweep.command(
@@ -203,11 +204,11 @@ def position(
     """
     from palpate.instrument.quantity import parse
     from palpate.procedures.commands.sweeps import of_position
-    from palpate.procedures.measurements.loads import plan as load_plan
     from palpate.procedures.measurements.position import procedure as position_sweep
+    from palpate.procedures.steps.checks import parse_steps
 
     settings = position_sweep.PositionSettings(
-        load_plan.parse_steps(positions, "m", "positions", "0 mm:24 mm:2 mm"),
+        parse_steps(positions, "m", "positions", "0 mm:24 mm:2 mm"),
         sample,
         parse(load, "N"),
         parse(dwell, "s"),
@@ -230,15 +231,16 @@ def _sweep(
     """Plan a sweep by `planned`, or conduct it."""
     from datetime import UTC, datetime
 
-    from palpate.procedures.engine.conduct import conduct, refuse
+    from palpate.procedures.commands.measure import chosen_by
+    from palpate.procedures.engine.unconverted import conduct, refuse
     from palpate.procedures.lab.keys import keyboard
-    from palpate.procedures.lab.open import places, target_of
+    from palpate.procedures.lab.session import places
     from palpate.procedures.showing.plan import print_plan
 
     if dry_run:
-        target = target_of(choice, model)
+        target = chosen_by(choice, model).target
         doubt = refuse(conducted, settings, target)
-        with places(choice, planned.PROCEDURE, datetime.now(UTC)):
+        with places(choice.out, choice.log, planned.PROCEDURE, datetime.now(UTC)):
             pass  # nothing is left of them
         plan = planned.plan(settings, target.design)
         if output.as_json:

@@ -1,4 +1,4 @@
-"""The sweeps, as `palpate.procedures.engine.conduct` conducts them."""
+"""The sweeps that are described by functions, as `palpate.procedures.engine.unconverted` conducts them."""
 
 from __future__ import annotations
 
@@ -6,17 +6,11 @@ from dataclasses import asdict
 from types import ModuleType
 from typing import Any
 
+from palpate.procedures.commands.measure import tell_result
 from palpate.procedures.commands.options import Output
-from palpate.procedures.engine.conduct import Procedure, check_some_valid, tell_result
-from palpate.procedures.lab.open import Session
-
-
-def of_loads() -> Procedure[Any, Any]:
-    from palpate.procedures.measurements.loads import plan as load_plan
-    from palpate.procedures.measurements.loads import procedure as load_sweep
-    from palpate.procedures.measurements.loads import report
-
-    return sweep_of(load_plan, load_sweep, report, load_plan.SweepSettings, continues=True)
+from palpate.procedures.engine.unconverted import Procedure
+from palpate.procedures.lab.session import Outcome, Session
+from palpate.procedures.showing.marks import check_some_valid
 
 
 def of_frequency() -> Procedure[Any, Any]:
@@ -55,12 +49,12 @@ def sweep_of(
 ) -> Procedure[Any, Any]:
     """`planned` checks a sweep, `procedure` runs it, `report` shows it."""
 
-    def tell(session: Session, result: Any, outcome: dict[str, Any], output: Output) -> None:
-        plot = report.plot_sweep(result, session.design, session.bench.simulated, session.record.folder)
+    def tell(session: Session, result: Any, outcome: Outcome, output: Output) -> None:
+        plot = report.plot_sweep(result, session.lab.design, session.lab.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.points]
         found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
         budgets = getattr(result, "budgets", ())
-        tell_result(output, found, lambda: report.print_sweep(result, session.design, outcome, plot), budgets)
+        tell_result(output, found, lambda: report.print_sweep(result, session.lab.design, outcome, plot), budgets)
         check_some_valid(result.points)
 
     return Procedure(
@@ -68,13 +62,10 @@ def sweep_of(
         settings,
         lambda settings, target: planned.check(settings, target.design, target.force_limit, target.nodes),
         lambda session, settings, progress, pause: procedure.run(
-            session.bench, session.design, session.calibration, settings, session.record, progress, pause
+            session.lab.bench, session.lab.design, session.lab.calibration, settings, session.record, progress, pause
         ),
         tell,
-        loads=lambda settings: (
-            settings.loads if hasattr(settings, "loads") else (settings.load,),
-            settings.extrapolate,
-        ),
+        loads=lambda settings: ((settings.load,), settings.extrapolate),
         continues=continues,
         by_hand=by_hand,
     )

@@ -10,8 +10,8 @@ import click
 from palpate.procedures.commands.options import Choice, Group, Output, bench_options, budget_option, extrapolate_option
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.conduct import Procedure
-    from palpate.procedures.lab.open import Session
+    from palpate.procedures.engine.unconverted import Procedure
+    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.group(cls=Group)
@@ -37,7 +37,7 @@ def modulus(sample: str, strain: str, steps: int, extrapolate: bool, choice: Cho
     its standard uncertainty. Loads below the calibrated range are marked.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.engine.unconverted import conduct
     from palpate.procedures.measurements.modulus import procedure
 
     settings = procedure.ModulusSettings(sample, parse(strain, ""), steps, extrapolate)
@@ -45,12 +45,13 @@ def modulus(sample: str, strain: str, steps: int, extrapolate: bool, choice: Cho
 
 
 def of_modulus() -> Procedure[Any, Any]:
-    from palpate.procedures.engine.conduct import Procedure, tell_result
+    from palpate.procedures.commands.measure import tell_result
+    from palpate.procedures.engine.unconverted import Procedure
     from palpate.procedures.measurements.modulus import procedure
     from palpate.procedures.measurements.modulus.report import plot_modulus, print_modulus
 
-    def tell(session: Session, result: procedure.ModulusResult, outcome: dict[str, Any], output: Output) -> None:
-        plot = plot_modulus(result, session.bench.simulated, session.record.folder)
+    def tell(session: Session, result: procedure.ModulusResult, outcome: Outcome, output: Output) -> None:
+        plot = plot_modulus(result, session.lab.bench.simulated, session.record.folder)
         points = [asdict(p) for p in result.compression.points]
         found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
         tell_result(output, found, lambda: print_modulus(result, outcome, plot), result.results())
@@ -60,7 +61,7 @@ def of_modulus() -> Procedure[Any, Any]:
         procedure.ModulusSettings,
         lambda settings, target: procedure.check(settings, target.force_limit),
         lambda session, settings, progress, _: procedure.run(
-            session.bench, session.calibration, settings, session.record, progress
+            session.lab.bench, session.lab.calibration, settings, session.record, progress
         ),
         tell,
         by_hand="lays the sample on the support",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Generic, TypeVar
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design
@@ -28,11 +28,19 @@ class Step:
         dwell_s: s; None: chosen at the point, by its noise.
         seconds: on hardware, with what goes before it.
         force_ratio_u: expected standard uncertainty, relative; None: not of a ratio, or not known before.
+        what: is measured, for people.
+        group: what is set up before it, for people: once for all steps of one group, which follow each other.
     """
 
     dwell_s: float | None
     seconds: float
     force_ratio_u: float | None
+    what: str = field(default="", kw_only=True)
+    group: str = field(default="", kw_only=True)
+
+    def summary(self) -> dict[str, Any]:
+        """Under public names."""
+        return {name: value for name, value in asdict(self).items() if name not in ("what", "group")}
 
 
 S = TypeVar("S", bound=Step)
@@ -56,7 +64,7 @@ class Plan(Generic[S]):
             "procedure": self.procedure,
             "dry_run": True,
             "expected_seconds": self.seconds,
-            "points": [asdict(step) for step in self.steps],
+            "points": [step.summary() for step in self.steps],
         }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.files import read_calibration, read_film_calibration, write_calibration
@@ -14,12 +14,9 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellC
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.commands.options import store
+from palpate.procedures.lab.store import store
 from palpate.procedures.records.run import storing
-from palpate.procedures.steps.begin import check_loads
-
-if TYPE_CHECKING:
-    from palpate.procedures.lab.open import Session
+from palpate.procedures.steps.checks import check_loads
 
 C = TypeVar("C", LoadCellCalibration, FilmCalibration)
 
@@ -38,13 +35,13 @@ def _path(name: str) -> Path:
     return store() / "calibrations" / f"{''.join(c if c.isalnum() or c in '-_' else '-' for c in name)}.toml"
 
 
-def keep(calibration: Hashed, session: Session, path: Path) -> None:
+def keep(calibration: Hashed, folder: Path, replayed: bool, path: Path) -> None:
     """Write a calibration into the folder of its run and, unless that was a replay, where later runs look for it.
 
     Raises RecordError.
     """
-    write_calibration(session.record.folder / "calibration.toml", calibration)
-    if session.replayed:
+    write_calibration(folder / "calibration.toml", calibration)
+    if replayed:
         return
     with storing(path):
         path.parent.mkdir(parents=True, exist_ok=True)

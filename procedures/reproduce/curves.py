@@ -9,7 +9,7 @@ within 5e-4 of that mesh, which is within 1e-3 of the converged ratio.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,10 +22,10 @@ from palpate.instrument.models.parameters import RoundParameters, SolidParameter
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import Table
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.reproduce.solutions import Solutions
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int, str], None]
 
 # The thesis' two rings, 3.1.4.
 RINGS = RING, STIFF_RING = 24e3, 33e3

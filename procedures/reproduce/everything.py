@@ -13,15 +13,17 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.progress import Progress
+from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell import procedure as load_cell
-from palpate.procedures.measurements.loads import plan as load_plan
-from palpate.procedures.measurements.loads import procedure as load_sweep
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.measurements.modulus import procedure as modulus
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
-from palpate.procedures.reproduce.curves import Progress
 from palpate.procedures.reproduce.figures.chapter5 import FIGURES
 from palpate.procedures.reproduce.figures.measured import Measured
 from palpate.procedures.reproduce.judging.criterion import write_classes
@@ -73,11 +75,8 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
 
     sweeps = {}
     for arrangement in experiments.ARRANGEMENTS:
-        with open_bench(arrangement.scene, load_plan.PROCEDURE) as session:
-            settings = load_plan.SweepSettings(tuple(SAMPLES), arrangement.loads, DWELL, FREQUENCY)
-            swept = load_sweep.run(
-                session.bench, get_design(arrangement.design), THESIS_LOAD_CELL, settings, session.record, progress
-            )
+        with open_bench(arrangement.scene, LoadSweep.name) as session:
+            swept = _swept(session, arrangement.design, arrangement.loads, progress)
             assert session.model is not None  # of a scene
             ratio = ratio_by(session.model)
         sweeps[arrangement.design] = swept
@@ -87,11 +86,8 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     blind_sweeps = {}
     for parameters in blind.SETS:
         for arrangement in experiments.ARRANGEMENTS:
-            with open_bench(arrangement.scene, load_plan.PROCEDURE, blind.MODEL, parameters) as session:
-                settings = load_plan.SweepSettings(tuple(SAMPLES), blind.loads_of(arrangement), DWELL, FREQUENCY)
-                swept = load_sweep.run(
-                    session.bench, get_design(arrangement.design), THESIS_LOAD_CELL, settings, session.record, progress
-                )
+            with open_bench(arrangement.scene, LoadSweep.name, blind.MODEL, parameters) as session:
+                swept = _swept(session, arrangement.design, blind.loads_of(arrangement), progress)
             blind_sweeps[arrangement.design, parameters] = swept
             table, distance = blind.compare(arrangement, parameters, swept)
             done.blind.append(distance)
@@ -115,3 +111,9 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     write_slips(folder)
     write_classes(done.verdicts(), folder)
     done.page = write_page(done, folder)
+
+
+def _swept(session: Recorded, design: str, loads: tuple[float, ...], progress: Progress) -> SweepResult:
+    """All samples under these loads, measured by what the thesis says of sensor and load cell."""
+    lab = Lab(session.bench, get_design(design), THESIS_LOAD_CELL)
+    return conduct(LoadSweep(tuple(SAMPLES), loads, DWELL, FREQUENCY), lab, session.record, progress)

@@ -9,8 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from palpate.instrument.errors import UnknownName
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
-from palpate.procedures.reproduce.curves import RINGS, Case, Curves, Progress
+from palpate.procedures.reproduce.curves import RINGS, Case, Curves
 from palpate.procedures.reproduce.figures import experiments, ratios
 from palpate.procedures.reproduce.figures.chapter4 import FIGURES
 from palpate.procedures.reproduce.figures.picture import Picture

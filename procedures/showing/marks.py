@@ -5,8 +5,11 @@ The flags of points are those of `steps/film_point.py`, which is not imported: c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+from palpate.instrument.errors import EstimateError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -50,3 +53,23 @@ def legend(*tables: Table, marks: Mapping[str, str] = MARKS) -> list[str]:
         for mark, meaning in marks.items()
         if any(f" {mark} " in cell or (mark == OUTSIDE and cell.endswith("* ")) for cell in cells)
     ]
+
+
+class Judged(Protocol):
+    """A point that may be used, or not: `flags` say why."""
+
+    @property
+    def valid(self) -> bool: ...
+    @property
+    def flags(self) -> Sequence[str]: ...
+
+
+def check_some_valid(points: Sequence[Judged]) -> None:
+    """Refuse to call a run done that has not one valid point. Raises EstimateError, which says why they are not."""
+    if any(point.valid for point in points):
+        return
+    reasons = Counter(flag for point in points for flag in point.flags)
+    said = "; ".join(
+        f"{flag} ({count}): {FLAGS.get(flag, 'its events say why')}" for flag, count in reasons.most_common()
+    )
+    raise EstimateError(f"none of the {len(points)} points is valid, so there is no result. {said}")

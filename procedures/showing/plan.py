@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from palpate.procedures.engine.plan import Plan, S, Step
 from palpate.procedures.showing.text import new_table, number, print_all
 
@@ -12,7 +10,7 @@ OWN = tuple(Step.__dataclass_fields__)
 
 def print_plan(plan: Plan[S]) -> None:
     """Every point with its dwell, time and expected uncertainty, and the time of all."""
-    rows = [asdict(step) for step in plan.steps]
+    rows = [step.summary() for step in plan.steps]
     asked = [name for name in rows[0] if name not in OWN]
     table = new_table(
         None, *(name.replace("_", "\n") for name in asked), "dwell\ns", "takes\ns", "expected u\nof ratio"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palpate.procedures.showing.terminal import console
 
 if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
+
+    from palpate.procedures.lab.session import Outcome
 
 STAMP = "SIMULATED"
 PIPE_WIDTH = 160  # columns where no terminal says otherwise
@@ -49,17 +51,18 @@ def stamped(simulated: bool, text: str) -> Text:
     return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
 
 
-MOUNTING = {  # of samples, weights and all else that is laid by hand; on a simulated bench nothing is
+MOUNTING: dict[str, str] = {  # of samples, weights and all else that is laid by hand; on a simulated bench nothing is
     "sample changer": "by the sample changer",
     "confirmed": "confirmed by name",
     "assumed": "ASSUMED, nobody has confirmed it",
 }
 
 
-def where(outcome: dict[str, Any], plot: Path) -> list[str]:
+def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
+    """What it was measured by, how long it took, and where it lies."""
     named = {
         "calibration": outcome["calibration"],
-        "films": outcome.get("film_calibration"),
+        "films": outcome["film_calibration"],
         "mounting": MOUNTING.get(outcome["mounting"]),
     }
     lines = [f"{name:<14} {source}" for name, source in named.items() if source]
@@ -68,7 +71,7 @@ def where(outcome: dict[str, Any], plot: Path) -> list[str]:
         *lines,
         f"time           {bench:.0f} s on the bench, {wall:.1f} s here (x {bench / wall:.0f})",
         f"run            {outcome['run']}",
-        f"plot           {plot}",
+        *([f"plot           {plot}"] if plot else []),
     ]
 
 

@@ -9,17 +9,16 @@ points.keep(point, measured, "sample 1, 2 N")
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.errors import UnreachableError
-from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.loads.plan import preload_for
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.checks import check_loads, preload_for
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
@@ -28,30 +27,7 @@ from palpate.procedures.steps.servo import check_zero, withdraw
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-SMALLEST_LOAD = 2.0  # steps of the indicator
-
 P = TypeVar("P", bound="DataclassInstance")
-
-Progress = Callable[[int, int, str], None]
-"""Points kept, points in all, and what is done now."""
-
-
-def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
-    """Refuse loads [N, peak to peak] that the load cell does not tell.
-
-    Raises:
-        UnreachableError: below what the indicator resolves.
-        RangeError: outside the calibrated range, and not allowed to `extrapolate`.
-    """
-    smallest = SMALLEST_LOAD * calibration.resolution()
-    if min(loads) < smallest:
-        raise UnreachableError(
-            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
-            f"ask for {show(smallest, 'N', 3)} or more"
-        )
-    if not extrapolate:
-        for load in loads:
-            calibration.check_range(load)
 
 
 def begin(

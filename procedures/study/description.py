@@ -23,7 +23,7 @@ from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import Hertz, Seconds, parse
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES, parse_samples
-from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, parse_loads
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time, parse_loads
 
 Value = str | int | float | bool
 CLOSED_FORM: Final = "closed form"

@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 
 from palpate.instrument.errors import BenchError, PalpateError
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.study.description import Study, Value
 from palpate.procedures.study.store import Outcome, Store
 
 Points = Iterable[Mapping[str, object]]
 Evaluate = Callable[[Mapping[str, Value]], Points]
-Progress = Callable[[int, int, str], None]
 
 
 def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, progress: Progress, ahead: int) -> None:

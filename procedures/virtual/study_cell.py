@@ -17,8 +17,9 @@ from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings, check
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.film_point import CLIPPED, MARKS, SHORT, is_short
@@ -64,10 +65,10 @@ class Sweep:
     def __call__(self, cell: Mapping[str, Value]) -> list[dict[str, Any]]:
         """The points of a cell. Raises PalpateError: it cannot be computed."""
         scene, sample = self._scene(cell), _sample(cell)
-        settings = SweepSettings((sample.name,), self.loads, self.dwell, self.frequency)
-        check(settings, scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes)
+        sweep = LoadSweep((sample.name,), self.loads, self.dwell, self.frequency)
+        sweep.check(Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes))
         ratio = scene.answer(sample).force_ratio
-        points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, settings)
+        points = self._closed_form(scene, sample) if self.how == CLOSED_FORM else _on_a_bench(scene, sweep)
         return [{**point, "model_force_ratio": ratio, "scene_seed": scene.seed} for point in points]
 
     def _scene(self, cell: Mapping[str, Value]) -> Scene:
@@ -99,7 +100,7 @@ def _own_seed(seed: int, cell: Mapping[str, Value]) -> int:
     return int.from_bytes(hashlib.sha256(as_json((seed, varied)).encode()).digest()[:6])  # exact in a float
 
 
-def _on_a_bench(scene: Scene, settings: SweepSettings) -> Iterator[dict[str, Any]]:
+def _on_a_bench(scene: Scene, sweep: LoadSweep) -> Iterator[dict[str, Any]]:
     """The whole bench, as `palpate sweep loads` measures on it; its record is not kept."""
     header = {"procedure": "study", "simulated": True, "started": EPOCH}
     with (
@@ -109,17 +110,13 @@ def _on_a_bench(scene: Scene, settings: SweepSettings) -> Iterator[dict[str, Any
         Bench(simulated.description, simulated.clock, simulated.operator) as bench,
     ):
         design = scene.design.with_pickup(scene.pickup)
-        swept = load_sweep.run(bench, design, THESIS_LOAD_CELL, settings, record, _nobody)
+        swept = conduct(sweep, Lab(bench, design, THESIS_LOAD_CELL), record)
         record.finish("complete", {})
     return (_point(asdict(point), point.flags) for point in swept.points)
 
 
 def _point(values: Mapping[str, Any], flags: Sequence[str]) -> dict[str, Any]:
     return {**{name: values[name] for name in COLUMNS}, "valid": MARKS.issuperset(flags), "flags": list(flags)}
-
-
-def _nobody(_done: int, _total: int, _what: str) -> None:
-    """Hears of progress and does nothing."""
 
 
 def _sample(cell: Mapping[str, Value]) -> Sample:

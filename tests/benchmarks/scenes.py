@@ -19,9 +19,10 @@ import numpy as np
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.contracts.sensor_node import CHANNELS
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings, parse_loads
+from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
@@ -45,7 +46,7 @@ ROUNDS = 15
 LARGE = 4_000_000
 GOAL_STEPPED, GOAL_POLE, GOAL_STEADY = 100.0, 5.0, 50e-6
 GOAL_IDEAL, SWEEP_ROUNDS = 3.0, 5
-DEFAULT = SweepSettings(tuple(SAMPLES), parse_loads("1.5 N:4 N:0.5 N"), 1.0, 10.0)
+DEFAULT = LoadSweep()
 
 Taker = Callable[[int, int], None]
 
@@ -222,7 +223,7 @@ def _sweep(scene: Scene) -> float:
     ):
         start = time.process_time()
         with Recorder.create(Path(folder) / "run", HEADER) as record:
-            result = load_sweep.run(bench, scene.design, THESIS_LOAD_CELL, DEFAULT, record, lambda *_: None)
+            result = conduct(DEFAULT, Lab(bench, scene.design, THESIS_LOAD_CELL), record)
             record.finish("complete", result.summary())
         return time.process_time() - start
 

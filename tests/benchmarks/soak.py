@@ -20,9 +20,12 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings, preload_for
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.servo import LoadServo, press
 from palpate.simulators.bench import SimulatedBench
@@ -32,7 +35,7 @@ from tests.benchmarks.row import Row
 
 DAYS, HOUR = 30, 3600.0
 SWEEPS = DAYS * 24
-SETTINGS = SweepSettings(("1",), (2.0, 3.0), 0.2, 10.0)
+SWEEP = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0)
 WATCHDOG = 60.0  # s: the longest, so that a month has not too many requests
 PART = SWEEPS // 10  # that are compared
 SLOWER = 0.1
@@ -95,11 +98,11 @@ def _beside_a_new_one(bench: Bench, design: Design, store: Path) -> Iterator[Row
     )
 
 
-def _swept(bench: Bench, design: Design, folder: Path) -> tuple[float, load_sweep.SweepResult]:
+def _swept(bench: Bench, design: Design, folder: Path) -> tuple[float, SweepResult]:
     """A small sweep, and the processor's seconds a point."""
     start = time.process_time()
     with Recorder.create(folder, HEADER) as record:
-        result = load_sweep.run(bench, design, THESIS_LOAD_CELL, SETTINGS, record, lambda *_: None)
+        result = conduct(SWEEP, Lab(bench, design, THESIS_LOAD_CELL), record)
         record.finish("complete", result.summary())
     taken = time.process_time() - start
     shutil.rmtree(folder)
@@ -108,15 +111,15 @@ def _swept(bench: Bench, design: Design, folder: Path) -> tuple[float, load_swee
 
 def _drive(bench: Bench, design: Design) -> Iterator[Row]:
     """The phase of the first film against the bench's clock, at the start and after a month of driving."""
-    static = preload_for(SETTINGS.loads)
-    films = Films(bench, design, SETTINGS.frequency, static + max(SETTINGS.loads) / 2)
+    static = preload_for(SWEEP.loads)
+    films = Films(bench, design, SWEEP.frequency, static + max(SWEEP.loads) / 2)
     preloaded = press(bench, THESIS_LOAD_CELL, get_sample("1"), static)
-    LoadServo(bench, THESIS_LOAD_CELL, SETTINGS.frequency, preloaded).set(2.0)
+    LoadServo(bench, THESIS_LOAD_CELL, SWEEP.frequency, preloaded).set(2.0)
     films.settle(lambda: None)
     phases, us = [], []
     for wait in (0.0, DAYS * 86_400.0):
         bench.clock.wait(wait)
-        cycles = bench.clock.now_ns() * round(SETTINGS.frequency) % 1_000_000_000 / 1e9
+        cycles = bench.clock.now_ns() * round(SWEEP.frequency) % 1_000_000_000 / 1e9
         fit = films.fit(films.acquire(10.0))
         phases.append(float(fit.phase[0]) - 2 * math.pi * cycles)
         us.append(float(fit.amplitude_u[0] / fit.amplitude[0]))

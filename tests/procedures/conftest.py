@@ -20,11 +20,13 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main
 from palpate.procedures.commands.options import Output
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.engine.progress import Progress, silent
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab import operator
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings
-from palpate.procedures.measurements.loads.procedure import Progress, SweepResult
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import NEVER
@@ -192,10 +194,6 @@ def refused(said: Spoken, benches: Benches) -> str:
 # --- without the command line --------------------------------------------------------------------------
 
 
-def silent(_done: int, _total: int, _what: str) -> None:
-    """Hears of progress and does nothing."""
-
-
 def sweep(
     bench: Bench,
     folder: Path,
@@ -208,9 +206,9 @@ def sweep(
     extrapolate: bool = False,
 ) -> SweepResult:
     """A sweep on an open bench, recorded in `folder`."""
-    settings = SweepSettings(samples, loads, dwell, frequency, extrapolate=extrapolate)
+    asked = LoadSweep(samples, loads, dwell, frequency, extrapolate=extrapolate)
     with Recorder.create(folder, HEADER) as record:
-        result = load_sweep.run(bench, get_design("single"), calibration, settings, record, progress)
+        result = conduct(asked, Lab(bench, get_design("single"), calibration), record, progress)
         record.finish("complete", result.summary())
     return result
 

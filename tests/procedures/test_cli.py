@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.commands import palpate as root
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.begin import Progress
 from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, outputs
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")

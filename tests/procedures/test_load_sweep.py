@@ -19,9 +19,9 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
-from palpate.procedures.measurements.loads.plan import parse_loads
-from palpate.procedures.measurements.loads.procedure import LoadPoint, evaluate
+from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.scenes.scene import Scene

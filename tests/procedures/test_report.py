@@ -20,8 +20,8 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
 from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
-from palpate.procedures.measurements.loads.procedure import LoadPoint, evaluate
 from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
+from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary

@@ -20,8 +20,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import Cell, read_table
 from palpate.instrument.uncertainty import propagation
 from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
+from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
 from palpate.procedures.measurements.modulus.procedure import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import curves, everything, models
@@ -80,7 +79,7 @@ def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepRes
                     ratio * force, force, ratio, 0.04 * ratio, 0.0, 1.0, True, teeth=teeth,
                 )
             )  # fmt: skip
-    return load_sweep.evaluate(points, design)
+    return evaluate(points, design)
 
 
 def pressed(sample: str) -> ModulusResult:

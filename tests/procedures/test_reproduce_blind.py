@@ -65,17 +65,14 @@ def test_the_samples_of_every_arrangement_are_swept_at_three_of_its_loads() -> N
 @pytest.mark.parametrize("parameters", blind.SETS)
 def test_a_blind_sweep_of_the_bench_finds_what_its_model_says(parameters: str, tmp_path: Path) -> None:
     """So that the distance is the model's, and not the bench's: each mean within four of its uncertainties."""
-    from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
     from palpate.procedures.commands.reproduce import _opener
-    from palpate.procedures.measurements.loads import plan as load_plan
-    from palpate.procedures.measurements.loads import procedure as load_sweep
+    from palpate.procedures.engine.progress import silent
+    from palpate.procedures.measurements.loads.procedure import LoadSweep
+    from palpate.procedures.reproduce.everything import _swept
 
     arrangement = experiments.ARRANGEMENTS[1]
-    with _opener(tmp_path, None)(arrangement.scene, load_plan.PROCEDURE, blind.MODEL, parameters) as session:
-        settings = load_plan.SweepSettings(tuple(SAMPLES), blind.loads_of(arrangement), 1.0, 10.0)
-        found = load_sweep.run(
-            session.bench, get_design("common_base"), THESIS_LOAD_CELL, settings, session.record, lambda *_: None
-        )
+    with _opener(tmp_path, None)(arrangement.scene, LoadSweep.name, blind.MODEL, parameters) as session:
+        found = _swept(session, "common_base", blind.loads_of(arrangement), silent)
     _, distance = blind.compare(arrangement, parameters, found)
     expected = validate("common_base", parameters, blind.MODEL)
     for mean in found.samples:

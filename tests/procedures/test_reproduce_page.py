@@ -28,7 +28,6 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table
 from palpate.instrument.uncertainty import propagation
 from palpate.procedures.measurements.load_cell import procedure as load_cell
-from palpate.procedures.measurements.loads import procedure as load_sweep
 from palpate.procedures.measurements.modulus import procedure as modulus
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter5 import experiments
@@ -98,7 +97,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(propagation, "TRIALS", 2000)
         patch.setattr(Figure, "savefig", keep)
-        patch.setattr(load_sweep, "run", lambda _b, design, *_: swept(arrangements[design.name]))
+        patch.setattr(everything, "conduct", lambda _sweep, lab, *_: swept(arrangements[lab.design.name]))
         patch.setattr(load_cell, "run", lambda *_: weighed())
         patch.setattr(modulus, "run", lambda _b, _c, settings, *_: pressed(settings.sample))
         done = Everything(Reproduction(folder))

@@ -16,11 +16,11 @@ import pytest
 
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.engine.conduct import Procedure
-from palpate.procedures.engine.resumption import resumable
+from palpate.procedures.commands.resume import unconverted
+from palpate.procedures.engine.known import SHIPPED, class_of
 from palpate.procedures.lab import keys, operator
-from palpate.procedures.measurements.loads.plan import SweepSettings
-from palpate.procedures.measurements.loads.procedure import LoadPoint
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.softness.procedure import SoftnessSettings
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
@@ -122,18 +122,19 @@ def test_a_calibration_goes_on_and_is_kept(palpate: Palpate, stop: Stop) -> None
 
 
 def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
-    found = {name: builder() for name, builder in resumable().items()}
+    found: dict[str, Any] = {name: builder() for name, builder in unconverted().items()}
+    found |= {name: class_of(run_of({}, name), "resumed") for name in SHIPPED}
     assert [procedure.name for procedure in found.values()] == list(found)
     assert {name for name, procedure in found.items() if procedure.continues} == {"sweep-loads", "sweep-frequency"}
-    loads = SweepSettings(("1",), (2.0, 3.0), 0.2, 10.0, None, True)
-    assert settings_from(found["sweep-loads"], loads) == loads
+    loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, None, True)
+    assert settings_from(LoadSweep, loads) == loads
     unknown = SoftnessSettings((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
-    assert settings_from(found["softness"], unknown) == unknown
+    assert settings_from(SoftnessSettings, unknown) == unknown
 
 
-def settings_from(procedure: Procedure[Any, Any], settings: Any) -> Any:
+def settings_from(kind: type[Any], settings: Any) -> Any:
     """Settings as a record gives them back."""
-    return settings_of(run_of(json.loads(as_json({"settings": asdict(settings)}))), procedure.settings)
+    return settings_of(run_of(json.loads(as_json({"settings": asdict(settings)}))), kind)
 
 
 class Once:
@@ -226,8 +227,8 @@ FORGERIES = [
 ]
 
 
-def run_of(header: dict[str, Any]) -> Run:
-    return Run(Path("run"), "sweep-loads", True, datetime.now(UTC), "stopped", header, {}, True)
+def run_of(header: dict[str, Any], name: str = "sweep-loads") -> Run:
+    return Run(Path("run"), name, True, datetime.now(UTC), "stopped", header, {}, True)
 
 
 @pytest.mark.parametrize("header", FORGERIES)
@@ -240,7 +241,7 @@ def test_a_header_that_was_forged_is_refused(header: dict[str, Any]) -> None:
 @pytest.mark.parametrize("settings", [{}, {"samples": None, "loads": [None]}])
 def test_settings_that_were_forged_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(RecordError, match=r"^run: its settings are of another palpate \(.*\); run anew$"):
-        settings_of(run_of(BEGUN | {"settings": settings}), SweepSettings)
+        LoadSweep.recorded(run_of(BEGUN | {"settings": settings}))
 
 
 def test_what_was_forged_is_one_error_at_the_command_line(palpate: Palpate) -> None:

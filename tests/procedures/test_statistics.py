@@ -14,6 +14,7 @@ from typing import Any
 import GTC as gtc
 import numpy as np
 import pytest
+from palpate.procedures.measurements.loads.plan import floor_of
 from scipy import integrate, optimize, stats
 
 from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
@@ -40,7 +41,6 @@ from palpate.instrument.uncertainty.budget import Budget, Component, coverage_fa
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
 from palpate.procedures.measurements.characterise.characteristics import _of_greatest
 from palpate.procedures.measurements.frequency import procedure as frequency
-from palpate.procedures.measurements.loads.plan import floor_of
 from palpate.procedures.measurements.softness import procedure as softness
 from palpate.procedures.reproduce.judging import bias
 from palpate.procedures.reproduce.judging.odds import _cells, fitted_line

@@ -13,12 +13,13 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.instrument.contracts.signal_generator import CONTRACT as GENERATOR
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.films import FilmRecord, Films
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, silent
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, scene_of
 
 
 @pytest.mark.parametrize("counted", [True, pytest.param(False, marks=pytest.mark.slow)])
@@ -55,8 +56,8 @@ def test_a_point_that_a_second_client_spoils_and_puts_right_between_two_looks_is
             Recorder.create(tmp_path / "r", HEADER) as record,
         ):
             bench.attend(record.event)
-            settings = SweepSettings(("1",), (2.0,), dwell, 10.0)
-            (point,) = load_sweep.run(bench, get_design("single"), IDEAL_CALIBRATION, settings, record, silent).points
+            lab = Lab(bench, get_design("single"), IDEAL_CALIBRATION)
+            (point,) = conduct(LoadSweep(("1",), (2.0,), dwell), lab, record).points
             record.finish("complete", {})
     assert (point.incidents > 0) is counted
     assert (abs(point.force_total_N / point.load_measured_N - 1) < 0.02) is counted

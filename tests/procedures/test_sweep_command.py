@@ -12,13 +12,15 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.keys import Keyboard
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads.plan import SweepSettings, parse_loads, plan
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs, silent
+from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 
@@ -101,8 +103,7 @@ def test_a_dry_run_prints_the_plan_and_sends_nothing(palpate: Palpate, benches: 
 
 def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str, Any]) -> None:
     points = default_sweep["points"]
-    settings = SweepSettings(tuple("123456"), parse_loads("1.5 N:4 N:0.5 N"), 1.0, 10.0)
-    expected = plan(settings, get_design("single"))
+    expected = LoadSweep().plan(Target(get_design("single"), 10.0, 1))
     assert expected.seconds == pytest.approx(default_sweep["bench_seconds"], rel=0.1)
     assert [(s.sample, s.load_N, s.dwell_s) for s in expected.steps] == [
         (p["sample"], p["load_N"], p["dwell_s"]) for p in points
@@ -132,10 +133,10 @@ class Once:
 
 
 def test_a_pause_switches_off_and_the_load_is_set_anew(sim: SimulatedBench, bench: Bench, tmp_path: Path) -> None:
-    settings = SweepSettings(("1",), (2.0, 3.0), 0.2, 10.0)
+    lab = Lab(bench, get_design("single"), THESIS_LOAD_CELL)
     pause = Once(sim)
     with Recorder.create(tmp_path / "run", HEADER) as record:
-        result = load_sweep.run(bench, get_design("single"), THESIS_LOAD_CELL, settings, record, silent, pause)
+        result = conduct(LoadSweep(("1",), (2.0, 3.0), 0.2), lab, record, pause=pause)
         record.finish("complete", result.summary())
     assert pause.seen == [OFF]
     assert [(p.load_N, p.valid) for p in result.points] == [(2.0, True), (3.0, True)]

@@ -11,6 +11,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.measurements.characterise.characteristics import (
     HOLDING,
     LEAST_DRIFT_POINTS,
@@ -21,9 +22,9 @@ from palpate.procedures.measurements.characterise.characteristics import (
     FilmsPoint,
     evaluate,
 )
-from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, preload_for
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, Progress, begin
+from palpate.procedures.steps.begin import Points, begin
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
 from palpate.procedures.steps.film_point import FilmPoint, measure
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.policy import carry_out

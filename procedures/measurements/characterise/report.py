@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palpate.instrument.quantity import show
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.characteristics import (
     HOLDING,
     LOADING,
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 MOST_NAMED = 6  # films that a legend has room for
 
 
-def print_characteristics(result: CharacteriseResult, outcome: dict[str, Any], plot: Path) -> None:
+def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Path) -> None:
     """A row a figure of merit: value, standard uncertainty, how it was measured; below them what each of them is."""
     table = new_table(
         stamped(outcome["simulated"], f"Sensor {outcome['design']}"), "film", "quantity", "value", "u", "thesis", "how"

@@ -16,10 +16,11 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
-from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, preload_for
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Progress, begin
+from palpate.procedures.steps.begin import begin
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
 from palpate.procedures.steps.film_point import measure
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.policy import carry_out

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.films.procedure import FilmResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
 
-def print_films(result: FilmResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Each film with its figures; crosstalk where there are several teeth; gain where there are several frequencies."""
     c = result.calibration
     table = new_table(

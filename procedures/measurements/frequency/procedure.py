@@ -18,7 +18,10 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE, Corner, Resonance, fit_corner, fit_resonance
 from palpate.procedures.engine.plan import FIRST_STEPS, Plan, Step, point_seconds
-from palpate.procedures.measurements.loads.plan import (
+from palpate.procedures.engine.progress import Progress
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.begin import Points, begin
+from palpate.procedures.steps.checks import (
     FREQUENCY_STEP,
     check_end,
     check_force,
@@ -26,8 +29,6 @@ from palpate.procedures.measurements.loads.plan import (
     check_time,
     preload_for,
 )
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, Progress, begin
 from palpate.procedures.steps.film_point import FilmPoint, measure
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.pause import NOBODY, Pause

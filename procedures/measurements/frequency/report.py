@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import TACTILE
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.frequency.procedure import FrequencyResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
 
-def print_sweep(result: FrequencyResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Gains and phases, then the corner of each film and the resonance."""
     names = [film.name for film in design.films]
     points = new_table(

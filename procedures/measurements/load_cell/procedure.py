@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from itertools import pairwise
@@ -17,6 +16,7 @@ from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, LoadCellC
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import steady
@@ -31,8 +31,6 @@ CREEP_TIMES = (30.0, 300.0)  # s after the weight is on, ISO 376
 RECOVERY = 300.0  # s without load before that, so that the creep of the runs is gone
 RETURN_STEPS, RETURN_OF_SPAN = 1.5, 0.01  # that the zero may move by in a run [A]; ISO 376 allows classes 0.1 %
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,13 @@ from typing import Any
 
 from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.quantity import show
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
 
-def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path) -> None:
+def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> None:
     """Readings, the curve, its figures of merit and its classes."""
     readings = new_table(
         stamped(outcome["simulated"], "Load-cell calibration"),
@@ -57,7 +58,7 @@ def print_load_cell(result: LoadCellResult, outcome: dict[str, Any], plot: Path)
         f"ASTM E74       {_held(c.astm_e74)}; LLF {c.lower_limit_factor_N:.3g} N",
         f"calibration    {outcome['calibration_file']}",
         f"certificate    {outcome['certificate']}",
-        *where({**outcome, "calibration": None}, plot),
+        *where({**outcome, "calibration": ""}, plot),
     )
 
 

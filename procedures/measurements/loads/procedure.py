@@ -4,146 +4,128 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
-from typing import Any
 
-from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.findings.film_forces import ToothPoint, film_forces
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.film_forces import film_forces, pickup_u
+from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.dwell import Dwell, dwell_of
+from palpate.instrument.signals.dwell import Dwell, Floor, check_target, dwell_of, floor_u
 from palpate.instrument.signals.estimate import SineFit
-from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.measurements.loads.plan import LoadStep, SweepSettings, check, floor_of, plan, preload_for
+from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
+from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, Progress, begin
-from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure
-from palpate.procedures.steps.pause import NOBODY, Pause
-from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, finish, press
+from palpate.procedures.showing.marks import check_some_valid
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
+from palpate.procedures.steps.films import check_nodes
 
 
 @dataclass(frozen=True, slots=True)
-class LoadPoint:
-    """One load set. Forces and voltages are peak to peak; `_u` are standard uncertainties.
-
-    Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
-    has each tooth's own. `noise_u`, `calibration_u` and `pickup_u` are what noise, the films' calibration and their
-    cables have in `force_ratio_u`; `degrees_of_freedom` are those of `noise_u`. `relative_u` is that to `force_ratio`,
-    beside what was predicted of it where the dwell was chosen at the point. `extrapolated`: the load lies outside the
-    calibrated range. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why. `incidents`
-    counts what went wrong since the point before and was made good; the events say what. The forces' own
-    uncertainties are None in records of before they were known.
-    """
-
+class LoadStep(Step):
     sample: str
     load_N: float
-    indicator_mV: float
-    load_measured_N: float
-    load_measured_u: float
-    voltage_rigid_V: float
-    voltage_total_V: float
-    force_rigid_N: float
-    force_total_N: float
-    force_ratio: float
-    force_ratio_u: float
-    noise_u: float
-    condition: float
-    valid: bool
-    dwell_s: float | None = None
-    relative_u: float | None = None
-    relative_u_predicted: float | None = None
-    settling_s: float | None = None
-    attempts: int = 1
-    flags: tuple[str, ...] = ()
-    incidents: int = 0
-    teeth: tuple[ToothPoint, ...] = ()
-    extrapolated: bool = False
-    calibration_u: float = 0.0
-    force_rigid_u: float | None = None
-    force_total_u: float | None = None
-    pickup_u: float = 0.0
-    degrees_of_freedom: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class SampleMean:
-    """Mean over the valid load sets of a sample, beside the thesis' own mean (None where it has none).
+@dataclass(frozen=True)
+class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
+    """Names of samples, loads in N peak to peak, dwell in s, frequency in Hz.
 
-    `teeth`: of each tooth to its base, where there are several.
+    `tolerance` is a relative standard uncertainty of the force ratio for which the dwell of each point is chosen,
+    instead of `dwell`. `extrapolate` lets loads pass that lie outside the calibrated range.
     """
 
-    sample: str
-    force_ratio: float | None
-    force_ratio_u: float | None
-    valid_points: int
-    thesis_force_ratio: float | None
-    teeth: tuple[float, ...] = ()
+    name = "sweep-loads"
+    point = LoadPoint
+    continues = True
+    pausable = True
+    added = frozenset({"tolerance", "extrapolate"})
+
+    samples: tuple[str, ...] = ("1", "2", "3", "4", "5", "6")
+    loads: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    dwell: float = 1.0
+    frequency: float = 10.0
+    tolerance: float | None = None
+    extrapolate: bool = False
+
+    def check(self, target: Target) -> None:
+        """Refuse what cannot be done, before any device is spoken to.
+
+        Raises:
+            RangeError: a load beyond the force limit, a frequency or dwell that gives no estimate, a tolerance below
+                the floor, a sensor whose films the bench's sensor nodes cannot take.
+            UnknownName: an unknown sample.
+        """
+        check_nodes(target.design, target.nodes)
+        for sample in self.samples:
+            get_sample(sample)
+        check_force(self.loads, target.force_limit)
+        check_frequency(self.frequency)
+        if self.tolerance is None:
+            check_time(self.dwell, self.frequency)
+        else:
+            for sample in self.samples:
+                check_target(self.tolerance, floor_of(target.design, expected_ratio(target.design, sample)))
+
+    def loads_to_tell(self) -> Loads:
+        return Loads(self.loads, self.extrapolate)
+
+    def plan(self, target: Target) -> Plan[LoadStep]:
+        """Every load of every sample, with what is to be expected of it."""
+        return Plan(self.name, [self._step(target.design, name, load) for name in self.samples for load in self.loads])
+
+    def _step(self, design: Design, sample: str, load: float) -> LoadStep:
+        ratio = expected_ratio(design, sample)
+        floor, noise = floor_of(design, ratio), expected_noise(design, load, ratio)
+        recording, u = self.dwell, math.hypot(floor_u(floor), noise / math.sqrt(self.dwell))
+        if self.tolerance is not None:
+            chosen = dwell_of(self.tolerance, noise, self.frequency, floor)
+            recording, u = recording_seconds(chosen.dwell, self.frequency), chosen.u
+        seconds = point_seconds(self.frequency, recording, first=load == self.loads[0])
+        what, group = f"sample {sample}, {show(load, 'N')}", f"mount sample {sample}"
+        dwell = None if self.tolerance else self.dwell
+        return LoadStep(dwell, seconds, u, sample, load, what=what, group=group)
+
+    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
+        return Sweeping(lab, record, self)
+
+    def evaluate(self, points: Sequence[LoadPoint], lab: Lab) -> SweepResult:
+        return evaluate(points, lab.design)
+
+    def report(self, result: SweepResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
+
+        simulated = lab.bench.simulated
+        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+
+    def judge(self, result: SweepResult) -> None:
+        check_some_valid(result.points)
 
 
-@dataclass(frozen=True, slots=True)
-class SweepResult:
-    points: list[LoadPoint]
-    samples: list[SampleMean]
-    softness_order: list[str]
-    budgets: tuple[Budget, ...]
+class Sweeping(Loaded):
+    """A load sweep on the bench."""
 
-    def summary(self) -> dict[str, Any]:
-        """The result without its points, for the record."""
-        return {
-            "samples": [asdict(s) for s in self.samples],
-            "softness_order": self.softness_order,
-            "budgets": [budget.summary() for budget in self.budgets],
-        }
+    def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
+        super().__init__(lab, record, sweep.loads, sweep.frequency, sweep.samples, sweep.extrapolate)
+        self._dwell = sweep.dwell if sweep.tolerance is None else _chosen(lab.design, sweep.tolerance)
 
+    def arrange(self, step: LoadStep) -> None:
+        self.press(get_sample(step.sample))
 
-def run(
-    bench: Bench,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: SweepSettings,
-    record: Recorder,
-    progress: Progress,
-    pause: Pause = NOBODY,
-) -> SweepResult:
-    """Sweep all loads over all samples. Each point is durable before `progress` hears of it.
-
-    Raises:
-        RangeError, UnknownName: as `check`, or a load beyond the calibration; the outputs have stayed off.
-        UnreachableError: a load too small for the indicator; the outputs have stayed off.
-        UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
-        RangeError: the noise of a point asks for too long a dwell; points stay on disk.
-    """
-    check(settings, design, bench.force_limit, len(bench.nodes))
-    steps = plan(settings, design).steps
-    films = begin(
-        bench, design, calibration, settings.loads, settings.frequency, settings.samples, settings.extrapolate
-    )
-    points = Points(films, record, progress, len(steps), pause, record.finished(LoadPoint))
-    for name, of_sample in groupby(steps[len(points.taken) :], lambda step: step.sample):
-        points.tell(f"mount sample {name}")
-        preloaded = press(bench, calibration, get_sample(name), preload_for(settings.loads))
-        servo = LoadServo(bench, calibration, settings.frequency, preloaded)
-        for step in of_sample:
-            what = f"sample {name}, {show(step.load_N, 'N')}"
-            points.next(what)
-            carry_out(bench, what, partial(servo.set, step.load_N))
-            measured = measure(films, servo, step.load_N, _dwell(settings, design), record, what)
-            points.keep(_point(design, calibration, step, measured), measured, what)
-    finish(bench, calibration)
-    return evaluate(points.taken, design)
+    def take(self, step: LoadStep) -> Taken[LoadPoint]:
+        measured = self.measured(step.load_N, step.what, self._dwell)
+        point = _point(self.lab.design, self.lab.calibration, step, measured)
+        return Taken(point, measured.waveforms(self.lab.design))
 
 
-def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:
-    """As it was asked for, or chosen by the noise of a short record."""
-    if settings.tolerance is None:
-        return settings.dwell
-    target = settings.tolerance
+def _chosen(design: Design, target: float) -> DwellChoice:
+    """A dwell by the noise of a short record, for a relative standard uncertainty."""
 
     def choose(short: SineFit) -> Dwell:
         forces = film_forces(design, short)
@@ -151,6 +133,18 @@ def _dwell(settings: SweepSettings, design: Design) -> float | DwellChoice:
         return dwell_of(target, noise, short.frequency, floor_of(design, forces.force_ratio))
 
     return choose
+
+
+def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
+    """What no dwell lowers, of a force ratio: one tooth's and its base's cables are counted."""
+    scatter = Floor("gain scatter", design.ratio_scatter)
+    pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
+    return (scatter, Floor("pick-up in step with the load", pickup)) if pickup else (scatter,)
+
+
+def expected_ratio(design: Design, sample: str) -> float:
+    """The force ratio that a sample will give, roughly."""
+    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
 
 
 def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, measured: FilmPoint) -> LoadPoint:
@@ -185,27 +179,3 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         pickup_u=forces.pickup_u,
         degrees_of_freedom=forces.degrees_of_freedom,
     )
-
-
-def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
-    """Mean ratio of each sample over its valid load sets, and the samples from hard to soft."""
-    means, budgets = [], []
-    for name in dict.fromkeys(point.sample for point in points):
-        valid = [point for point in points if point.sample == name and point.valid]
-        n = len(valid)
-        budget = mean_ratio(f"force ratio of sample {name}", valid, design.film_freedom) if valid else None
-        budgets += [budget] if budget else []
-        means.append(
-            SampleMean(
-                sample=name,
-                force_ratio=budget.value if budget else None,
-                force_ratio_u=budget.u if budget else None,
-                valid_points=n,
-                thesis_force_ratio=design.thesis_force_ratio.get(name),
-                teeth=tuple(
-                    math.fsum(t.force_ratio for t in same) / n for same in zip(*(p.teeth for p in valid), strict=True)
-                ),
-            )
-        )
-    known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
-    return SweepResult(list(points), means, [sample for _, sample in sorted(known, reverse=True)], tuple(budgets))

@@ -6,11 +6,12 @@ import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.measurements.loads.procedure import LoadPoint, SweepResult
+from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, number, percent, print_all, stamped, where
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Points, means beside the thesis' own, softness order, and where everything lies."""
     chosen = any(p.relative_u_predicted is not None for p in result.points)
     points = new_table(
@@ -66,7 +67,7 @@ def print_sweep(result: SweepResult, design: Design, outcome: dict[str, Any], pl
     )
 
 
-def _worth(evidence: str, model: str) -> str:
+def _worth(evidence: str, model: str | None) -> str:
     """What it is worth that the means agree with the thesis', by what the scene's model knows of them."""
     if evidence == Evidence.INPUT.value:
         return f"{evidence}: model {model} is the thesis' own means; agreement shows that the bench measures right"

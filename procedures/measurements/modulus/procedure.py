@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -19,6 +18,7 @@ from palpate.instrument.findings.load_line import LEAST_POINTS, Floats, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import (
@@ -44,8 +44,6 @@ NAMES = (
     ("tangent_modulus", "Pa"), ("secant_modulus", "Pa"), ("unloading_modulus", "Pa"), ("thickness", "m"),
     ("bench_compliance", "m_per_N"),
 )  # fmt: skip
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palpate.instrument.quantity import show
 from palpate.instrument.thesis import COMPRESSION_TABLES, Table, read_table
 from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.procedure import ModulusResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, OUTSIDE, legend
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 
-def print_modulus(result: ModulusResult, outcome: dict[str, Any], plot: Path) -> None:
+def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
     """Steps, moduli beside the thesis' own, and what the bench yields."""
     sample, c = result.sample, result.compression
     steps = new_table(

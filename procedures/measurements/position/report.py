@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.models.influence import ERROR
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.position.procedure import DOUBT, PositionResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where
 
 
-def print_sweep(result: PositionResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+def print_sweep(result: PositionResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Shares beside model and thesis, then what the films alone say of place and size."""
     points = new_table(
         stamped(outcome["simulated"], "A point load along the base (shares of the whole force)"),

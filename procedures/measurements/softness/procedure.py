@@ -21,9 +21,10 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, preload_for
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, Progress, begin
+from palpate.procedures.steps.begin import Points, begin
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
 from palpate.procedures.steps.film_point import CLIPPED, measure
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import LoadServo, finish, press

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.findings.modulus_of_ratio import AT_LEAST, AT_MOST, INTERVAL
 from palpate.instrument.quantity import show
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.softness.procedure import Softness, SoftnessResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where
 
 
-def print_softness(result: SoftnessResult, outcome: dict[str, Any], plot: Path) -> None:
+def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None:
     """Ratio and modulus of each object, their order, the model and its price."""
     table = new_table(
         stamped(outcome["simulated"], f"Softness, by model {result.model!r}"),

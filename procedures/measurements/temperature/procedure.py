@@ -21,9 +21,10 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
 from palpate.instrument.uncertainty.interpolation import interpolate
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.measurements.loads.plan import check_force, check_frequency, check_time, preload_for
+from palpate.procedures.engine.progress import Progress
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, Progress, begin
+from palpate.procedures.steps.begin import Points, begin
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
 from palpate.procedures.steps.film_point import FilmPoint, measure
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.pause import NOBODY, Pause

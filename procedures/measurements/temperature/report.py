@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.sensor.design import Design
+from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.temperature.procedure import TemperatureResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
 
-def print_sweep(result: TemperatureResult, design: Design, outcome: dict[str, Any], plot: Path) -> None:
+def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plot: Path) -> None:
     """Each change with the ratio and the errors, then the slopes."""
     names = [film.name for film in design.films]
     points = new_table(

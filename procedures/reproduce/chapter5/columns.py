@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.thesis import Table, read_table
-from palpate.procedures.measurements.loads.procedure import LoadPoint
+from palpate.procedures.measurements.loads.result import LoadPoint
 
 # True over set force in the thesis: 1.029, with a scatter of 2.0 % between samples and 2.4 % within a sample.
 LOAD_OFFSET, LOAD_BETWEEN, LOAD_WITHIN = 0.029, 0.020, 0.024

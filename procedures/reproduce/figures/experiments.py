@@ -13,7 +13,7 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
-from palpate.procedures.measurements.loads.procedure import SweepResult
+from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.reproduce.chapter5.blind import MODEL
 from palpate.procedures.reproduce.chapter5.columns import RATIO
 from palpate.procedures.reproduce.curves import Case, Curves

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.models.evidence import Evidence
-from palpate.procedures.measurements.loads.procedure import SweepResult
+from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.measurements.modulus.procedure import ModulusResult
 
 

@@ -7,7 +7,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.measurements.loads.plan import preload_for
+from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.servo import LoadServo, press, withdraw
 

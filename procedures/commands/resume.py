@@ -10,21 +10,21 @@ import click
 
 from palpate.procedures.commands.calibrate import of_films, of_load_cell
 from palpate.procedures.commands.characterise import of_characterise
-from palpate.procedures.commands.options import FILE_NAME, Choice, Command, Output, assume_option, output_options, store
+from palpate.procedures.commands.options import FILE_NAME, Choice, Command, Output, assume_option, output_options
 from palpate.procedures.commands.softness import of_softness
 from palpate.procedures.commands.test import of_modulus
+from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.conduct import Procedure
+    from palpate.procedures.engine.unconverted import Procedure
     from palpate.procedures.records.run import Run
 
 
-def resumable() -> dict[str, Callable[[], Procedure[Any, Any]]]:
-    """Every procedure that has a record, by the name in its header."""
-    from palpate.procedures.commands.sweeps import of_frequency, of_loads, of_position, of_temperature
+def unconverted() -> dict[str, Callable[[], Procedure[Any, Any]]]:
+    """The procedures that `engine/known.py` does not have yet, by the name in their header."""
+    from palpate.procedures.commands.sweeps import of_frequency, of_position, of_temperature
 
     return {
-        "sweep-loads": of_loads,
         "sweep-frequency": of_frequency,
         "sweep-temperature": of_temperature,
         "sweep-position": of_position,
@@ -54,19 +54,42 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     one does everything again up to there, so that the finished run equals one that was never interrupted. Where the
     last digits of numbers are another machine's, stored points are compared to 1e-6 of each; the record says so.
     """
-    from palpate.instrument.errors import UsageError
-    from palpate.procedures.engine.conduct import conduct
+    from palpate.procedures.commands.measure import tell
+    from palpate.procedures.engine.known import class_of
+    from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.keys import keyboard
-    from palpate.procedures.records.resumed import Resumed, header_of, settings_of
     from palpate.procedures.records.run import Run
     from palpate.procedures.records.run_list import find_run
     from palpate.procedures.showing.runs import unhashed
 
     opened = Run.open(find_run(run, store()))
-    known = resumable()
-    if opened.procedure not in known:
-        raise UsageError(f"{opened.folder}: {opened.procedure!r} cannot be resumed; valid: {', '.join(known)}")
-    procedure = known[opened.procedure]()
+    output = Output(as_json, quiet)
+    if opened.procedure in unconverted():
+        return _resume_unconverted(opened, bench, accept_change, assume_mounted, output)
+    procedure = begun(opened, class_of(opened, "resumed"), bench)
+    for line in unhashed(opened.hashed):
+        output.line(line)
+    with keyboard() as pause, output.progress() as progress:
+        done = go_on(
+            procedure,
+            opened,
+            bench=bench,
+            accept_change=accept_change,
+            assume_mounted=assume_mounted,
+            progress=progress,
+            pause=pause,
+        )
+    return tell(procedure, done, output)
+
+
+def _resume_unconverted(opened: Run, bench: Path | None, accept: bool, assume: bool, output: Output) -> None:
+    from palpate.instrument.errors import UsageError
+    from palpate.procedures.engine.unconverted import conduct
+    from palpate.procedures.lab.keys import keyboard
+    from palpate.procedures.records.resumed import Resumed, header_of, settings_of
+    from palpate.procedures.showing.runs import unhashed
+
+    procedure = unconverted()[opened.procedure]()
     if simulated := header_of(opened)["scene"] is not None:
         if bench is not None:
             raise UsageError("--bench: the run was on a simulated bench; leave it out")
@@ -76,16 +99,15 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
             "together; run it anew"
         )
     settings = settings_of(opened, procedure.settings)
-    output = Output(as_json, quiet)
     for line in unhashed(opened.hashed):
         output.line(line)
-    record = Resumed(opened, replay=simulated, accept=accept_change)
+    record = Resumed(opened, replay=simulated, accept=accept)
     try:
         with keyboard() as pause:
             conduct(
                 procedure,
                 settings,
-                _choice(opened, bench, assume_mounted),
+                _choice(opened, bench, assume),
                 output,
                 pause=pause,
                 resumed=record,

@@ -1,51 +1,23 @@
-"""What a load sweep is asked for, what is refused of it, and what it will do."""
+"""What procedures refuse before a bench is opened: loads, frequencies and times that it cannot give."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts import signal_generator
-from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import pickup_u
-from palpate.instrument.models.foundation.springs import force_ratio
-from palpate.instrument.quantity import parse
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.errors import RangeError, UnreachableError
+from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.load import check_force as check_felt
-from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.dwell import LONGEST, Floor, check_dwell, check_target, dwell_of, floor_u
-from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
-from palpate.procedures.steps.film_point import recording_seconds
-from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, check_nodes
+from palpate.instrument.signals.dwell import LONGEST, check_dwell
+from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
-PROCEDURE = "sweep-loads"
 PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
 FREQUENCIES = (0.5, 100.0)  # Hz, of a force ratio: three cycles fit into the indicator's window from 0.3 Hz on
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 LARGEST_COUNT = 1000  # loads
-
-
-@dataclass(frozen=True, slots=True)
-class SweepSettings:
-    """What to sweep: names of samples, loads in N peak to peak, dwell in s, frequency in Hz.
-
-    `tolerance` is a relative standard uncertainty of the force ratio for which the dwell of each point is chosen,
-    instead of `dwell`. `extrapolate` lets loads pass that lie outside the calibrated range.
-    """
-
-    samples: tuple[str, ...]
-    loads: tuple[float, ...]
-    dwell: float
-    frequency: float
-    tolerance: float | None = None
-    extrapolate: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class LoadStep(Step):
-    sample: str
-    load_N: float
+SMALLEST_LOAD = 2.0  # steps of the indicator
 
 
 def parse_loads(text: str) -> tuple[float, ...]:
@@ -124,51 +96,19 @@ def check_time(dwell: float, frequency: float) -> None:
     check_dwell(dwell, frequency, SAMPLES_PER_CYCLE * frequency)
 
 
-def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
-    """What no dwell lowers, of a force ratio: one tooth's and its base's cables are counted."""
-    scatter = Floor("gain scatter", design.ratio_scatter)
-    pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
-    return (scatter, Floor("pick-up in step with the load", pickup)) if pickup else (scatter,)
-
-
-def expected_ratio(design: Design, sample: str) -> float:
-    """The force ratio that a sample will give, roughly."""
-    return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
-
-
-def check(settings: SweepSettings, design: Design, force_limit: float, nodes: int) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
+def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
+    """Refuse loads [N, peak to peak] that the load cell does not tell.
 
     Raises:
-        RangeError: a load beyond the force limit in N, a frequency or dwell that gives no estimate, a tolerance below
-            the floor, a sensor whose films the bench's sensor nodes cannot take.
-        UnknownName: an unknown sample.
+        UnreachableError: below what the indicator resolves.
+        RangeError: outside the calibrated range, and not allowed to `extrapolate`.
     """
-    check_nodes(design, nodes)
-    for sample in settings.samples:
-        get_sample(sample)
-    check_force(settings.loads, force_limit)
-    check_frequency(settings.frequency)
-    if settings.tolerance is None:
-        check_time(settings.dwell, settings.frequency)
-    else:
-        for sample in settings.samples:
-            check_target(settings.tolerance, floor_of(design, expected_ratio(design, sample)))
-
-
-def plan(settings: SweepSettings, design: Design) -> Plan[LoadStep]:
-    """Every load of every sample, with what is to be expected of it."""
-    steps = []
-    for name in settings.samples:
-        ratio = expected_ratio(design, name)
-        floor = floor_of(design, ratio)
-        for load in settings.loads:
-            noise = expected_noise(design, load, ratio)
-            recording = settings.dwell
-            u = math.hypot(floor_u(floor), noise / math.sqrt(settings.dwell))
-            if settings.tolerance is not None:
-                chosen = dwell_of(settings.tolerance, noise, settings.frequency, floor)
-                recording, u = recording_seconds(chosen.dwell, settings.frequency), chosen.u
-            seconds = point_seconds(settings.frequency, recording, first=load == settings.loads[0])
-            steps.append(LoadStep(None if settings.tolerance else settings.dwell, seconds, u, name, load))
-    return Plan(PROCEDURE, steps)
+    smallest = SMALLEST_LOAD * calibration.resolution()
+    if min(loads) < smallest:
+        raise UnreachableError(
+            f"load {min(loads):g} N peak to peak is below {SMALLEST_LOAD:g} steps of the strain indicator; "
+            f"ask for {show(smallest, 'N', 3)} or more"
+        )
+    if not extrapolate:
+        for load in loads:
+            calibration.check_range(load)
