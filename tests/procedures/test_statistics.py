@@ -14,7 +14,7 @@ from typing import Any
 import GTC as gtc
 import numpy as np
 import pytest
-from palpate.procedures.measurements.loads.plan import floor_of
+from palpate.instrument.models.stored.curve import ratio_curve
 from scipy import integrate, optimize, stats
 
 from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
@@ -26,7 +26,6 @@ from palpate.instrument.findings.load_line import LoadLine, Series, _reading_u
 from palpate.instrument.findings.mean_ratio import apart
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
 from palpate.instrument.findings.position import locate
-from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
@@ -41,6 +40,7 @@ from palpate.instrument.uncertainty.budget import Budget, Component, coverage_fa
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
 from palpate.procedures.measurements.characterise.characteristics import _of_greatest
 from palpate.procedures.measurements.frequency import procedure as frequency
+from palpate.procedures.measurements.loads.procedure import floor_of
 from palpate.procedures.measurements.softness import procedure as softness
 from palpate.procedures.reproduce.judging import bias
 from palpate.procedures.reproduce.judging.odds import _cells, fitted_line
