@@ -14,7 +14,6 @@ from typing import Any
 import GTC as gtc
 import numpy as np
 import pytest
-from palpate.instrument.models.stored.curve import ratio_curve
 from scipy import integrate, optimize, stats
 
 from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
@@ -26,6 +25,7 @@ from palpate.instrument.findings.load_line import LoadLine, Series, _reading_u
 from palpate.instrument.findings.mean_ratio import apart
 from palpate.instrument.findings.modulus_of_ratio import modulus_of_ratio
 from palpate.instrument.findings.position import locate
+from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
