@@ -214,7 +214,7 @@ def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
             device=producer.name,
         )
     samples = duration * producer.rate
-    if not (math.isfinite(samples) and samples >= 0.5):
+    if not (math.isfinite(samples) and samples > 0.5):
         raise RangeError(
             f"{producer.name}: duration {duration:g} s is not finite and at least one sample at {producer.rate:g} Hz"
         )

@@ -8,7 +8,6 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.positioner import POLL
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.positioner import HOMING_SPEED
@@ -49,7 +48,7 @@ def test_homing_is_noticed_within_a_poll_of_its_end_by_few_requests(
     before = sim.clock.now_ns()
     bench.positioner.home()
     late = 1e-9 * (sim.clock.now_ns() - before) - start / HOMING_SPEED
-    assert 0 <= late < POLL
+    assert 0 <= late < 0.1
     assert len(wire.requests) <= 14  # of which each second look is two
 
 

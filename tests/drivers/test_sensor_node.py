@@ -222,7 +222,7 @@ def test_nodes_that_do_not_sample_are_a_device_error(
 
 
 def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
-    for duration in (0.0, -1.0, 1e-9, math.nan, math.inf):
+    for duration in (0.0, -1.0, 1e-9, 0.5e-3, math.nan, math.inf):
         with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
             bench.nodes[0].acquire(duration)
     assert frames(listener) == []
@@ -247,6 +247,58 @@ def test_the_sample_rate_is_what_the_node_can_hold(bench: Bench) -> None:
     node = bench.nodes[0]
     node.set_sample_rate(3000.0)
     assert node.rate == 1 / 333e-6
+
+
+def test_a_heartbeat_that_stops_is_told_after_three_were_due_and_comes_back(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = bench.nodes[0]
+    sim.clock.wait(2.0)
+    assert node.notices() == []
+    with monkeypatch.context() as patch:
+        tamper(sim, patch, lambda send, message: message.arbitration_id == 0x701 or send(message))
+        sim.clock.wait(2.9)
+        assert node.notices() == []
+        sim.clock.wait(1.1)
+        assert node.notices() == [f"{node.name}: no heartbeat for 4 s"]
+    sim.clock.wait(2.0)
+    assert node.notices() == []
+    assert node.differences() == []
+
+
+def test_a_node_that_starts_anew_is_told_until_its_settings_are_written_again(
+    bench: Bench, listener: can.BusABC
+) -> None:
+    node = bench.nodes[0]
+    listener.send(can.Message(arbitration_id=0x701, data=[0], is_extended_id=False))  # CiA 301: boot-up
+    while not node.differences():
+        node.get("probe")  # its answer follows on the bus
+    assert node.differences() == [f"{node.name}: has started anew"]
+    node.restore()
+    assert node.differences() == []
+
+
+def test_each_channel_has_the_range_that_the_node_held_before(sim: SimulatedBench, bench: Bench) -> None:
+    sim.nodes[0].settings.update(range_1=1.0, range_4=1.0)
+    node = bench.nodes[0]
+    node.connect()
+    levels = [np.abs(volts[volts != 0]).min() for volts in node.acquire(0.5).voltage]
+    assert levels == pytest.approx([0.5 / 32768, 5 / 32768, 5 / 32768, 0.5 / 32768])
+
+
+def test_nodes_that_sample_together_have_the_rate_of_the_one_that_gives_the_time(scene: Scene) -> None:
+    with (
+        SimulatedBench(replace(scene, nodes=2)) as sim,
+        Bench(sim.description, sim.clock, sim.operator) as bench,
+    ):
+        bench.nodes[0].set_sample_rate(500.0)
+        for recording in acquire(bench.nodes, 0.1):
+            assert (recording.rate, recording.time[-1], recording.voltage.shape) == (500.0, 0.1, (4, 50))
+        for node in sim.nodes:
+            node.settings["sample_counter"] = 0.0
+        bench.nodes[0].set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+        sim.clock.wait(0.1)
+        assert [node.settings["sample_counter"] for node in sim.nodes] == [0, 0]  # SYNC goes on, they do not
 
 
 # --- the same again ------------------------------------------------------------------------------------

@@ -83,7 +83,7 @@ def main() -> int:
             killed, all_ = counts.get(str(file), (0, 0))
             counts[str(file)] = killed + (status != SURVIVED), all_ + 1
             if status == SURVIVED:
-                say(f"{file}:{mutant.line}: {mutant.what} [{mutant.number}]")
+                say(f"{file}:{mutant.line}: {mutant.what}")
     return report(counts)
 
 
@@ -115,7 +115,7 @@ def found(
         for file in files
         for mutant in mutants(file.read_text())
         if (changed is None or mutant.line in changed.get(file, ()))
-        and random.Random(f"{seed} {file} {mutant.number}").random() < share
+        and random.Random(f"{seed} {file} {mutant.line} {mutant.column} {mutant.what}").random() < share
     ]
     if not chosen:
         return
@@ -157,7 +157,8 @@ def killed_before(state: Path) -> dict[str, str]:
 
 def name_of(file: Path, mutant: Mutant) -> str:
     """Of this mistake in this version of the file."""
-    return f"{file} {hashlib.sha256(file.read_bytes()).hexdigest()[:12]} {mutant.number}"
+    version = hashlib.sha256(file.read_bytes()).hexdigest()[:12]
+    return f"{file} {version} {mutant.line}:{mutant.column} {mutant.what}"
 
 
 def matching(patterns: Iterable[str]) -> list[Path]:

@@ -21,8 +21,14 @@ OTHERS: dict[type[ast.AST], type[ast.AST]] = {
 }  # fmt: skip
 """Which operator takes the place of which."""
 
+COMMUTING = ("min", "max", "hypot")
+"""Calls whose arguments may stand in any order."""
+
 OPPOSITES = (ast.Eq, ast.NotEq, ast.Is, ast.IsNot, ast.In, ast.NotIn)
 """A comparison by one of these that takes the other says the opposite: the whole is not negated as well."""
+
+LARGE = 100
+"""Numbers from which on one more is often no mistake: they are doubled."""
 
 NAMES_TYPES = ("TypeVar", "ParamSpec", "cast", "NewType", "Literal")
 """Calls and subscripts with texts that only type checkers read."""
@@ -34,20 +40,21 @@ class Mutant:
 
     Attributes:
         number: its place in the list of its module.
-        line: of the source, where it is made.
+        line, column: of the source, where it is made.
         runs_at_import: whether the line runs when the module is imported, not when a function of it is called.
         what: the mistake, in words.
     """
 
     number: int
     line: int
+    column: int
     runs_at_import: bool
     what: str
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    line: int
+    node: ast.stmt | ast.expr
     in_function: bool
     what: str
     make: Callable[[], None]
@@ -56,7 +63,9 @@ class _Change:
 def mutants(source: str) -> list[Mutant]:
     """All mistakes that can be made in a module."""
     changes = _changes(ast.parse(source))
-    return [Mutant(number, c.line, not c.in_function, c.what) for number, c in enumerate(changes)]
+    return [
+        Mutant(number, c.node.lineno, c.node.col_offset, not c.in_function, c.what) for number, c in enumerate(changes)
+    ]
 
 
 def mutated(source: str, number: int, file: str) -> CodeType:
@@ -75,7 +84,7 @@ def _of_body(body: list[ast.stmt], inside: bool) -> Iterator[_Change]:
         if _only_for_types(statement):
             continue
         if _may_be_left_out(statement):
-            yield _Change(statement.lineno, inside, f"left out: {_shown(statement)}", _replacing(body, place))
+            yield _Change(statement, inside, f"left out: {_shown(statement)}", _replacing(body, place))
         yield from _of_statement(statement, inside)
 
 
@@ -86,7 +95,7 @@ def _of_statement(statement: ast.stmt, inside: bool) -> Iterator[_Change]:
     in_function = inside or isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef)
     if isinstance(statement, ast.If | ast.While):
         yield from _negation(statement, statement.test, inside)
-    if isinstance(statement, ast.Return) and statement.value is not None and not _is(statement.value, None):
+    if isinstance(statement, ast.Return) and statement.value is not None and not _is(statement.value, None, False):
         yield _setting(statement, "value", ast.Constant(None), inside, f"{_shown(statement)} becomes return None")
     for name, value in ast.iter_fields(statement):
         if name in ("annotation", "returns", "decorator_list", "type_params"):
@@ -129,37 +138,39 @@ def _at(node: ast.expr, inside: bool) -> Iterator[_Change]:
         for place, operator in enumerate(node.ops):
             other = OTHERS[type(operator)]()
             yield _Change(
-                node.lineno, inside, f"{_shown(node)}: {other.__class__.__name__}", _replacing(node.ops, place, other)
+                node.comparators[place],
+                inside,
+                f"{_shown(node)}: {type(other).__name__}",
+                _replacing(node.ops, place, other),
             )
     elif isinstance(node, ast.BinOp | ast.BoolOp) or (isinstance(node, ast.UnaryOp) and type(node.op) in OTHERS):
         other = OTHERS[type(node.op)]()
-        yield _setting(node, "op", other, inside, f"{_shown(node)}: {other.__class__.__name__}")
+        yield _setting(node, "op", other, inside, f"{_shown(node)}: {type(other).__name__}")
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        yield _Change(node.lineno, inside, f"{_shown(node)}: without not", lambda: _negate_twice(node))
+        yield _Change(node, inside, f"{_shown(node)}: without not", lambda: _negate_twice(node))
     elif isinstance(node, ast.IfExp):
         yield from _negation(node, node.test, inside)
     elif isinstance(node, ast.Constant):
         if (other_value := _other_value(node.value)) is not None:
             yield _setting(node, "value", other_value, inside, f"{node.value!r} becomes {other_value!r}")
     elif isinstance(node, ast.Call):
-        plain = [number for number, each in enumerate(node.args) if not isinstance(each, ast.Starred)]
+        ordered = [] if _named(node) in COMMUTING else node.args
+        plain = [number for number, each in enumerate(ordered) if not isinstance(each, ast.Starred)]
         for one, next_one in itertools.pairwise(plain):
             yield _Change(
-                node.lineno, inside, f"{_shown(node)}: arguments {one + 1} and {next_one + 1} swapped",
+                node, inside, f"{_shown(node)}: arguments {one + 1} and {next_one + 1} swapped",
                 _swapping(node.args, one, next_one),
             )  # fmt: skip
         for place, keyword in enumerate(node.keywords):
             if keyword.arg is not None:
-                yield _Change(
-                    node.lineno, inside, f"{_shown(node)}: without {keyword.arg}", _dropping(node.keywords, place)
-                )
+                yield _Change(node, inside, f"{_shown(node)}: without {keyword.arg}", _dropping(node.keywords, place))
 
 
 def _other_value(value: object) -> object:
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):
-        return value + 1
+        return value + 1 if abs(value) < LARGE else 2 * value
     if isinstance(value, float):
         return 1.5 * value if value else 1.0
     if isinstance(value, bytes):
@@ -170,6 +181,9 @@ def _other_value(value: object) -> object:
 
 
 def _only_for_types(statement: ast.stmt) -> bool:
+    """Imports for annotations, docstrings, and bodies of methods that a derived class has to have."""
+    if isinstance(statement, ast.Raise):
+        return statement.exc is not None and ast.unparse(statement.exc).startswith("NotImplementedError")
     if isinstance(statement, ast.If):
         return ast.unparse(statement.test) == "TYPE_CHECKING"
     return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
@@ -188,8 +202,8 @@ def _named(node: ast.AST) -> str:
     return inner.id if isinstance(inner, ast.Name) else inner.attr if isinstance(inner, ast.Attribute) else ""
 
 
-def _is(node: ast.expr, value: object) -> bool:
-    return isinstance(node, ast.Constant) and node.value is value
+def _is(node: ast.expr, *values: object) -> bool:
+    return isinstance(node, ast.Constant) and any(node.value is value for value in values)
 
 
 def _shown(node: ast.AST) -> str:
@@ -208,7 +222,7 @@ def _negate_twice(node: ast.UnaryOp) -> None:
 
 
 def _setting(node: ast.stmt | ast.expr, field: str, value: object, inside: bool, what: str) -> _Change:
-    return _Change(node.lineno, inside, what, lambda: setattr(node, field, value))
+    return _Change(node, inside, what, lambda: setattr(node, field, value))
 
 
 def _replacing(nodes: list[Any], place: int, by: object = None) -> Callable[[], None]:

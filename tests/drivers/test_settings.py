@@ -1,0 +1,215 @@
+"""A device that no longer holds what was written is noticed, told by name and value, and set right."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from palpate.drivers.bench import Bench
+from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, SettingsLost
+from palpate.simulators.bench import SimulatedBench
+from tests.drivers.benches import drive, open_bench
+from tests.drivers.wire import listen
+
+
+def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: bool) -> list[str]:
+    """The generator's next write is not confirmed; what its driver notices from now on."""
+    generator, noticed = bench.generator, list[str]()
+    transact, failures = generator.link.transact, [LinkTimeout("no answer")]
+
+    def once(name: str, function: Callable[..., Any], *asked: Any) -> Any:
+        if not failures or "write" not in function.__name__:
+            return transact(name, function, *asked)
+        if carried_out:
+            transact(name, function, *asked)
+        raise failures.pop()
+
+    monkeypatch.setattr(generator.link, "transact", once)
+    generator.read_attempts, generator.noticed = 2, noticed.append
+    return noticed
+
+
+# --- one device ----------------------------------------------------------------------------------------
+
+
+def test_each_setting_that_differs_is_told_with_both_values(bench: Bench, sim: SimulatedBench) -> None:
+    amplifier = bench.amplifier
+    assert amplifier.differences() == []
+    sim.amplifier.settings.update(gain=7.0, watchdog=1.5)
+    assert amplifier.differences() == [
+        f"{amplifier.name}: gain is 7, was set to {bench.description.shaker_amplifier.gain}",
+        f"{amplifier.name}: watchdog is 1.5, was set to 2.0",
+    ]
+
+
+def test_only_what_differs_is_written_again(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    positioner = bench.positioner
+    positioner.set_limits(0.001, 0.02)
+    sim.positioner.settings["limit_high"] = 0.01
+    wire = listen(positioner.link, monkeypatch)
+    positioner.restore()
+    (written,) = [request for request in wire.requests if request[0] == 16]
+    assert int.from_bytes(written[1:3], "big") == positioner.contract["limit_high"].address
+    assert positioner.get("limit_high") == 0.02
+
+
+def test_a_device_that_does_not_take_its_settings_is_an_error(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim.positioner.settings["speed"] = 3e-3
+    bench.positioner._settings["speed"] = 1e-3
+    monkeypatch.setattr(sim.positioner, "write", lambda _values: None)
+    with pytest.raises(DeviceError, match=r"speed is 0.003, was set to 0.001: it does not take its settings"):
+        bench.positioner.restore()
+
+
+def test_a_write_that_is_not_confirmed_and_reads_back_is_noticed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    noticed = unconfirmed(bench, monkeypatch, carried_out=True)
+    bench.generator.sine(12.0, 0.5)
+    assert bench.generator.read() == (12.0, 0.5, 0.0)
+    assert noticed == ["no answer; read back, it was carried out"]
+
+
+def test_a_write_that_is_not_confirmed_and_reads_otherwise_is_an_error(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noticed = unconfirmed(bench, monkeypatch, carried_out=False)
+    with pytest.raises(LinkTimeout):
+        bench.generator.sine(12.0, 0.5)
+    assert noticed == []
+
+
+def test_an_order_that_is_not_confirmed_is_an_error_whatever_was_done(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A register that cannot be read back tells nothing."""
+    noticed = unconfirmed(bench, monkeypatch, carried_out=True)
+    with pytest.raises(LinkTimeout):
+        bench.generator.reset_phase()
+    assert noticed == []
+
+
+def test_a_command_is_no_setting(bench: Bench) -> None:
+    bench.indicator.clear_zero()
+    bench.positioner.move(0.001)
+    assert bench.indicator.differences() == bench.positioner.differences() == []
+
+
+def test_a_positioner_that_was_moved_from_where_it_was_sent_is_noticed(bench: Bench, sim: SimulatedBench) -> None:
+    bench.positioner.move(0.004)
+    bench.positioner.set(target=0.003, speed=1e-3, command="move")  # as another client would
+    sim.clock.wait(2.0)
+    assert bench.positioner.differences() == [f"{bench.positioner.name}: stands at 3 mm, was sent to 4 mm"]
+    bench.positioner.stop()
+    assert bench.positioner.differences() == []
+
+
+def test_a_waveform_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:
+    bench.generator.waveform("square", 10.0, 1.0)
+    assert bench.generator.read() == (10.0, 1.0, 0.0)
+    bench.indicator.peak_to_peak(1.0)
+    bench.indicator.track(0.5)
+    indicator = bench.indicator
+    assert indicator.contract.choice("mode", indicator.get("mode")) == "track"
+
+
+def test_an_amplifier_that_refuses_a_claim_says_why_in_its_own_words(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only one that has no such register has no owners."""
+
+    def refused(_name: str) -> float:
+        raise DeviceError("answered exception 4, device failure", code=4)
+
+    monkeypatch.setattr(bench.amplifier, "_token", 0)
+    monkeypatch.setattr(bench.amplifier, "get", refused)
+    with pytest.raises(DeviceError, match="device failure"):
+        bench.amplifier.claim()
+
+
+def test_without_an_owner_a_sign_of_life_is_a_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench.amplifier, "_token", 0)
+    wire = listen(bench.amplifier.link, monkeypatch)
+    bench.amplifier.feed()
+    assert [request[0] for request in wire.requests] == [3]
+
+
+# --- a bench ---------------------------------------------------------------------------------------------
+
+
+def test_a_bench_whose_devices_have_served_others_opens_without_a_difference(sim: SimulatedBench) -> None:
+    """The generator counts its writes for ever: those from before do not count."""
+    for _ in range(2):
+        with open_bench(sim) as bench:
+            bench.check_settings()
+
+
+def test_a_bench_drives_from_the_order_to_the_end(sim: SimulatedBench) -> None:
+    with open_bench(sim) as bench:
+        assert not bench.driving
+        assert not bench.attended
+        drive(bench)
+        assert bench.driving
+    assert not bench.driving
+
+
+def test_a_bench_that_was_never_opened_may_be_closed(sim: SimulatedBench) -> None:
+    open_bench(sim).__exit__(None, None, None)
+
+
+def test_what_was_lost_and_written_again_is_told_to_the_record(bench: Bench, sim: SimulatedBench) -> None:
+    told = list[str]()
+    bench.attend(lambda _kind, what, _ns: told.append(what))
+    sim.amplifier.settings["gain"] = 7.0
+    with pytest.raises(SettingsLost, match=f"{re.escape(bench.amplifier.name)}: gain is 7, was set to .*; look at"):
+        bench.check_settings()
+    bench.recover()
+    assert [what for what in told if what.startswith(f"{bench.amplifier.name}: gain is 7")] != []
+    assert all(what.endswith("; written again") for what in told if "was set to" in what)
+    bench.check_settings()
+
+
+@pytest.mark.parametrize(("errors", "told"), [(0, []), (3, ["3 error frames"])])
+def test_error_frames_of_the_bus_are_told(
+    errors: int, told: list[str], bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noted = list[str]()
+    bench.attend(lambda _kind, what, _ns: noted.append(what))
+    monkeypatch.setattr(bench._can, "error_frames", lambda: errors)
+    bench.check_settings()
+    assert noted == [f"{bench._can.name}: {each}" for each in told]
+
+
+def test_what_comes_after_a_bench_is_closed_is_not_told_to_its_record(sim: SimulatedBench) -> None:
+    told = list[str]()
+    with open_bench(sim) as bench:
+        bench.attend(lambda _kind, what, _ns: told.append(what))
+    bench.incidents.note("too late")
+    assert told == []
+
+
+@pytest.mark.parametrize("safe", [True, False])
+def test_an_amplifier_is_given_up_only_when_all_outputs_are_off(
+    safe: bool, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where one cannot be switched off, the watchdog has to: it needs an owner that falls silent."""
+    bench = open_bench(sim)
+    bench.__enter__()
+    drive(bench)
+    released = list[bool]()
+    release = bench.amplifier.release
+    monkeypatch.setattr(bench.amplifier, "release", lambda: released.append(True) or release())
+    if safe:
+        bench.__exit__(None, None, None)
+    else:
+        monkeypatch.setattr(bench.generator, "output", lambda _on: _fails())
+        with pytest.raises(BenchError, match="could not all be switched off: it is stuck"):
+            bench.__exit__(None, None, None)
+    assert released == ([True] if safe else [])
+
+
+def _fails() -> None:
+    raise DeviceError("it is stuck")
