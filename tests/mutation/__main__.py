@@ -42,14 +42,18 @@ class Part:
 
 
 PARTS = {
-    "drivers": Part(("drivers/**/*.py",), ("tests/drivers/test_*.py", "tests/procedures/test_policy.py", "tests/procedures/test_bus_*.py")),
+    "drivers": Part(
+        ("drivers/**/*.py",),
+        ("tests/drivers/test_*.py", "tests/procedures/test_policy.py", "tests/procedures/test_bus_*.py"),
+    ),
     "contracts": Part(
         ("instrument/contracts/*.py",),
         ("tests/instrument/test_contract*.py", "tests/instrument/test_export.py",
          "tests/drivers/test_golden_frames.py"),
     ),
     "policy": Part(
-        ("procedures/steps/policy.py",), (
+        ("procedures/steps/policy.py",),
+        (
             "tests/procedures/test_policy.py",
             "tests/procedures/test_documentation.py::test_the_table_of_incidents_is_that_of_the_policies",
         )

@@ -155,6 +155,8 @@ def test_the_second_call_computes_nothing_and_says_the_same(palpate: Palpate, mo
     assert first["results"][0]["force_ratio"] == pytest.approx(0.142, rel=0.1)
     monkeypatch.setattr(executors, "executor_of", lambda *_: pytest.fail("nothing is left to compute"))
     assert told(palpate, "out") == first
+    shown = palpate("study", "small.toml", "--out", "out").out  # as people are told
+    assert "cell 2 failed: " in shown and "mean force ratio" in shown and "out, 4 of 4 cells" in shown
 
 
 @pytest.mark.slow

@@ -1,0 +1,50 @@
+"""What people are shown of a study: a line for each group of cells, what failed, and where the files are."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from palpate.procedures.study.report import print_study
+from palpate.procedures.study.results import Results
+from palpate.procedures.study.store import Outcome
+from tests.procedures.studies import GRID, study_from
+
+OUTCOME = {"study": "out", "points": "out/points.csv", "plot": "out/plot.png", "cells": 12, "done": 12, "failed": []}
+
+
+def point(ratio: float) -> dict[str, Any]:
+    return {
+        "load_N": 1.0, "force_ratio": ratio, "force_ratio_u": 0.01, "noise_u": 0.001, "model_force_ratio": 0.3,
+        "valid": True, "flags": "",
+    }  # fmt: skip
+
+
+def told(capsys: pytest.CaptureFixture[str], **outcome: Any) -> str:
+    study = study_from(GRID)
+    ratios = [0.1 + 0.01 * cell for cell in range(len(study))]
+    outcomes = [Outcome(cell, "", json.dumps([point(ratio)] * 2)) for cell, ratio in enumerate(ratios)]
+    print_study(Results(study, outcomes), {**OUTCOME, **outcome})
+    return capsys.readouterr().out
+
+
+def test_cells_that_differ_in_their_seeds_alone_are_one_line_with_their_mean_and_spread(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = [line.split() for line in told(capsys).splitlines() if line.strip().startswith(("near", "far"))]
+    assert [row[:3] for row in rows] == [["near", "1", "3"], ["near", "2", "3"], ["far", "1", "3"], ["far", "2", "3"]]
+    first = [0.1 + 0.01 * cell for cell in (0, 2, 4)]  # the sample varies faster than the seed
+    assert float(rows[0][3]) == pytest.approx(sum(first) / 3, rel=1e-3)
+    assert float(rows[0][4]) == pytest.approx(0.02, rel=0.05)
+    assert float(rows[0][-1]) == pytest.approx(0.3)
+
+
+def test_failures_and_files_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    failed = [{"cell": number, "reason": f"reason {number}"} for number in range(7)]
+    shown = told(capsys, failed=failed)
+    assert "cell 4 failed: reason 4" in shown and "cell 5 failed" not in shown
+    assert "and 2 cells more failed: see --json" in shown
+    assert "out, 12 of 12 cells" in shown and "out/points.csv" in shown and "out/plot.png" in shown
+    assert "SIMULATED" in shown
