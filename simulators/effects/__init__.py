@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from palpate.instrument.errors import UnknownName
+from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.simulators.physics.effect import Effect
 
 # In the order of the chain.
@@ -37,9 +37,11 @@ EFFECTS: dict[str, str] = {
 
 
 def effect_class(name: str) -> type[Effect]:
-    """The class of an effect. Raises UnknownName."""
+    """The class of an effect. Raises UnknownName, and ConfigError: the class is not named after the effect."""
     if name not in EFFECTS:
         raise UnknownName("effect", name, EFFECTS)
     module, class_name = EFFECTS[name].split(":")
     found: type[Effect] = getattr(importlib.import_module(module), class_name)
+    if found.name != name:
+        raise ConfigError(f"effect {name!r}: its class {class_name} is named after {found.name!r}; rename one of them")
     return found

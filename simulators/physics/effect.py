@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +61,7 @@ class Effect(Config):
     answers in its own file.
 
     Attributes:
+        name: in scene files: that of the class in small letters, its words joined by underscores.
         kind: `lti`, a gain or a linear system; `static_nl`, a memoryless map; `hysteresis`; `additive`, a voltage that
             adds to the films'; `ltv`, a linear system that changes with time; `timing`, when something happens on a
             bus.
@@ -69,16 +70,16 @@ class Effect(Config):
         seconds_a_sample: CPU time that it adds to each sample of a film [s, M].
     """
 
+    name: ClassVar[str]
     kind: ClassVar[Kind]
     cancels_in_ratio: ClassVar[bool]
     excludes: ClassVar[Sequence[str]] = ()
     moves: ClassVar[str] = ""
     seconds_a_sample: ClassVar[float] = 0.0
 
-    @property
-    def name(self) -> str:
-        """The name in scene files: that of the class in small letters, its words joined by underscores."""
-        return re.sub(r"(?<!^)(?=[A-Z])", "_", type(self).__name__).lower()
+    def __init_subclass__(cls, **config: Any) -> None:
+        super().__init_subclass__(**config)
+        cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     @property
     def pickup(self) -> float:

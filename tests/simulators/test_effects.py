@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from palpate.instrument.errors import UnknownName
+from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
@@ -78,6 +78,12 @@ def test_nobody_else_asks_for_an_effect_by_its_name_or_its_type() -> None:
 
 
 # --- the shape of an effect ----------------------------------------------------------------------------
+
+
+def test_an_effect_whose_class_has_another_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(EFFECTS, "glue_loss", EFFECTS["adc"])
+    with pytest.raises(ConfigError, match="'glue_loss': its class Adc is named after 'adc'; rename one of them"):
+        effect_class("glue_loss")
 
 
 @pytest.mark.parametrize("name", EFFECTS)
