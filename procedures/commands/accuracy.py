@@ -54,6 +54,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.prices import price_list
     from palpate.instrument.models.validation import validate
+    from palpate.procedures.accuracy.keep import keep
     from palpate.procedures.accuracy.machine import this_machine
     from palpate.procedures.accuracy.measure import DESIGNS, measure
     from palpate.procedures.accuracy.meshes import MODULI
@@ -143,17 +144,3 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
         from palpate.procedures.showing.models import print_surfaces
 
         print_surfaces(found)
-
-
-def keep(text: str, path: Path) -> None:
-    """Replace a file at once: an interruption leaves the old one.
-
-    Raises:
-        RecordError: it cannot be written.
-    """
-    from palpate.procedures.records.run import storing
-
-    fresh = path.with_suffix(".new")
-    with storing(path):
-        fresh.write_text(text, encoding="utf-8")
-        fresh.replace(path)

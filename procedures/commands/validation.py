@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from palpate.procedures.commands.options import Command, Output, output_options
@@ -29,6 +27,7 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     from palpate.instrument.models import validation as kept
     from palpate.procedures.accuracy import what_if
     from palpate.procedures.accuracy.causes import Causes
+    from palpate.procedures.accuracy.keep import keep
     from palpate.procedures.accuracy.validation_report import print_causes, print_validation
     from palpate.procedures.reproduce.solutions import Solutions
 
@@ -41,11 +40,11 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     solutions = Solutions() if store else Solutions.shipped(what_if.STORED, kept.RENEW)
     with output.progress("solving") as progress:
         if store:
-            _keep(kept.measure(progress).model_dump_json(indent=1) + "\n", kept.STORED)
+            keep(kept.measure(progress).model_dump_json(indent=1) + "\n", kept.STORED)
             kept.stored.cache_clear()
         found = Causes.of(solutions, progress) if causes or store else None
     if store:
-        _keep(solutions.text(), what_if.STORED)
+        keep(solutions.text(), what_if.STORED)
     compared = kept.validate_all(designs if design is None else [design])
     if output.as_json:
         result = {"sign": kept.SIGN, "models": [each.record() for each in compared]}
@@ -55,9 +54,3 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
             print_causes(found)
         else:
             print_validation(compared)
-
-
-def _keep(text: str, path: Path) -> None:
-    from palpate.procedures.commands.accuracy import keep
-
-    keep(text, path)

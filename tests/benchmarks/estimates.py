@@ -2,10 +2,10 @@
 
 A quarter of the sensors have an object under which the ratios of the two coarsest meshes cross, where two meshes agree
 and are both wrong. Of sensors after the first thousand a third are the solid model's, on one mesh more, and a seventh
-have capped rings. Estimates were chosen by some of these, too; the rest only tell whether they hold. Resumable: what each mesh gives goes
-to `estimates-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), VERSION being that of the models' numbers, and a
-command that is given again goes on from there: an estimate that was changed is judged on the same sensors.
-`$PALPATE_SENSORS` says how many (1,000).
+have capped rings. Estimates were chosen by some of these, too; the rest only tell whether they hold. Resumable: what
+each mesh gives goes to `estimates-VERSION.jsonl` in `$PALPATE_CAMPAIGN` (`campaigns`), VERSION being that of the
+models' numbers, and a command that is given again goes on from there: an estimate that was changed is judged on the
+same sensors. `$PALPATE_SENSORS` says how many (1,000).
 """
 
 from __future__ import annotations
