@@ -29,8 +29,8 @@ from palpate.instrument.models.solid.system import System, symmetry
 REFINEMENTS = tuple(range(len(solid_system.RESOLUTIONS)))
 # Of the product of energies, what the finer mesh is left with: a refinement divides the error by about four.
 SHARE_LEFT = 0.5
-# To coarse meshes a narrow gap is a closed one. They hardly differ there, and what is left is up to four times that;
-# this share counts beside that of a closed gap.
+# Coarse meshes do not see how the object hands its force over across a narrow gap, or a thin object at all. They hardly
+# differ there, and what is left is up to four times that. This share counts beside that of a closed gap.
 NARROW = 0.05  # of the tooth's radius
 NARROW_SHARE = 3.0
 # Least estimate by number of meshes. Some may agree by chance. The first three have the same sectors, so that their
@@ -179,14 +179,15 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 
 def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
     """Bounds on the errors of the last of two or more refinements from the first on."""
-    narrow = has_narrow_gap(parameters)
+    narrow = is_narrow(parameters)
     found = bounds(meshes, slowly=narrow, safety=NARROW_SHARE if narrow else SHARE_LEFT)
     return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
 
 
-def has_narrow_gap(parameters: SolidParameters) -> bool:
-    """Whether coarse meshes take the gap between tooth and ring for closed."""
-    return parameters.ring_inner_radius - parameters.tooth_radius < NARROW * parameters.tooth_radius
+def is_narrow(parameters: SolidParameters) -> bool:
+    """Whether the gap is closed to coarse meshes, or the object too thin for them."""
+    gap = parameters.ring_inner_radius - parameters.tooth_radius
+    return min(gap, parameters.sensed_thickness) < NARROW * parameters.tooth_radius
 
 
 def _series(ratios: Sequence[float]) -> float:
