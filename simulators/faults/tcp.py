@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.faults.fault import TCP, Fault, Trigger
 from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
+from palpate.simulators.wire.relay import Listener
 
 TRANSACTION, UNIT, FUNCTION, COUNT = 0, 6, 7, 8  # places in a frame
 HEADER = 6  # bytes up to the length, which does not count them
@@ -131,15 +132,6 @@ def _with_transaction(frame: bytes, step: int) -> bytes:
     return struct.pack(">H", (number + step) & 0xFFFF) + frame[2:]
 
 
-class Listener(Protocol):
-    """The server of a device, as a link with faults uses it."""
-
-    def stop_listening(self) -> None: ...
-
-    def listen_again(self) -> None:
-        """Listen again at once, without waiting for any thread: the servers' thread may be waiting for the clock."""
-
-
 class FaultyLink:
     """Applies the faults to the requests of a device's clients. It is an event source of the virtual clock."""
 
@@ -157,11 +149,11 @@ class FaultyLink:
             struck = [fault for fault, trigger in self._faults if trigger.strikes(now)]
         return struck[0] if struck else None
 
-    def refuse(self, server: Listener, fault: TcpFault) -> None:
-        """Stop listening while the fault lasts, or until the clock goes on."""
+    def refuse(self, server: Listener, lasts_ns: int) -> None:
+        """Stop listening for a time, or until the clock goes on."""
         with self._clock.lock:
             server.stop_listening()
-            self._silent, self._listens_again_ns = server, self._clock.now_ns() + max(fault.lasts_ns, 1)
+            self._silent, self._listens_again_ns = server, self._clock.now_ns() + max(lasts_ns, 1)
 
     def listen_again(self) -> None:
         """Listen again; called under the clock's lock."""

@@ -19,10 +19,9 @@ from palpate.instrument.errors import BenchError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.device import Refused, SimulatedDevice
 from palpate.simulators.wire.modbus_server import Identity, SerialServer, TcpServer
+from palpate.simulators.wire.relay import Noise, Relay
 
 if TYPE_CHECKING:
-    from palpate.simulators.faults.rtu import NoisyLine
-    from palpate.simulators.faults.tcp import FaultyLink
     from palpate.simulators.physics.stages import LineEffect
 
 LOOPBACK = "127.0.0.1"
@@ -103,11 +102,11 @@ class ServerThread:
                 f"{host}:{taken} cannot be listened on; it is in use, or not an address of this machine"
             ) from None
 
-    def put_between(self, device: SimulatedDevice, link: FaultyLink) -> None:
+    def put_between(self, device: SimulatedDevice, link: Relay) -> None:
         """From now on what the clients of a device on TCP ask passes over `link`."""
         self._of_device[id(device)].link = link
 
-    def make_noisy(self, noise: NoisyLine) -> None:
+    def make_noisy(self, noise: Noise) -> None:
         """From now on frames of the serial line pass through `noise`."""
 
         async def make() -> None:

@@ -14,7 +14,7 @@ import socket
 import struct
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerSocket
@@ -27,10 +27,8 @@ from pymodbus.simulator import SimDevice
 from pymodbus.transaction import TransactionManager
 
 from palpate.simulators.wire.modbus_frames import EXCEPTION, IDENTIFY, LineFramer, RequestDecoder, alien, whole_frame
+from palpate.simulators.wire.relay import Damage, Relay
 from palpate.simulators.wire.terminal import Terminal
-
-if TYPE_CHECKING:
-    from palpate.simulators.faults.tcp import FaultyLink, TcpFault
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
 
@@ -158,7 +156,7 @@ class _TcpConnection(_Connection):
             self.transport.pause_reading()  # type: ignore[attr-defined]
         return used
 
-    def _struck(self, data: bytes, link: FaultyLink) -> int:
+    def _struck(self, data: bytes, link: Relay) -> int:
         """Requests on a link that has faults, one whole frame after the other."""
         used = 0
         while (frame := whole_frame(data[used:])) and self.transport:
@@ -180,9 +178,9 @@ class _TcpConnection(_Connection):
         answer, self._kept = bytes(self._kept), None
         return answer
 
-    def _cut(self, link: FaultyLink, fault: TcpFault) -> None:
+    def _cut(self, link: Relay, fault: Damage) -> None:
         if fault.then == "refused":
-            link.refuse(self._completed, fault)
+            link.refuse(self._completed, fault.lasts_ns)
         end: Any = self.transport.get_extra_info("socket")
         end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, AT_ONCE)
         self.close()
@@ -233,7 +231,7 @@ class _Completed:
 class TcpServer(_Completed, ModbusTcpServer):
     """One device on a TCP port, by its unit id and by those that mean the device itself."""
 
-    link: FaultyLink | None = None  # where it has faults
+    link: Relay | None = None  # where it has faults
 
     def __init__(self, device: SimDevice, identity: Identity, address: tuple[str, int]) -> None:
         super().__init__([device], address=address)

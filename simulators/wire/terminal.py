@@ -11,11 +11,10 @@ import tty
 from typing import TYPE_CHECKING
 
 from palpate.instrument.bench.serial_line import SHORTEST_SILENCE, SILENCE, character_bits, reply_begins
+from palpate.simulators.wire.relay import Noise
 
 if TYPE_CHECKING:
     from pymodbus.transport import ModbusProtocol
-
-    from palpate.simulators.faults.rtu import NoisyLine
 
 PIECE = 4096  # bytes
 BITS = character_bits(parity=True, stop_bits=2)  # of the longest character
@@ -36,7 +35,7 @@ class Terminal(asyncio.Transport):
     def __init__(self, server: ModbusProtocol) -> None:
         super().__init__()
         self._server = server
-        self._noise: NoisyLine | None = None
+        self._noise: Noise | None = None
         self._loop = asyncio.get_running_loop()
         self._own, client = os.openpty()
         self._descriptors = [self._own, client]
@@ -48,7 +47,7 @@ class Terminal(asyncio.Transport):
         self._loop.add_reader(self._own, self._heard)
         server.connection_made(self)
 
-    def make_noisy(self, noise: NoisyLine) -> None:
+    def make_noisy(self, noise: Noise) -> None:
         """From now on frames pass through `noise`; called in the servers' loop."""
         noise.watch(self._own)
         self._noise = noise
