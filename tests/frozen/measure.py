@@ -43,6 +43,8 @@ def palpate(line: str) -> tuple[object, str, str]:
             main()
     except SystemExit as ended:
         return ended.code, out.getvalue(), err.getvalue()
+    except Exception as error:  # the cells after it are compared all the same
+        return "crashed", "", f"{type(error).__name__}: {error}"
     finally:
         sys.argv = before
     raise AssertionError(f"palpate {line} has no exit status")
