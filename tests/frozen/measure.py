@@ -29,7 +29,9 @@ MOVING = {
 ADDRESS = re.compile(
     r"(?<=127\.0\.0\.1:)\d+|(?<=port = )\d+|(?<=/dev/pts/)\d+|(?<=palpate-)\d+-\d+|(?<=replay-)\d+-\d+"
 )
+ENDED = (129, 130, 143)  # by a closed terminal, Ctrl-C or SIGTERM: so does the comparison
 SPELLED = ("thesis_single", "sweep position")  # other runs have a digest of their names alone
+WORDS = "text"  # of help
 Found = dict[str, Any]
 
 
@@ -42,6 +44,8 @@ def palpate(line: str) -> tuple[object, str, str]:
         with redirect_stdout(out), redirect_stderr(err):
             main()
     except SystemExit as ended:
+        if ended.code in ENDED:
+            raise
         return ended.code, out.getvalue(), err.getvalue()
     except Exception as error:  # the cells after it are compared all the same
         return "crashed", "", f"{type(error).__name__}: {error}"
@@ -86,20 +90,20 @@ def answers(name: str, lines: tuple[str, ...]) -> list[Found]:
 def _answer(line: str, folder: Path, spelled: bool) -> Found:
     status, out, err = palpate(line)
     if status != 0:
-        return {"status": status, "said": err.splitlines()[-1][:200]} if not out else {"status": status}
+        return {"status": status, "said": "" if out else err.strip().splitlines()[-1][:200]}
     told = json.loads(ADDRESS.sub("*", out.replace(str(folder), ".")))
     if line.startswith("bus show"):
         told = {"traffic": _traffic(told["messages"])}
     names = sorted(set(_names(told)))
-    return {"status": status, "names": names if spelled else digest(names), "values": dict(_values(told))}
+    return {"status": status, "names": names if spelled else digest(names), "values": dict(_values(_still(told)))}
 
 
 def _traffic(messages: list[Found]) -> Found:
-    """What went to and from each device, in order; of sensor nodes sorted, as a thread of its own hears them."""
+    """What went to and from each device, in order; of a sensor node not what: a thread of its own hears it."""
     each: dict[str, list[str]] = {}
     for message in messages:
         each.setdefault(message["who"], []).append(message["raw"])
-    return {who: sorted(raw) if who.startswith("node ") else raw for who, raw in each.items()}
+    return each
 
 
 def _names(value: Any, path: str = "") -> Iterator[str]:
@@ -113,7 +117,7 @@ def _names(value: Any, path: str = "") -> Iterator[str]:
 
 
 def _values(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    for key, value in _still(told).items():
+    for key, value in told.items():
         if isinstance(value, dict):
             yield from ((f"{key}.{inner}", digest(each)) for inner, each in value.items())
         else:
@@ -121,8 +125,9 @@ def _values(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _still(value: Any) -> Any:
+    """A value without what moves."""
     if isinstance(value, dict):
-        return {key: _still(each) for key, each in value.items() if key not in MOVING}
+        return {key: _still(each) for key, each in value.items() if key not in MOVING and not key.startswith("node ")}
     return [_still(each) for each in value] if isinstance(value, list) else value
 
 
@@ -141,4 +146,4 @@ def options() -> Iterator[tuple[str, list[Found]]]:
         waiting += [f"{path} {line.split()[0]}".strip() for line in commands.splitlines() if re.match(r"  \S", line)]
         told = text.partition("\nOptions:\n")[2].partition("\n\n")[0].splitlines()
         named = [re.split(r"  +", line.strip())[0] for line in told if line.startswith("  -")]
-        yield f"help {path}".strip(), [{"status": status, "names": named, "values": {"text": digest(text)}}]
+        yield f"help {path}".strip(), [{"status": status, "names": named, "values": {WORDS: digest(text)}}]

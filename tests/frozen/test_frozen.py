@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.frozen.__main__ import FROZEN, differences, read
+from tests.frozen.__main__ import FROZEN, differences, matters, read
 from tests.frozen.cells import CELLS, QUICK
-from tests.frozen.measure import answers, options
+from tests.frozen.measure import WORDS, answers, digest, options
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,3 +72,12 @@ BEFORE = [{"status": 0, "names": ["a", "b"], "values": {"x": "1", "y": "2"}}]
 )
 def test_what_differs_is_told_by_its_name(now: list[dict[str, object]], told: list[str]) -> None:
     assert list(differences(BEFORE, now)) == told
+    assert matters(told) is (told != [])
+
+
+def test_a_help_text_in_other_words_is_told_and_is_no_failure() -> None:
+    before, now = ([{"status": 0, "values": {WORDS: digest(text)}}] for text in ("as it was", "as it is"))
+    told = list(differences(before, now))
+    assert told == ["answer 1: text has changed"]
+    assert not matters(told)
+    assert matters([*told, "answer 1: points has changed"])
