@@ -1,1 +1,1 @@
-"""What leaving an effect out of a scene changes in the results, at most."""
+"""Bounds on the change of the results when an effect is left out of a scene."""

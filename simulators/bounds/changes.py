@@ -1,8 +1,9 @@
-"""What an effect changes in the results, at most: force and force ratio of a least-squares sine at the set load.
+"""Bounds on the change of force and force ratio, of a least-squares sine at the set load, when an effect is left out.
 
-The scene is followed with the effect and without it, as a rig follows it, for a drive that begins in any phase: what
-is certain changes by just that. What is random, in both or in one, is added with six standard deviations, and the steps
-of a converter as they are tried. Where contact is lost, a limit acts or the converter's rail is reached, nothing holds.
+The rig follows the scene with the effect and without it, for a drive that begins in any phase. Everything that is
+certain changes by just that difference. Random parts, of both sides or of one, are added with six standard deviations.
+Rounding by a converter is tried out. Where contact is lost, a limit acts or the converter's rail is reached, there is
+no bound.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Rates
 from palpate.simulators.physics.in_order import Effects
 
 BEYOND = Bound(math.inf, math.inf)
-GAINS = np.linspace(-1.0, 1.0, 5)  # of the greatest scatter
-BETWEEN = {True: 0.01, False: 0.5}  # of what results span over phases, that they may lie beyond them elsewhere
-LOOKED_AT = 8  # phases of the drive, in which a limit is looked for
-NEARER = math.cos(math.pi / LOOKED_AT)  # than the limit itself, for what lies between two phases
+GAINS = np.linspace(-1.0, 1.0, 5)  # shares of the greatest scatter
+BETWEEN = {True: 0.01, False: 0.5}  # share of the results' span over phases that is added for phases between
+LOOKED_AT = 8  # phases of the drive in which a limit is looked for
+NEARER = math.cos(math.pi / LOOKED_AT)  # share of the limit that is looked for, because of phases between
 
 
 def bound_of(case: Case, effect: Effect) -> Bound:
-    """Greatest change of the results that leaving the effect out can make."""
+    """Greatest change of the results when the effect is left out."""
     known, nearer = effect.known_bound(case), effect.nearer(NEARER)
     if known is not None:
         return known
@@ -38,7 +39,7 @@ def bound_of(case: Case, effect: Effect) -> Bound:
 
 
 def _bound_of_change(case: Case, effect: Effect) -> Bound:
-    """What the scene with the effect gives, against the scene without it."""
+    """Bound by comparing the scene with the effect and the scene without it."""
     without = Effects(case.effects)
     with_it = without.including(effect)
     found = [Bound(0.0, 0.0)]
@@ -56,7 +57,7 @@ def _bound_of_change(case: Case, effect: Effect) -> Bound:
 
 
 def _bound_of_limit(case: Case, nearer: Effect) -> Bound:
-    """Of a limit: nothing where one that is `NEARER` is never met, from the beginning of the drive on."""
+    """Bound of a limit: zero where a limit nearer by `NEARER` is never met, from the beginning of the drive on."""
     rig = case.driven(deterministic(Effects(case.effects).including(nearer)))
     end_ns = round(1e9 * (case.settled + case.dwell))
     acts = any(met(touch, (nearer.moves,)) for path in begun(rig, LOOKED_AT) for touch in touched(path, end_ns))
@@ -77,12 +78,12 @@ def _saturated(case: Case, each: Side) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Beside:
-    """What is not certain of a film's phasor, (films,) or (phases, films) [V].
+    """Uncertain parts of a film's phasor, (films,) or (phases, films) [V].
 
     Attributes:
-        common: what both sides have alike, beside the signal.
-        apart: what one side has and the other has not.
-        least: what may be missing of the first side's signal.
+        common: part that both sides share, beside the signal.
+        apart: part that only one side has.
+        least: part of the first side's signal that may be missing.
     """
 
     common: Floats
@@ -91,23 +92,23 @@ class _Beside:
 
 
 def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
-    """Both sides, compared at the same phase and the same gains."""
+    """Bound from both sides, compared at the same phase and the same gains."""
     beyond = BETWEEN[before.linear]
     gains = 1 + GAINS[:, np.newaxis, np.newaxis] * before.scatter if before.scatter.any() else np.ones((1, 1, 1))
     was = gains * before.passed + before.added  # (gains, phases, films)
     became = gains * after.passed + after.added
-    if effect is after.effects.scattering:  # the same but for its gains, which differ from one load set to the next
+    if effect is after.effects.scattering:  # both sides differ in their gains alone
         became = was
     with np.errstate(all="ignore"):
         factor = np.where(became == was, 1.0, became / was)
         beside = _beside(case, effect, before, after, factor[len(gains) // 2])
-        # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): what both have beside the signal dilutes it.
+        # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): a part that both sides share dilutes the change.
         missed = np.where(factor == 1.0, 0.0, np.abs(1 - factor) * beside.common) + beside.apart
         slack = np.where(missed == 0, 0.0, missed / np.maximum(np.abs(was) - beside.least, 0.0))
         low, high = np.maximum(np.abs(factor) - slack, 0.0), np.abs(factor) + slack
         total = [i for i, film in enumerate(case.design.films) if film.kind == FILM_KINDS[1]]
         force = max(_most(low[..., j], high[..., j], beyond) for j in total)
-        # The films' gains scatter each by itself.
+        # The gain of each film scatters by itself.
         others = (np.newaxis, slice(None)) if before.scatter.any() else (slice(None), np.newaxis)
         ratio = max(
             _most(
@@ -119,14 +120,14 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
 
 
 def _pairs(design: Design) -> list[tuple[int, int]]:
-    """Films under teeth, each with that under its base."""
+    """Pairs of films: each film under a tooth with the film under its base."""
     tooth, base = ([i for i, film in enumerate(design.films) if film.kind == kind] for kind in FILM_KINDS)
     films = design.films
     return [(i, j) for i in tooth for j in base if set(films[i].teeth) <= set(films[j].teeth)]
 
 
 def _most(low: Floats, high: Floats, beyond: float) -> float:
-    """Greatest distance from 1 of factors (..., phases), and of those between the phases."""
+    """Greatest distance from 1 of factors (..., phases), including those between the phases."""
     if not np.isfinite(high).all():
         return math.inf
     ends = [each.max(axis=-1) + beyond * np.ptp(each, axis=-1) for each in (high - 1, 1 - low)]
@@ -140,7 +141,7 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
         apart = reach(case, after.effects) * np.abs(after.passed)
     changed = (before.volts != after.volts).any(axis=(0, 2))
     for i in range(count):
-        if not np.isfinite(factor[:, i]).all():  # no sine before: no share of it can be bounded
+        if not np.isfinite(factor[:, i]).all():  # the first side has no sine, so a relative change has no bound
             apart[:, i] = math.inf
             continue
         rates = before.rates(i)
@@ -149,7 +150,7 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
             least[i] += error
             if not each.follows:
                 common[i] += error
-            elif changed[i]:  # the same numbers come with other rates
+            elif changed[i]:  # the same random numbers are multiplied by other rates
                 apart[:, i] += each.error(case, _otherwise(rates, factor[:, [i]], after.rates(i)))
         apart[:, i] += sum(each.error(case, rates) for each in after.effects.input if each is effect)
         rounds = changed[i] or apart[:, i].any() or effect is after.effects.converter
@@ -161,14 +162,14 @@ def _beside(case: Case, effect: Effect, before: Side, after: Side, factor: Compl
 
 
 def _otherwise(rates: Rates, factor: Complexes, others: Rates) -> Rates:
-    """What rates are beside those that the change of the film's phasor alone would make of the first."""
+    """Difference of the second rates from the first ones times the change of the film's phasor."""
     return lambda: np.asarray(np.abs(others() - factor * rates()))
 
 
 def _rounded(
     case: Case, effect: Effect, before: Side, after: Side, film: int, factor: Complexes
 ) -> tuple[float, float]:
-    """What the converter's steps make of the change of a film, and of its amplitude before [V]."""
+    """Change by the converter's steps of a film's change, and of its amplitude before [V]."""
     converter = after.effects.converter
     assert converter is not None
     was, became = before.volts[:, film], after.volts[:, film]

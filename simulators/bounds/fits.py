@@ -1,4 +1,4 @@
-"""What a least-squares sine makes of samples: it is linear, from the samples of a dwell to its cosine and sine."""
+"""The least-squares sine as a linear map from the samples of a dwell to cosine and sine, and its greatest errors."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from palpate.instrument.signals.sine_columns import sine_columns
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.effect import Case, Floats
 
-DIRECTIONS = 64  # of half a circle
-SIGMAS = 6.0  # of noise, that a bound covers: two quadratures exceed it once in 6e7 fits
+DIRECTIONS = 64  # in half a circle
+SIGMAS = 6.0  # standard deviations of noise in a bound: two quadratures exceed them once in 6e7 fits
 
 
 def fitted(case: Case, samples: Floats) -> Complexes:
-    """Phasors (...) of samples (..., n). Raises EstimateError: the dwell does not determine a sine."""
+    """Fitted phasors (...) of samples (..., n). Raises EstimateError: the dwell does not determine a sine."""
     cosine, sine = weights(case)
     centred = samples - samples.mean(axis=-1, keepdims=True)
     return np.asarray(centred @ cosine - 1j * (centred @ sine))
 
 
 def largest(case: Case, variance: Floats) -> float:
-    """Six standard deviations of a fit to independent noise of this variance in each sample, (phases, n) or (n,)."""
+    """Six standard deviations of an amplitude by independent noise of a variance (phases, n) or (n,) in each sample."""
     covariance = np.einsum("in,...n,jn->...ij", weights(case), variance, weights(case))
     return SIGMAS * math.sqrt(float(np.linalg.norm(covariance, 2, axis=(-2, -1)).max()))
 
@@ -36,7 +36,7 @@ def spread(case: Case) -> float:
 
 
 def correlated_spread(case: Case, correlation: Callable[[Floats], Floats]) -> float:
-    """The same for noise with a correlation over the lag [s]."""
+    """Standard deviation of an amplitude over that of noise with a correlation, which is a function of the lag [s]."""
     from scipy.linalg import matmul_toeplitz
 
     column = correlation(np.arange(weights(case).shape[1]) / case.rate)
@@ -45,13 +45,13 @@ def correlated_spread(case: Case, correlation: Callable[[Floats], Floats]) -> fl
 
 
 def largest_within(case: Case) -> float:
-    """Greatest error of an amplitude over that of any sample."""
+    """Greatest error of an amplitude over the greatest error of a sample."""
     return _largest(case.frequency, case.dwell, case.rate)
 
 
 @functools.lru_cache(maxsize=8)
 def _largest(frequency: float, dwell: float, rate: float) -> float:
-    # Sum of |weights| seen from a direction is convex: around the circle it is below that at a polygon's corners.
+    # The sum of |weights| along a direction is convex, so around the circle it is below that at a polygon's corners.
     angles = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     seen = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ _weights(frequency, dwell, rate)
     return float(np.abs(seen).sum(axis=1).max()) / math.cos(np.pi / 2 / DIRECTIONS)
@@ -65,12 +65,12 @@ def largest_tone(case: Case, frequency: float) -> float:
 
 
 def weights(case: Case) -> Floats:
-    """(2, n): from the samples of a dwell to cosine and sine, as they are fitted. Raises EstimateError."""
+    """Weights (2, n) of the samples of a dwell in the fitted cosine and sine. Raises EstimateError."""
     return _weights(case.frequency, case.dwell, case.rate)
 
 
 @functools.lru_cache(maxsize=8)
 def _weights(frequency: float, dwell: float, rate: float) -> Floats:
     times = np.arange(max(1, round(dwell * rate))) / rate
-    amplitudes(times, np.zeros((1, len(times))), frequency)  # refuses what a fit refuses
+    amplitudes(times, np.zeros((1, len(times))), frequency)  # raises where a fit raises
     return sine_columns(times, frequency).weights()

@@ -1,4 +1,4 @@
-"""What the steps of a converter do to fitted amplitudes."""
+"""Errors of fitted amplitudes by the steps of a converter."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from palpate.simulators.physics.effect import Case, Floats
 from palpate.simulators.physics.stages import ConverterEffect
 from palpate.simulators.randomness import Stream
 
-TRIED = 64  # phases, and numbers of the noise, in which samples are converted
-FEW = 8.0  # steps: a film that spans no more is rounded alike in every cycle
-FLIPS = 3  # samples that may be rounded otherwise at most, of a change that seldom does that
-SELDOM = 1e-9  # what is less likely does not happen
-LARGEST = 1 << 21  # numbers at once
+TRIED = 64  # phases and draws of the noise with which samples are converted
+FEW = 8.0  # steps; a film that spans no more is rounded alike in every cycle
+FLIPS = 3  # samples at most that a small change rounds to another step
+SELDOM = 1e-9  # probability of what is taken not to happen
+LARGEST = 1 << 21  # numbers in memory at once
 MARGIN = 0.99
 GOLDEN = (math.sqrt(5) - 1) / 2
 
@@ -29,10 +29,11 @@ def reaches_rail(volts: float) -> bool:
 
 
 def steps(case: Case, converter: ConverterEffect, volts: Floats, noise: float) -> float:
-    """Greatest change of an amplitude by rounding samples (phases, n), beside `noise` of each sample [V].
+    """Greatest change of an amplitude [V] by rounding samples (phases, n) with `noise` [V] in each sample.
 
-    Half a step in every sample is the worst; tried for some phases, the errors scatter, and six standard deviations of
-    them are less. A film of a few steps without noise is rounded alike in every cycle: for it the worst counts.
+    Half a step in every sample is the worst case. Tried for some phases, the errors scatter, and six standard
+    deviations of them are less. A film that spans few steps and has no noise is rounded alike in every cycle, so for it
+    the worst case counts.
     """
     worst = 0.5 * _step(converter) * largest_within(case)
     if _few(converter, volts, noise):
@@ -43,9 +44,15 @@ def steps(case: Case, converter: ConverterEffect, volts: Floats, noise: float) -
 def step_changes(
     case: Case, converter: ConverterEffect, before: Floats, after: Floats, factor: Complexes, noise: float, more: float
 ) -> float:
-    """The same for samples (phases, n) and others, whose phasors are `factor` (phases,) times theirs.
+    """Greatest change by rounding [V] of the difference of samples (phases, n) before and after.
 
-    noise: of each sample of both, more: of the others alone [V].
+    Args:
+        case: the measurement.
+        converter: the converter.
+        before, after: (phases, n), samples [V].
+        factor: (phases,), phasors after over phasors before.
+        noise: noise of each sample of both [V].
+        more: noise of the samples after alone [V].
     """
     times = float(np.abs(factor).max())
     worst = 0.5 * (1 + times) * _step(converter) * largest_within(case)
@@ -64,13 +71,13 @@ def step_changes(
 
 
 def _flips(expected: float) -> int:
-    """So many samples at most are rounded otherwise, where `expected` are in the mean."""
+    """Greatest number of samples that are rounded to another step, if the mean number is `expected`."""
     likely = (count for count in range(FLIPS) if expected ** (count + 1) / math.factorial(count + 1) < SELDOM)
     return next(likely, FLIPS)
 
 
 def _step(converter: ConverterEffect) -> float:
-    """[V]."""
+    """Step of the converter [V]."""
     return 2 * max(RANGE_VOLTS) / 2.0**converter.bits
 
 
@@ -79,12 +86,12 @@ def _few(converter: ConverterEffect, volts: Floats, noise: float) -> bool:
 
 
 def _phases(volts: Floats) -> Floats:
-    """That are tried: by the golden section, as samples may come in any whole number a cycle."""
+    """Phases that are tried, spaced by the golden section, because a cycle may have any whole number of samples."""
     return GOLDEN * np.arange(max(4, min(TRIED, LARGEST // volts.shape[1]))) % 1
 
 
 def _tried(volts: Floats, noise: float) -> Floats:
-    """Samples in these phases: the constant and what turns with the phase."""
+    """Samples in the tried phases, from a constant and the part that turns with the phase."""
     known, asked = np.arange(len(volts)) / len(volts), _phases(volts)
     weights = 1 + 2 * np.cos(2 * math.pi * (asked[:, np.newaxis] - known))
     chosen = weights / len(volts) @ volts
@@ -98,19 +105,19 @@ def _normal(name: str, count: int) -> Floats:
 
 
 def _errors(case: Case, converter: ConverterEffect, volts: Floats) -> Complexes:
-    """Of the phasors."""
+    """Errors of the phasors by rounding."""
     full = max(RANGE_VOLTS)
     return fitted(case, converter.convert(volts / full)[0] * full - volts)
 
 
 def _six(errors: Complexes) -> float:
-    """Standard deviations, along the worst direction."""
+    """Six standard deviations of errors along the worst direction."""
     parts = np.stack([errors.real, errors.imag], axis=-1)
     return SIGMAS * float(np.linalg.norm(parts, 2)) / math.sqrt(len(parts))
 
 
 def _heaviest(case: Case, alone: bool) -> float:
-    """What one sample weighs, or all that lie in the same phase of the drive."""
+    """Weight in an amplitude of one sample, or of all samples at the same phase of the drive."""
     each = np.hypot(*weights(case))
     if alone:
         return float(each.max())

@@ -1,4 +1,4 @@
-"""One side of a comparison: the films of a scene over a dwell as a rig follows it, without what is drawn at random."""
+"""One side of a comparison: the films of a scene over a dwell, followed by a rig, without random parts."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ class Side:
     """A scene at the moment of the dwell.
 
     Attributes:
-        linear: the phases between those that were followed are superposed.
-        volts: (phases, films, n) V, at unit gains.
-        passed, added: phasors (phases, films) of what passes the gains that scatter, and of what is added behind them.
-        scatter: greatest relative change of each film's gain (films,).
+        linear: whether phases between those that were followed are superpositions.
+        volts: (phases, films, n), voltages at unit gains [V].
+        passed, added: (phases, films), phasors of the part that passes the scattering gains, and of the part behind
+            them.
+        scatter: (films,), greatest relative change of each film's gain.
     """
 
     effects: Effects
@@ -41,12 +42,12 @@ class Side:
         return self.dwell.rates(self.linear)
 
     def rates(self, film: int) -> Rates:
-        """Of a film in each phase, its gain at its greatest (phases, n) [V/s]."""
+        """Rates (phases, n) [V/s] of a film with its greatest gain."""
         return lambda: np.asarray((1 + self.scatter[film]) * self._rates[:, film])
 
 
 def sides(case: Case, without: Effects, with_it: Effects, moment: float) -> tuple[Side, Side]:
-    """The scene with the one effects and with the other; a leak is what it is at a moment [s]."""
+    """The scene without and with an effect. A leak is held at its value at a moment [s]."""
     followed = [certain(effects, moment) for effects in (without, with_it)]
     linear = all(case.follow(each).linear for each in followed)
     before, after = (_side(case, *each, moment, linear) for each in zip((without, with_it), followed, strict=True))
@@ -66,19 +67,19 @@ def _side(case: Case, effects: Effects, followed: Effects, moment: float, linear
 
 
 def certain(effects: Effects, moment: float) -> Effects:
-    """What a rig follows at a moment [s]."""
+    """The effects that a rig follows at a moment [s]."""
     found, leak = deterministic(effects), effects.leak
     return found if leak is None else found.including(leak.held(leak.conductance(leak.middle(moment))))
 
 
 def reach(case: Case, effects: Effects) -> Floats:
-    """Greatest relative change of each film's gain, where gains scatter (films,)."""
+    """Greatest relative change (films,) of each film's gain by scatter."""
     scatter = effects.scattering.scatter if effects.scattering else None
     return np.array([SIGMAS * (scatter or 0.0) * film.scatter for film in case.design.films])
 
 
 def moments(case: Case, effects: Effects) -> Iterator[float]:
-    """When a scene is looked at [s]: by a leak the drive may begin under other time constants than the dwell ends."""
+    """Moments at which a scene is examined [s]; a leak may change time constants before the dwell."""
     last = case.settled + case.dwell
     yield last
     leak, amplifier = effects.leak, effects.amplifier
@@ -91,7 +92,7 @@ def moments(case: Case, effects: Effects) -> Iterator[float]:
 
 
 def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float, volts: Floats) -> Floats:
-    """What a leak that changes within the dwell adds to films under a held one (phases, films, n) [V]."""
+    """Voltages (phases, films, n) that a leak which changes within the dwell adds to those with a held leak [V]."""
     amplifier = effects.amplifier
     if amplifier is None:
         return np.zeros_like(volts)
@@ -114,7 +115,10 @@ def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float, vol
 
 
 def _between(volts: Floats, decays: Floats, held: Floats, step: float) -> Floats:
-    """What is missing of y' = u' - decays y, `volts` being y' = u' - held y: d' = -decays d - (decays - held) y."""
+    """Difference d of the solution of y' = u' - decays y from `volts`, which solve y' = u' - held y.
+
+    It solves d' = -decays d - (decays - held) y.
+    """
     found = np.zeros_like(volts)
     if np.array_equal(decays, np.broadcast_to(held, decays.shape)):
         return found
@@ -127,5 +131,5 @@ def _between(volts: Floats, decays: Floats, held: Floats, step: float) -> Floats
 
 
 def deterministic(effects: Effects) -> Effects:
-    """Those that a rig follows and draws no numbers for."""
+    """The effects that a rig follows without drawing random numbers."""
     return effects.but(*effects.input, effects.scattering, effects.converter)

@@ -16,8 +16,8 @@ from palpate.simulators.physics.stages import ConverterEffect
 class Adc(ConverterEffect):
     """Rounds to 2**bits steps over plus and minus the range, and saturates with a flag.
 
-    Without this effect the samples are still rounded to the 16 bits that travel on the bus, and end at their rail. Its
-    bound compares with samples that are not rounded at all.
+    Without this effect samples are still rounded to the 16 bits of the bus and end at their rail. Its bound compares
+    with samples that are not rounded at all.
     """
 
     kind: ClassVar[Kind] = "static_nl"

@@ -14,7 +14,7 @@ from palpate.simulators.physics.stages import ShakerEffect
 
 
 class AmplifierClip(ShakerEffect):
-    """Voltage at the coil between plus and minus the rail."""
+    """Limits the voltage at the coil to plus and minus the rail."""
 
     kind: ClassVar[Kind] = "static_nl"
     cancels_in_ratio: ClassVar[bool] = True

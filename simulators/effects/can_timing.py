@@ -1,4 +1,4 @@
-"""Frames take their time on the CAN bus, and a SYNC period holds so many and no more."""
+"""Frames take time on the CAN bus, and only a limited number fits into a SYNC period."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ SDO_BYTES = 8
 class CanTiming(CanEffect):
     """A classic bus with 11-bit identifiers.
 
-    At each SYNC the nodes' frames go out in the order of their identifiers; those that the next SYNC overtakes are
-    lost, because a node keeps the newest alone [A]. An SDO transfer waits until they are through, or for that SYNC,
-    and takes its request and its answer. Heartbeats, emergencies and NMT commands take no time: they are few.
+    At each SYNC the nodes' frames are sent in the order of their identifiers. Frames that the next SYNC overtakes are
+    lost, because a node keeps only the newest [A]. An SDO transfer waits until the frames are through, or for that
+    SYNC, and then takes the time of its request and answer. Heartbeats, emergencies and NMT commands are few and take
+    no time.
     """
 
     kind: ClassVar[Kind] = "timing"
@@ -32,7 +33,7 @@ class CanTiming(CanEffect):
     stuffing: Literal["worst", "mean"] = "worst"
 
     def frame_ns(self, size: int) -> int:
-        """What a frame of `size` data bytes takes with the gap behind it."""
+        """Time [ns] of a frame of `size` data bytes with the gap after it."""
         return round(1e9 * (47 + 8 * size + stuff_bits(size, self.stuffing)) / self.bitrate)
 
     def burst(self, frames: Sequence[tuple[int, int]], period_ns: int) -> tuple[list[int], int]:
@@ -49,7 +50,7 @@ class CanTiming(CanEffect):
         return 2 * self.frame_ns(SDO_BYTES)
 
     def known_bound(self, case: Case) -> Bound:
-        """When something is done does not change what comes of it; but lost samples can change anything."""
+        """Timing alone does not change results, but lost samples can change anything."""
         nodes = math.ceil(len(case.design.films) / CHANNELS)
         change = 0.0 if bus_load(nodes, case.rate, self.bitrate) <= 1 else math.inf
         return Bound(change, change)

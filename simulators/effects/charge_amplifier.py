@@ -16,8 +16,8 @@ from palpate.simulators.physics.stages import AmplifierEffect
 class ChargeAmplifier(AmplifierEffect):
     """First-order high-pass. Equal time constants cancel in the force ratio.
 
-    Its input is a virtual ground, so a leak of the film leaves the time constant alone; but it amplifies the input's
-    own offset, which is trimmed for a film that does not leak.
+    Its input is a virtual ground, so a leak of the film does not change the time constant. But a leak amplifies the
+    input's offset, which is trimmed for a film without leak.
     """
 
     kind: ClassVar[Kind] = "lti"

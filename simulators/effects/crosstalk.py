@@ -15,10 +15,10 @@ from palpate.simulators.randomness import Stream
 
 
 class Crosstalk(FilmsEffect):
-    """The film under a tooth takes a part of what the films under the teeth beside it take.
+    """The film under a tooth takes a part of the force on the films under neighbouring teeth.
 
-    Teeth beside each other are one pitch apart along a row or a column: four at most. Up to a part of 0.24 the matrix
-    is diagonally dominant, so that forces can be told from voltages with arrays of any size.
+    Neighbours are one pitch apart along a row or a column, so there are four at most. Up to a part of 0.24 the matrix
+    is diagonally dominant, so that forces can be computed from voltages with arrays of any size.
     """
 
     kind: ClassVar[Kind] = "lti"

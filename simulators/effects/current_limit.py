@@ -14,7 +14,7 @@ from palpate.simulators.physics.stages import ShakerEffect
 
 
 class CurrentLimit(ShakerEffect):
-    """Current in the coil between plus and minus the limit."""
+    """Limits the current in the coil to plus and minus the limit."""
 
     kind: ClassVar[Kind] = "static_nl"
     cancels_in_ratio: ClassVar[bool] = True

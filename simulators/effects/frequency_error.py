@@ -1,4 +1,4 @@
-"""The generator counts: it gives the nearest frequency that its accumulator has."""
+"""The generator gives the nearest frequency of its accumulator."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from palpate.simulators.physics.stages import DriveEffect
 
 
 class FrequencyError(DriveEffect):
-    """Direct digital synthesis: a word W is added at each tick of the clock, and gives W clock / 2**bits.
+    """Direct digital synthesis: adding a word W at each tick of the clock gives W clock / 2**bits.
 
-    With 28 bits and 25 MHz a step is 93 mHz, and 10 Hz comes as 9.9652 Hz. A frequency below half a step comes as none.
+    With 28 bits and 25 MHz a step is 93 mHz, and 10 Hz becomes 9.9652 Hz. A frequency below half a step becomes 0.
     """
 
     kind: ClassVar[Kind] = "lti"

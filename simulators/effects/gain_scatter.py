@@ -1,4 +1,4 @@
-"""Each load set meets the films with slightly other gains: seating, clamping, alignment."""
+"""In each load set the films have slightly different gains, by seating, clamping and alignment."""
 
 from __future__ import annotations
 

@@ -15,10 +15,10 @@ EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by 
 
 
 class HumidityLeak(LeakEffect):
-    """The resistance across films falls from `dry` to `wet` from the bench's opening on, by equal parts in equal times.
+    """The resistance across films falls exponentially from `dry` to `wet`, from the bench's opening on.
 
-    A charge amplifier gives an offset, a voltage amplifier loses low frequencies; without an amplifier nothing loads
-    the films.
+    A charge amplifier then gives an offset, and a voltage amplifier loses low frequencies. Without an amplifier nothing
+    loads the films.
     """
 
     kind: ClassVar[Kind] = "ltv"

@@ -19,7 +19,7 @@ from palpate.simulators.randomness import Stream
 class Jitter(InputEffect):
     """Adds the signal's rate times a normal delay: independent for each sample of each channel.
 
-    What the first order leaves out is (2 pi f delay)^2 / 2 of the amplitude: 2e-7 at 10 Hz.
+    The neglected second order is (2 pi f delay)^2 / 2 of the amplitude: 2e-7 at 10 Hz.
     """
 
     kind: ClassVar[Kind] = "additive"
@@ -31,7 +31,7 @@ class Jitter(InputEffect):
     delay: Seconds = Field(default=10e-6, ge=0, le=1e-3)
 
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
-        """What the delays change, shape (n,)."""
+        """Voltages (n,) by which the delays change the samples [V]."""
         moving = rates()
         if not moving.any():
             return moving  # a channel without a film costs nothing

@@ -15,9 +15,9 @@ from palpate.simulators.randomness import Stream
 
 
 class LoadCell(CellEffect):
-    """What the display makes of the load: zero offset, noise, and steps of one count; creep and position where asked.
+    """The display of the load: zero offset, noise and steps of one count, and on request creep and position.
 
-    The offset is the display's own, behind its detector: it stands in static and in peak-to-peak readings.
+    The offset is the display's own, behind its detector, so it is in static and in peak-to-peak readings.
     """
 
     kind: ClassVar[Kind] = "static_nl"
@@ -57,5 +57,5 @@ class LoadCell(CellEffect):
         return round(ideal_mV + 1e3 * (self.zero + noise), self.decimals)
 
     def known_bound(self, case: Case) -> Bound:
-        """The films do not pass the load cell; it shows in what load is read, and set."""
+        """The films' signals do not pass the load cell; it changes only which load is read and set."""
         return Bound(0.0, 0.0)

@@ -49,7 +49,7 @@ class MainsHum(InputEffect):
         return values[start:end]
 
     def error(self, case: Case, rates: Rates) -> float:
-        """What the fit makes of the hum at its worst phase [V]: the trend's share alone over whole cycles of both."""
+        """Greatest change of an amplitude by hum [V]; over whole cycles of both only the trend lets some through."""
         return self.amplitude * largest_tone(case, self.frequency)
 
     def largest(self, case: Case, rates: Rates) -> float:

@@ -16,7 +16,7 @@ from palpate.simulators.randomness import Stream
 
 
 class OffAxis(FilmsEffect):
-    """Every film feels cos(angle) of the load, and what its lateral part sin(angle) makes by d31."""
+    """Every film takes cos(angle) of the load, and by d31 a signal of its lateral part sin(angle)."""
 
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""1/f noise of the amplifiers: one Ornstein-Uhlenbeck process a decade."""
+"""1/f noise of the amplifiers: one Ornstein-Uhlenbeck process for each decade."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from palpate.simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
-ROW = 64  # points of a grid that one row of a product makes
+ROW = 64  # points of a grid in one row of a product
 KEPT = 64  # sets of weights
-FORGOTTEN = 1e-16  # of a process, that what came before a block may still make of it
+FORGOTTEN = 1e-16  # of a process: a smaller remainder from before a block is neglected
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +31,10 @@ class Process:
     """One Ornstein-Uhlenbeck process.
 
     Attributes:
-        corner: [Hz].
-        passed: what of it, in amplitude, is below half the sample rate.
-        step: of its grid, in samples: a power of two, so that the grids of slower processes lie on it.
-        decay: it falls by exp(-decay) in a step.
+        corner: corner frequency [Hz].
+        passed: share of its amplitude that is below half the sample rate.
+        step: step of its grid [samples], a power of two, so that the grids of slower processes are parts of it.
+        decay: the process falls by exp(-decay) in a step.
     """
 
     corner: float
@@ -44,12 +44,12 @@ class Process:
 
 
 class PinkNoise(InputEffect):
-    """Power density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate; independent on each channel.
+    """Noise with a density as 1/f, within 10 % from 1 mHz to a tenth of the sample rate; independent on each channel.
 
-    An anti-alias filter at half the sample rate is assumed: of a process above it leaves the flat part below.
-    A process is known on a grid, some 16th of its time constant or the sample period where that is longer, and is a
-    straight line between the points. Those of one grid are summed: an autoregressive moving average of the numbers of
-    one stream. So any time is reached without stepping there.
+    An anti-alias filter at half the sample rate is assumed; of a process above it the flat part below remains. A
+    process is computed on a grid, with a step of about a 16th of its time constant, or of the sample period where that
+    is longer, and is a straight line between the points. Processes of one grid are summed: they are an autoregressive
+    moving average of one stream's numbers. So any time is reached without stepping there.
     """
 
     kind: ClassVar[Kind] = "additive"
@@ -82,7 +82,7 @@ class PinkNoise(InputEffect):
         return SIGMAS * self._deviation() * math.hypot(*(process.passed for process in _processes(case.rate)))
 
     def _deviation(self) -> float:
-        """Of each process [V]. Processes of variance s^2, one a decade, add up to a density of s^2 / (ln 10 f)."""
+        """Standard deviation of each process [V]; one in each decade, of variance s^2, gives s^2 / (ln 10 f)."""
         return self.density * math.sqrt(math.log(10) * self.corner)
 
 
@@ -100,9 +100,10 @@ def _processes(rate: float) -> tuple[Process, ...]:
 
 @dataclass(frozen=True)
 class Grid:
-    """The sum of the processes that have a step [samples] in common.
+    """The sum of the processes with the same step [samples].
 
-    falls, shares: (k,) a number of its stream gives the sum of shares * falls**n, n steps later.
+    Attributes:
+        falls, shares: (k,), a number of the stream adds the sum of shares * falls**n, n steps later.
     """
 
     step: int
@@ -112,13 +113,13 @@ class Grid:
 
 @functools.cache
 def _grids(rate: float) -> tuple[Grid, ...]:
-    """At a rate of samples a second, finest first."""
+    """Grids at a rate of samples a second, the finest first."""
     together = itertools.groupby(_processes(rate), key=lambda process: process.step)
     return tuple(_grid(step, tuple(processes)) for step, processes in together)
 
 
 def _grid(step: int, processes: Sequence[Process]) -> Grid:
-    """Processes with the powers p (1 - a^2) / |1 - a z|^2 add up to |c(z)|^2 over the product of |1 - a z|^2."""
+    """Grid of processes of powers p (1 - a^2) / |1 - a z|^2: in sum |c(z)|^2 over the product of |1 - a z|^2."""
     falls = np.exp([-process.decay for process in processes])
     numerator = np.zeros(len(processes))  # over powers of w = z + 1 / z, highest first: |1 - a z|^2 = 1 + a^2 - a w
     for k, process in enumerate(processes):
@@ -135,7 +136,7 @@ def _grid(step: int, processes: Sequence[Process]) -> Grid:
 
 
 class _Sum:
-    """Of all processes from a grid on, at its points; `deviation`: of each process."""
+    """Sum of all processes from a grid on, at its points. `deviation` is that of each process."""
 
     def __init__(self, stream: Stream, deviation: float, grids: Sequence[Grid]) -> None:
         self._grid = replace(grids[0], shares=tuple(deviation * share for share in grids[0].shares))
@@ -144,17 +145,17 @@ class _Sum:
         self._coarser = _Sum(stream, deviation, grids[1:]) if len(grids) > 1 else None
 
     def values(self, first: int, count: int) -> Floats:
-        """At points `first` to `first + count - 1`, shape (count,)."""
+        """Values (count,) at the points from `first` on."""
         return cut(self._block, first, count)
 
     def _block(self, number: int) -> Floats:
         return self._blocks[number] if number in self._blocks else keep(self._blocks, number, self._found(number))
 
     def _found(self, number: int) -> Floats:
-        """Each block starts afresh from what the numbers before it leave: a value depends on nothing else asked."""
+        """Points of a block, from its own numbers and those before it alone, whatever else is asked for."""
         ratio = self._coarser._grid.step // self._grid.step if self._coarser else None
         weights = _weights(self._grid, ratio)
-        # Block 0 of the stream is before all blocks of the grid.
+        # Block 0 of the stream comes before all blocks of the grid.
         before, own = (self._stream.block(each).reshape(-1, ROW) for each in (number, number + 1))
         left = np.concatenate([before[-weights.before :], own]) @ weights.left
         others = [np.matmul(weights.passed_on, left.T[..., np.newaxis])[..., 0].T]
@@ -169,11 +170,14 @@ class _Sum:
 
 @dataclass(frozen=True)
 class _Weights:
-    """By which numbers become the points of a grid, row by row.
+    """Weights by which numbers become the points of a grid, row by row.
 
-    own: (ROW, ROW) of the row's own numbers. left: (ROW, k) of these in what is left at its end. before: so many rows
-    later that is forgotten. passed_on: (k, rows, before + rows) of what all rows leave in what each begins with.
-    others: (k + p, ROW) of what it begins with, and of p points of the next coarser grid, which lines join.
+    Attributes:
+        own: (ROW, ROW), weights of the row's own numbers.
+        left: (ROW, k), weights of these numbers in the state at the row's end.
+        before: number of rows after which that state is forgotten.
+        passed_on: (k, rows, before + rows), weights of all rows' states in the state with which each row begins.
+        others: (k + p, ROW), weights of that first state, and of p points of the next coarser grid, which lines join.
     """
 
     own: Floats
@@ -203,7 +207,7 @@ def _weights(grid: Grid, ratio: int | None) -> _Weights:
 
 
 def _lines(ratio: int) -> Floats:
-    """Weights (ROW / ratio + 1, ROW) of points on the straight lines between them, `ratio` values from each on."""
+    """Weights (ROW / ratio + 1, ROW) of points in the values on the lines between them, `ratio` for each line."""
     points = np.arange(ROW // ratio + 1)[:, np.newaxis]
     weights: Floats = np.maximum(1 - np.abs(np.arange(ROW) / ratio - points), 0.0)
     return weights

@@ -15,10 +15,10 @@ from palpate.simulators.physics.stages import SourceEffect
 
 
 class Pyroelectric(SourceEffect):
-    """The films warm up from the moment the bench is opened, at first by `drift`, in the end by drift times settling.
+    """The films warm up from the bench's opening on, at first by `drift`, in the end to drift times settling.
 
-    T' = drift + (ambient - T) / settling; the ambient is what an operator has set, 0 K as the bench is opened. Without
-    drift there is no effect, whatever is set.
+    T' = drift + (ambient - T) / settling. The ambient is set by the operator and is 0 K when the bench is opened.
+    Without drift there is no effect, whatever is set.
     """
 
     kind: ClassVar[Kind] = "additive"

@@ -1,4 +1,4 @@
-"""Characters take their time on the serial line, and frames are kept apart by silence."""
+"""Characters take time on the serial line, and silence separates frames."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ class SerialTiming(LineEffect):
         return size * character + max(SILENCE * character, SHORTEST_SILENCE)
 
     def known_bound(self, case: Case) -> Bound:
-        """When something is done does not change what comes of it."""
+        """Timing alone does not change results."""
         return Bound(0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Cables that move give a charge of their own, in step with the drive."""
+"""Moving cables give a charge of their own, in step with the drive."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.simulators.physics.stages import SourceEffect
 
 
 class Triboelectric(SourceEffect):
-    """Each film's cable moves with the load: its charge follows the force, and no averaging helps."""
+    """Each film's cable moves with the load, so its charge follows the force and does not average out."""
 
     kind: ClassVar[Kind] = "additive"
     cancels_in_ratio: ClassVar[bool] = False
@@ -30,7 +30,7 @@ class Triboelectric(SourceEffect):
         return gain(np.outer([self._volts(film) for film in design.films], [1.0, 1.0, 0.0, 0.0]))
 
     def _volts(self, film: Film) -> float:
-        """Of a film for each newton on the sensor [V/N]."""
+        """Voltage of a film for each newton on the sensor [V/N]."""
         return film.sensitivity * self.pickup
 
     @property

@@ -24,8 +24,9 @@ PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 class Viscoelastic(StackEffect):
     """E(s) = E (1 + sum of g / (1 - G) * tau s / (1 + tau s)), with E the sample's slow modulus and G the sum of g.
 
-    At 10 Hz rubber is 1.28 times as stiff as at rest: the slow modulus alone gives a ratio 11 to 15 % too small for the
-    thesis' samples [M]. A sample that is hard beside its ring loses most: there the object alone decides.
+    At 10 Hz rubber is 1.28 times as stiff as at rest; with the slow modulus alone the ratio of the thesis' samples
+    would be 11 to 15 % too small [M]. The difference is greatest for a sample that is hard beside its ring, where the
+    object alone decides.
     """
 
     kind: ClassVar[Kind] = "lti"
@@ -60,10 +61,11 @@ class Viscoelastic(StackEffect):
             return stack.elastic()
         g, tau = np.array(terms).T
         fast = g / (1 - g.sum())
-        # y = e(s) u by states x' = (u - x) / tau: e = 1 + sum of fast (1 - x / u).
+        # y = e(s) u with states x' = (u - x) / tau: e = 1 + sum of fast (1 - x / u).
         e = StateSpace(-np.diag(1 / tau), (1 / tau)[:, np.newaxis], -fast[np.newaxis], np.array([[1 + fast.sum()]]))
-        # Ring branch: object and ring in series, e / (share + (1 - share) e) of its slow stiffness. With w the
-        # compression of the ring, e acts on what is left: solved for w at every moment.
+        # Ring branch: object and ring in series, e / (share + (1 - share) e) of the slow stiffness. With w the
+        # compression of
+        # the ring, e acts on the rest of the compression; this is solved for w at every moment.
         share = stack.object_share
         a, b, c, d = e.a, e.b, e.c, float(e.d[0, 0])
         direct = share + (1 - share) * d

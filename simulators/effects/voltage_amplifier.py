@@ -17,7 +17,8 @@ from palpate.simulators.physics.stages import AmplifierEffect
 class VoltageAmplifier(AmplifierEffect):
     """Gain C / (C + cable) of each film's capacitance, and a high-pass of R (C + cable).
 
-    The films differ in capacitance, so it does not cancel in the force ratio. A leak lies across the input.
+    The films differ in capacitance, so the gain does not cancel in the force ratio. A leak is across the input.
+
     """
 
     kind: ClassVar[Kind] = "lti"

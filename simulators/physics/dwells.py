@@ -1,4 +1,4 @@
-"""What the films of a scene give over a dwell, without noise and steps, whatever the phase in which the drive began."""
+"""Films of a scene over a dwell, without noise and rounding, for every phase at which the drive may begin."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 from palpate.simulators.physics.parts import Touch
 
-STARTS = 3  # phases in which the drive begins: where the chain is linear, all others follow from them
+STARTS = 3  # phases at which the drive begins; where the chain is linear, all others follow from them
 PHASES = 12 * STARTS
-GONE = 30.0  # time constants, after which it does not matter how something began
+GONE = 30.0  # time constants after which the beginning no longer matters
 LIMITS = ("contact", "rail", "current", "stop")
 
-Seen = Callable[[Path, Times, slice], Floats]  # of a path at some times: its outputs, or their rates (films, n)
+Seen = Callable[[Path, Times, slice], Floats]  # gives the outputs of a path at some times, or their rates (films, n)
 
 
 class Driven(Protocol):
@@ -27,17 +27,19 @@ class Driven(Protocol):
 
     @property
     def path(self) -> Path:
-        """What follows from the present settings."""
+        """The motion that follows from the present settings."""
 
     def path_from(self, phase: int) -> Path:
-        """What would follow if the drive had begun so much later in its period [1/CYCLE], all else as it was."""
+        """The motion if the drive had begun later in its period by a phase [1/CYCLE], all else as it was."""
 
     def coil_voltage(self) -> Periodic:
         """The voltage at the shaker's coil."""
 
     def without_limits(self) -> tuple[StateSpace, list[int]]:
-        """From the inputs to film voltages and force on the load cell, (films + 1,), where no limit acts and each play
-        operator follows its force; and the plays' states."""
+        """System from the inputs to film voltages and force on the load cell (films + 1,), and its plays' states.
+
+        No limit acts in it, and each play operator follows its force.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +47,13 @@ class Dwell:
     """The films over a dwell, of a rig whose drive has just been set.
 
     Attributes:
-        times: of the samples (n,) [ns].
-        films: how many.
-        period: of the drive [ns].
-        starts: what follows where the drive begins in each of some phases; where `limited`, up to the first that is.
-        linear: nothing changes state up to the dwell's end: not even a play operator moves.
-        limited: contact is lost, or a limit acts. Then nothing more is followed.
+        times: (n,), times of the samples [ns].
+        films: number of films.
+        period: period of the drive [ns].
+        starts: motion for each of some phases at which the drive begins; where `limited`, up to the first one that is
+            limited.
+        linear: whether there is no transition up to the dwell's end, not even of a play operator.
+        limited: whether contact is lost or a limit acts; then nothing more is followed.
     """
 
     times: Times
@@ -62,11 +65,11 @@ class Dwell:
     _known: dict[tuple[Seen, bool], Floats] = field(default_factory=dict, init=False)
 
     def volts(self, linear: bool) -> Floats:
-        """Voltages in each phase of the drive (phases, films, n) [V]; `linear`: by superposition."""
+        """Voltages (phases, films, n) [V] for each phase of the drive; `linear`: by superposition."""
         return self._seen(Path.outputs, linear)
 
     def rates(self, linear: bool) -> Floats:
-        """Rates of the same [V/s]."""
+        """Rates of these voltages [V/s]."""
         return self._seen(Path.rates, linear)
 
     def _seen(self, what: Seen, linear: bool) -> Floats:
@@ -75,14 +78,14 @@ class Dwell:
         return self._known[what, linear]
 
     def _superposed(self, what: Seen) -> Floats:
-        """From what begins in each of some phases: a constant, and what turns with the phase."""
+        """A constant and the part that turns with the phase, from the motion for each of some phases."""
         starts = np.stack([what(path, self.times, slice(0, self.films)) for path in self.starts])
         apart = np.arange(PHASES)[:, np.newaxis] / PHASES - np.arange(len(starts)) / len(starts)
         weights = (1 + 2 * np.cos(2 * math.pi * apart)) / len(starts)
         return np.asarray(np.tensordot(weights, starts, 1))
 
     def _shifted(self, what: Seen) -> Floats:
-        """Other phases are what follows a little later."""
+        """Motion for other phases, as the motion a little later."""
         count = PHASES // len(self.starts)
         later = self.times + np.arange(count)[:, np.newaxis] * (self.period // PHASES)
         order = np.argsort(later.ravel(), kind="stable")
@@ -94,7 +97,7 @@ class Dwell:
 
 
 def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float) -> Dwell:
-    """`settled` s after the drive was set, for `dwell` s, `rate` samples a second."""
+    """Films over a dwell [s], from `settled` [s] after the drive was set, at `rate` samples a second."""
     times = (round(settled * rate) + np.arange(max(1, round(dwell * rate)))) * round(1e9 / rate)
     end_ns = round(1e9 * (settled + dwell))
     frequency = rig.coil_voltage().frequency
@@ -107,13 +110,13 @@ def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float)
                 return Dwell(times, films, period, starts, linear=False, limited=True)
             linear = linear and touch == Touch(drag=(0,) * len(touch.drag))
         if not linear and _settled(rig, films, settled):
-            del starts[1:]  # all other phases come later
+            del starts[1:]  # later times give all other phases
             break
     return Dwell(times, films, period, starts, linear, limited=False)
 
 
 def _settled(rig: Driven, films: int, settled: float) -> bool:
-    """Whether all that films see but the plays, which forget in a period, has forgotten how the drive began."""
+    """Whether everything that films see, except plays, has forgotten how the drive began."""
     system, plays = rig.without_limits()
     seen = (system.c[:films] != 0).any(axis=0)
     for _ in range(system.order):
@@ -123,17 +126,17 @@ def _settled(rig: Driven, films: int, settled: float) -> bool:
 
 
 def begun(rig: Driven, starts: int) -> Iterator[Path]:
-    """What follows where the drive that was just set begins in each of some phases."""
+    """Motion for each of some phases at which the drive that was just set begins."""
     yield rig.path
     for start in range(1, starts):
         yield rig.path_from(CYCLE * start // starts)
 
 
 def touched(path: Path, end_ns: int) -> Iterator[Touch]:
-    """All that touches from the beginning up to a time, each as it is found."""
+    """All combinations of what touches, from the beginning up to a time, each as it is found."""
     return (mode.touch for mode in path.modes_met(end_ns))
 
 
 def met(touch: Touch, names: Sequence[str]) -> bool:
-    """Whether any of these limits is met, or contact lost."""
+    """Whether any of these limits is met, or contact is lost."""
     return any(getattr(touch, name) != getattr(Touch(), name) for name in names)

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from palpate.simulators.physics.dwells import Driven, Dwell
 
 Floats = npt.NDArray[np.float64]
-Rates = Callable[[], Floats]  # of a film in some phases of the drive (p, n) [V/s]
+Rates = Callable[[], Floats]  # gives rates (p, n) [V/s] of a film in some phases of the drive
 Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Greatest relative change of a result that leaving an effect out can make; inf where nothing holds."""
+    """Greatest relative change of a result when an effect is left out; inf where there is no bound."""
 
     force: float
     ratio: float
@@ -31,16 +31,16 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A measurement at a set load that a bound is asked for.
+    """A measurement at a set load, for which a bound is asked.
 
     Attributes:
-        frequency: of the drive [Hz].
-        dwell: of the least-squares fit [s].
+        frequency: frequency of the drive [Hz].
+        dwell: dwell of the least-squares fit [s].
         rate: samples a second.
-        settled: how long the drive was on before the dwell [s].
-        effects: that the scene simulates, by name.
-        driven: a bench with these effects whose drive has just been set for the load.
-        follow: what the films of such a bench give over the dwell.
+        settled: time for which the drive was on before the dwell [s].
+        effects: simulated effects by name.
+        driven: function that gives a bench with some effects, whose drive has just been set for the load.
+        follow: function that gives the films of such a bench over the dwell.
     """
 
     design: Design

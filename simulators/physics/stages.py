@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class DriveEffect(Effect, ABC):
-    """Changes the frequency that the generator gives."""
+    """Changes the generator's frequency."""
 
     @abstractmethod
     def frequency(self, nominal: int) -> int:
-        """Frequency for a nominal one, both integer nHz."""
+        """Frequency in place of the nominal one, both in integer nHz."""
 
 
 class ShakerEffect(Effect, ABC):
@@ -41,15 +41,15 @@ class ShakerEffect(Effect, ABC):
 
 
 class StackEffect(Effect, ABC):
-    """Changes how object and sensor yield."""
+    """Changes the springs of object and sensor."""
 
     @abstractmethod
     def stack(self, stack: Stack) -> StateSpace:
-        """From the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the other."""
+        """System from the compressions over tooth and ring [m] to the forces on them [N]; neither acts on the other."""
 
 
 class HysteresisEffect(Effect, ABC):
-    """Makes what the films feel depend on what went before."""
+    """Makes the films' force depend on its history."""
 
     path: str
 
@@ -63,12 +63,12 @@ class FilmsEffect(Effect, ABC):
 
     @property
     def scatter(self) -> float | None:
-        """Spread of gains that each load set draws anew, as a multiple of the design's own; None: they stay."""
+        """Spread of gains that each load set draws anew, over the design's own spread; None: gains stay."""
         return None
 
     @abstractmethod
     def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
-        """What the films' signals are multiplied with, (films, films); `set_at_ns`: when the drive was set."""
+        """Matrix (films, films) by which the films' signals are multiplied; `set_at_ns`: when the drive was set."""
 
 
 class SourceEffect(Effect, ABC):
@@ -76,21 +76,21 @@ class SourceEffect(Effect, ABC):
 
     @abstractmethod
     def source(self, design: Design, ambient: float = 0.0) -> StateSpace:
-        """From tooth force, ring force, the plays' force [N] and the constant 1 to what is added, (films,) [V].
+        """System from tooth force, ring force, plays' force [N] and the constant 1 to added voltages (films,) [V].
 
-        ambient: so much warmer are the surroundings than they were as the bench was opened [K].
+        `ambient` is how much warmer the surroundings are than when the bench was opened [K].
         """
 
 
 class AmplifierEffect(Effect, ABC):
-    """What a film's signal meets first."""
+    """The amplifier of a film's signal."""
 
     @abstractmethod
     def system(self, film: Film, design: Design, leakage: float) -> StateSpace:
-        """One input, one output, one state, for a conductance across the film [S]."""
+        """System with one input, one output and one state, for a conductance across the film [S]."""
 
     def offset(self, film: Film, design: Design, leakage: float) -> float:
-        """Of the output [V]."""
+        """Offset of the output [V]."""
         return 0.0
 
 
@@ -100,18 +100,18 @@ class LeakEffect(Effect, ABC):
     @property
     @abstractmethod
     def epoch_ns(self) -> int:
-        """For so long it may be taken as constant."""
+        """Time for which the leak may be taken as constant [ns]."""
 
     @abstractmethod
     def conductance(self, time: float) -> float:
-        """[S] at a time since the bench was opened [s]."""
+        """Conductance [S] at a time since the bench was opened [s]."""
 
     @abstractmethod
     def held(self, conductance: float) -> LeakEffect:
-        """The same where it always is `conductance` [S]."""
+        """The same leak with a constant conductance [S]."""
 
     def middle(self, time: float) -> float:
-        """Of the epoch in which a time is [s]."""
+        """Middle of the epoch that holds a time [s]."""
         return (round(1e9 * time) // self.epoch_ns + 0.5) * self.epoch_ns * 1e-9
 
 
@@ -120,7 +120,7 @@ class InputEffect(Effect, ABC):
 
     Attributes:
         common: whether it is the same on all channels of a node.
-        follows: whether it comes with the rates of the channel's own signal.
+        follows: whether it is proportional to the rate of the channel's own signal.
     """
 
     common: ClassVar[bool] = False
@@ -128,9 +128,9 @@ class InputEffect(Effect, ABC):
 
     @abstractmethod
     def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
-        """Voltages at integer multiples of the sample period after the bench was opened, shape (n,).
+        """Voltages (n,) [V] at integer multiples of the sample period after the bench was opened.
 
-        rates: gives the rate of the channel's own signal there [V/s].
+        `rates` gives the rate of the channel's own signal there [V/s].
         """
 
     @abstractmethod
@@ -143,7 +143,7 @@ class InputEffect(Effect, ABC):
 
 
 class ConverterEffect(Effect, ABC):
-    """The converter of the sensor nodes. `bits`: of its samples."""
+    """The converter of the sensor nodes. `bits` is the number of bits of a sample."""
 
     bits: int
 
@@ -153,35 +153,35 @@ class ConverterEffect(Effect, ABC):
 
 
 class CanEffect(Effect, ABC):
-    """When frames pass on the CAN bus. `bitrate`: of the bus [bit/s]."""
+    """Timing of frames on the CAN bus. `bitrate` is that of the bus [bit/s]."""
 
     bitrate: float
 
     @abstractmethod
     def burst(self, frames: Sequence[tuple[int, int]], period_ns: int) -> tuple[list[int], int]:
-        """Which of the frames, of an identifier and a size each, follow a SYNC in time, and in what order.
+        """Order of the frames, each given by identifier and size, that pass after a SYNC before the next one.
 
         Returns:
-            their places in `frames`; and when the bus is free again, counted from the SYNC [ns].
+            The places of these frames in `frames`, and the time from the SYNC until the bus is free again [ns].
         """
 
     @abstractmethod
     def transfer_ns(self) -> int:
-        """The time that request and answer of an SDO take."""
+        """Time that request and answer of an SDO take [ns]."""
 
 
 class LineEffect(Effect, ABC):
-    """When characters pass on the serial line. `baudrate`: of the line [bit/s]."""
+    """Timing of characters on the serial line. `baudrate` is that of the line [bit/s]."""
 
     baudrate: float
 
     @abstractmethod
     def frame(self, size: int) -> float:
-        """The time that a frame of `size` bytes takes with the silence behind it [s]."""
+        """Time that a frame of `size` bytes takes, with the silence after it [s]."""
 
 
 class CellEffect(Effect, ABC):
-    """What the strain indicator shows of the force on the load cell."""
+    """The strain indicator's display of the force on the load cell."""
 
     @property
     @abstractmethod
@@ -190,12 +190,12 @@ class CellEffect(Effect, ABC):
 
     @abstractmethod
     def crept(self, force: float, placed: Sequence[tuple[int, float]], now_ns: int) -> float:
-        """The force [N] that the cell feels, `placed` being when dead weights changed [ns] and by how much [N]."""
+        """Force [N] that the cell feels. `placed` holds when dead weights were changed [ns] and by how much [N]."""
 
     @abstractmethod
     def in_position(self, degrees: float) -> float:
-        """Sensitivity of the cell turned about its axis [V/N]."""
+        """Sensitivity [V/N] of the cell when it is turned about its axis."""
 
     @abstractmethod
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
-        """The reading in mV at display update number `update` of a bridge that should read `ideal_mV`."""
+        """Reading [mV] at the display's update number `update`, of a bridge whose ideal reading is `ideal_mV`."""

@@ -1,1 +1,1 @@
-"""What a scene will come to, found without devices: its plan, its bounds, its steady state and its waveforms."""
+"""Plan, steady state, waveforms and load sets of a scene, computed without devices."""

@@ -1,6 +1,6 @@
-"""A sweep of loads on a scene in closed form, without devices: what the nodes send of each load set, settled.
+"""A sweep of loads on a scene in closed form, without devices: the nodes' samples of each settled load set.
 
-Nobody sets the load by the load cell: the drive is what the scene's own transfer asks for.
+The load is not set by the load cell. The drive is computed from the scene's own transfer function.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class LoadSet:
     """Films of the design under one load.
 
     Attributes:
-        load: peak to peak [N].
+        load: load, peak to peak [N].
         time: (n,) s, from the first sample on.
         voltage: (films, n) V.
         saturated: (films, n).
@@ -43,16 +43,18 @@ class LoadSet:
 def load_sets(
     scene: Scene, sample: Sample, loads: Sequence[float], frequency: float, dwell: float
 ) -> Iterator[LoadSet]:
-    """Each load in turn on one clock: the drive is set, settles, and is sampled 25 times a cycle over the dwell.
+    """Each load in turn: the drive is set, settles, and the films are sampled 25 times a cycle over the dwell.
 
     Args:
-        loads: peak to peak [N].
-        frequency: of the drive [Hz].
-        dwell: [s].
+        scene: the scene.
+        sample: the mounted sample.
+        loads: loads, peak to peak [N].
+        frequency: frequency of the drive [Hz].
+        dwell: dwell [s].
 
     Raises:
-        RangeError: the scene has faults, or a limit acts: it has no closed form. Its model does not answer for the
-            sample.
+        RangeError: the scene has faults or a limit acts, so that there is no closed form; or its model does not answer
+            for the sample.
     """
     if scene.faults:
         raise RangeError(f"scene {scene.name!r} has faults, which only a bench meets; take how = 'bench'")

@@ -1,6 +1,7 @@
-"""A long record of a tooth's film and its base's under a settled load, without devices: what `accuracy dwell` cuts up.
+"""A long record of a tooth's film and its base's film under a settled load, without devices, for `accuracy dwell`.
 
-The gains' scatter is left out of it and told apart: within one load set it is a constant that no record shows.
+The gains' scatter is left out of the record and given beside it, because within one load set it is a constant that no
+record shows.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from palpate.simulators.scenes.scene import Scene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LongRecord:
-    """What the nodes send of two films.
+    """Samples of two films.
 
     Attributes:
         time: (n,) s.
         voltage: (2, n) V, the first tooth's film and its base's.
         saturated: whether a sample was at its rail.
-        ratio: of the two amplitudes, if nothing but the sensor and what it touches were there.
+        ratio: true ratio of the two amplitudes, by the sensor and the object alone.
         scatter: relative standard deviation of the ratio from one load set to the next, by the films' gains.
     """
 
@@ -37,7 +38,7 @@ class LongRecord:
 
 
 def is_followed(scene: Scene, question: Question) -> bool:
-    """Whether the scene goes from transition to transition, at a millisecond of CPU time each."""
+    """Whether the scene must be followed from transition to transition, at a millisecond of CPU time each."""
     return bool(driven(scene, question).transitions(round(LOOKED_AT * 1e9)))
 
 

@@ -1,10 +1,10 @@
-"""What a scene will simulate, how, and what it leaves out.
+"""Plan of a scene: what it simulates, how, and what it leaves out.
 
     plan(read_scene("thesis_single"), Question()).path
 
-Nothing is ever stepped: between two transitions a scene is linear and known in closed form. What differs is how many
-transitions there are: none where every limit certainly stays inactive, else the scene goes from one to the next. Of
-play operators alone the settled state is known without that, by their describing functions.
+Nothing is integrated in steps: between two transitions a scene is linear and known in closed form. Scenes differ in the
+number of transitions. There is none where every limit certainly stays inactive; else the scene is followed from one to
+the next. Where only play operators move, their describing functions give the settled state without that.
 """
 
 from __future__ import annotations
@@ -35,17 +35,18 @@ from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
 PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement
 LOOKED_AT = 2.0  # s of a scene that are searched for transitions
-FOLLOWED = 10.0  # periods of the drive, after which transitions recur as a rule [M]
+FOLLOWED = 10.0  # periods of the drive after which transitions usually recur [M]
 RATE = 250.0  # samples a second
 THESIS_RIG = RigParameters()
 SIGNAL_STEPS, NOISE_STEPS = 20.0, 0.5
-# CPU time [s, M]: of a transition, of a settled state's phasors, and of a sample of a film: by itself, and for each
-# state of the chain; effects tell what they add.
+# CPU time [s, M] of a transition, of a settled state's phasors, and of a sample of a film: by itself, and for each
+# state
+# of the chain. Effects tell what they add.
 A_TRANSITION, A_STEADY_STATE, A_SAMPLE, A_STATE = 1e-3, 5e-5, 3e-8, 5e-9
 CLOSED_FORM, DESCRIBING_FUNCTION, TRANSITIONS = "closed form", "describing function", "transitions"
 
 
-FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # Hz, s: beyond them nothing comes to a number
+FREQUENCIES, DWELLS = (1e-6, 1e6), (1e-6, 1e9)  # Hz, s: beyond them numbers overflow or vanish
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +54,11 @@ class Question:
     """A measurement: one sample under one load.
 
     Attributes:
-        sample: name.
-        load: peak to peak [N].
-        frequency: of the drive [Hz].
-        dwell: how long is measured [s].
-        steady: what is asked for: the settled fundamentals, or the waveforms over the dwell.
+        sample: name of the sample.
+        load: load, peak to peak [N].
+        frequency: frequency of the drive [Hz].
+        dwell: dwell [s].
+        steady: whether the settled fundamentals are asked for; else the waveforms over the dwell.
     """
 
     sample: str = "2"
@@ -80,7 +81,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Included:
-    """An effect that is simulated, why, and what that takes of the answer's CPU time, estimated [s]."""
+    """A simulated effect, the reason, and its estimated share of the answer's CPU time [s]."""
 
     name: str
     kind: str
@@ -91,7 +92,7 @@ class Included:
 
 @dataclass(frozen=True, slots=True)
 class Omitted:
-    """An effect that is not simulated, and the most that it could have changed, relative; None: without limit."""
+    """An effect that is not simulated, and the greatest relative change that it could have made; None: no bound."""
 
     name: str
     kind: str
@@ -105,11 +106,11 @@ class Plan:
 
     Attributes:
         path: "closed form", "describing function" or "transitions".
-        why: what forces it.
-        transitions: found in each second.
-        seconds: estimated CPU time for the answer.
-        warnings: what the measurement will suffer from.
-        steady: the settled state, where that was asked for.
+        why: reason for this path.
+        transitions: number of transitions in each second.
+        seconds: estimated CPU time for the answer [s].
+        warnings: what will impair the measurement.
+        steady: the settled state, where it was asked for.
     """
 
     path: str
@@ -123,7 +124,7 @@ class Plan:
 
 
 def plan(scene: Scene, question: Question) -> Plan:
-    """How the scene answers the question, and what what it leaves out could have changed.
+    """Plan for a question: how the scene answers it, and how much the effects that it leaves out could have changed.
 
     Raises:
         RangeError: the scene's model does not answer for the sample.
@@ -173,14 +174,14 @@ def case_of(
     rig: RigParameters = THESIS_RIG,
     parameters: str | None = None,
 ) -> Case:
-    """The question as the bounds of the effects want it; `design` has what the parameter set replaces."""
+    """The question in the form that the bounds of effects need; `design` includes the parameter set's numbers."""
     file = SceneFile(name="case", purpose="bounds", design=design.name, model=model, parameters=parameters, rig=rig)
     bare = Scene("case", "bounds", design, model, None, "", 1, 1, rig, {}, {}, file)
 
     def with_these(chosen: Mapping[str, Effect]) -> Rig:
         return driven(replace(bare, effects=chosen), question)
 
-    @functools.cache  # bounds of many effects look at the same scene without them
+    @functools.cache  # the bounds of many effects examine the same scene without them
     def followed(chosen: frozenset[tuple[str, Effect]]) -> Dwell:
         return dwell_of(with_these(dict(chosen)), len(design.films), SETTLING, question.dwell, RATE)
 
@@ -197,7 +198,7 @@ def case_of(
 
 
 def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -> dict[str, float]:
-    """CPU time of each effect, and of the sensor by itself under "" [s]."""
+    """CPU time of each effect [s], and under "" that of the sensor by itself."""
     costs = dict.fromkeys(("", *scene.effects), 0.0)
     if question.steady and path != TRANSITIONS:
         return {**costs, "": A_STEADY_STATE}
@@ -220,7 +221,7 @@ def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -
 
 
 def moves(rig: Rig, until_ns: int) -> list[set[str]]:
-    """What each transition changes, since the present settings up to a time."""
+    """What each transition changes, from the present settings up to a time."""
     return [
         {item.name for item in fields(Touch) if getattr(before, item.name) != getattr(after, item.name)}
         for before, after in rig.transitions(until_ns)
@@ -228,7 +229,7 @@ def moves(rig: Rig, until_ns: int) -> list[set[str]]:
 
 
 def path_of(found: list[set[str]], steady: bool) -> tuple[str, str]:
-    """How a scene with these transitions is answered, and what forces it."""
+    """Path of a scene with these transitions, and the reason."""
     if not found:
         return CLOSED_FORM, "every limit carries a certificate that it stays inactive"
     moved = set[str]().union(*found)
@@ -262,7 +263,7 @@ def _finite(value: float) -> float | None:
 
 
 def _warnings(scene: Scene, question: Question) -> list[str]:
-    """A rigid film that gives hardly a step of its converter, without noise to dither it, cannot be averaged."""
+    """Warnings: a rigid film of hardly a converter's step, without noise to dither it, cannot be averaged."""
     rigid = next(film for film in scene.design.films if film.kind == "rigid")
     ratio = scene.answer(get_sample(question.sample)).force_ratio
     amplitude = rigid.sensitivity * ratio * question.load / 2

@@ -24,16 +24,16 @@ from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of,
 if TYPE_CHECKING:
     from palpate.simulators.faults.fault import Fault
 
-EFFECTS_TOLERANCE = 1e-4  # of automatic effects, where the file has none
+EFFECTS_TOLERANCE = 1e-4  # for automatic effects, where the file has none
 THESIS_LOADS = (1.5, 4.0)  # N, the least and the greatest of A2.9 to A2.14
 
 
 def read_scene(name_or_file: str) -> Scene:
-    """A shipped scene by name, or the scene in a file.
+    """Read a shipped scene by its name, or the scene in a file.
 
     Raises:
-        UnknownName: neither a shipped scene nor a file.
-        ConfigError: the file, an effect or a parameter is wrong; names file and key.
+        UnknownName: it is neither a shipped scene nor a file.
+        ConfigError: the file, an effect or a parameter is wrong; the message names file and key.
     """
     scenes = shipped()
     path = scenes.get(name_or_file, Path(name_or_file))
@@ -43,7 +43,7 @@ def read_scene(name_or_file: str) -> Scene:
 
 
 def scene_of(file: SceneFile, path: Path) -> Scene:
-    """The scene that a file describes; `path` is what messages call it. Raises ConfigError as `read_scene`."""
+    """The scene that a file describes; `path` names it in messages. Raises ConfigError as `read_scene` does."""
     listed = _listed(file, path)
     try:
         design = _design(file)
@@ -81,10 +81,13 @@ def with_model(scene: Scene, model: str, parameters: str | None = None) -> Scene
     """The same scene with another sensor model, to the file's tolerance where the model refines.
 
     Args:
-        parameters: name of the set that goes over design and samples; None: the scene's own.
+        scene: the scene.
+        model: name of the model.
+        parameters: name of the set that overrides design and samples; None: the scene's own.
 
     Raises:
-        UnknownName: no such model, or no such set of it. RangeError: no model meets the tolerance.
+        UnknownName: there is no such model, or it has no such set.
+        RangeError: no model meets the tolerance.
     """
     file = scene.file.model_copy(update={"model": model, "parameters": parameters or scene.file.parameters})
     if model in MODELS and MODELS[model].default_tolerance is None:
@@ -104,7 +107,7 @@ def with_faults(scene: Scene, given: Sequence[Mapping[str, Any]]) -> Scene:
 def _faults(
     given: Sequence[Mapping[str, Any]] | None, nodes: int, devices: Sequence[Guest], where: str
 ) -> tuple[Fault, ...]:
-    """Checked; a scene without faults loads nothing of them. Raises ConfigError as `parse_faults`."""
+    """Read and check faults; without any, nothing is imported. Raises ConfigError as `parse_faults` does."""
     if not given:
         return ()
     from palpate.simulators.faults.fault import parse_faults
@@ -145,10 +148,10 @@ def _when(given: Any) -> Any:
 def _called_for(
     listed: Mapping[str, Effect], file: SceneFile, design: Design, model: str
 ) -> tuple[dict[str, Effect], dict[str, str]]:
-    """The effects that are simulated, and why: of the automatic ones those that can change more than the tolerance."""
+    """Simulated effects with reasons; of the automatic ones, those that can change more than the tolerance."""
     tolerance = EFFECTS_TOLERANCE if file.tolerance is None else file.tolerance
     called, beside = {}, dict(listed)
-    for name in sorted(listed, key=lambda name: not listed[name].dither(1.0)):  # first what makes steps average out
+    for name in sorted(listed, key=lambda name: not listed[name].dither(1.0)):  # first those that dither
         if _when(file.effects[name]) == ON:
             called[name] = "called for"
             continue
@@ -175,13 +178,13 @@ def _largest(effect: Effect, design: Design, file: SceneFile, model: str, others
 
 
 def _design(file: SceneFile) -> Design:
-    """With what its parameter set replaces. Raises UnknownName: no such design, or no such set of the model."""
+    """The design with its parameter set. Raises UnknownName: there is no such design, or no such set of the model."""
     design = get_design(file.design)
     return design if file.parameters is None else get_parameter_set(file.parameters, file.model).design(design)
 
 
 def _chosen(design: Design, file: SceneFile) -> tuple[str, float | None, str]:
-    """The model that answers, its tolerance, and why it was chosen: "auto" is settled once, for all samples."""
+    """The model that answers, its tolerance, and the reason; "auto" is chosen once for all samples."""
     if file.model == AUTO:
         from palpate.instrument.models.prices.price_list import AUTO_TOLERANCE, choose
 

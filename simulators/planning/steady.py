@@ -1,7 +1,7 @@
-"""What a scene comes to under a sine: phasors of its films and of its force, without following it there.
+"""Settled state of a scene under a sine: phasors of its films and of its force, without following the motion.
 
-Linear parts give them at once. A play operator outside any loop, on a sine of its force, gives a fundamental that is
-known too: its describing function times the force. Plays act on the films alone, so they never lie in a loop.
+Linear parts give them at once. A play operator outside any loop, under a sine of its force, gives a known fundamental:
+its describing function times the force. Plays act on the films alone, so they are never in a loop.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.rig.rig import Rig
 
-POINTS = 4096  # of a period, where it is followed
-SETTLED = 10.0  # s after the drive was set, then
+POINTS = 4096  # in a period of a scene that is followed
+SETTLED = 10.0  # s after the drive was set, for such a scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class FilmState:
     """Fundamental of one film.
 
     Attributes:
-        amplitude: [V].
-        phase: against the force on the load cell [rad].
-        ratio: of a film under teeth, the force ratio to the film under their base; None: it has no such film.
+        amplitude: amplitude [V].
+        phase: phase against the force on the load cell [rad].
+        ratio: force ratio of a film under teeth to the film under their base; None: it is no such film.
     """
 
     film: str
@@ -45,7 +45,7 @@ class SteadyState:
 
 
 def describing_function(radius: float, amplitude: float) -> complex:
-    """Fundamental of a play operator over the sine that moves it; 0 where the sine is too small to.
+    """Fundamental of a play operator over the sine that moves it; 0 where the sine is too small to move it.
 
     Gelb and Vander Velde, Multiple-input describing functions (1968): backlash.
     """
@@ -57,14 +57,14 @@ def describing_function(radius: float, amplitude: float) -> complex:
 
 
 def phasors(rig: Rig) -> Complexes:
-    """Of the films' voltages [V] and the force on the load cell [N], (films + 1,), where no limit acts."""
+    """Phasors (films + 1,) of the films' voltages [V] and the force on the load cell [N], where no limit acts."""
     system, plays = rig.without_limits()
     voltage = rig.coil_voltage()
     rate = 2j * math.pi * voltage.frequency / HERTZ
     volts = voltage.amplitude[0]
     a, push = system.a.astype(complex), (system.b[:, 0] + rate * system.b[:, 2]) * volts
     if plays:
-        # Each follows its force so far: what it would be without a radius is that force.
+        # So far each play follows its force, as if it had no radius.
         force = np.linalg.solve(rate * np.eye(system.order) - a, push)[plays]
         radii = rig.effects.plays.plays().radii if rig.effects.plays else ()
         factors = np.array([describing_function(r, abs(x)) for r, x in zip(radii, force, strict=True)])
@@ -75,7 +75,7 @@ def phasors(rig: Rig) -> Complexes:
 
 
 def followed(rig: Rig) -> Complexes:
-    """The same where limits act, by Fourier's sum over a period of the path from transition to transition."""
+    """Phasors (films + 1,) where limits act, by a Fourier sum over a period that is followed by its transitions."""
     voltage = rig.coil_voltage()
     period = SECOND * HERTZ / voltage.frequency
     times = round(SETTLED * SECOND) + np.round(period * np.arange(POINTS) / POINTS).astype(np.int64)
@@ -85,9 +85,9 @@ def followed(rig: Rig) -> Complexes:
 
 
 def steady_state(rig: Rig, values: Complexes) -> SteadyState:
-    """Phasors of films and force as results."""
+    """The settled state from phasors of films and force."""
     films, force = rig.scene.design.films, values[-1]
-    # Of one tooth, where a film lies under several.
+    # The ratio of one tooth, where a film lies under several.
     shares = [abs(v) / film.sensitivity / len(film.teeth) for v, film in zip(values[:-1], films, strict=True)]
     tooth, base = FILM_KINDS
     states = []

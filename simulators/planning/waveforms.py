@@ -1,4 +1,4 @@
-"""What stands at each stage of a scene's chain over some periods of the drive, without devices."""
+"""Waveforms at each stage of a scene's chain over some periods of the drive, without devices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep
-POINTS = 400  # of a period
+POINTS = 400  # in a period
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5  # of a range above the greatest voltage
 
@@ -30,11 +30,11 @@ class Waveforms:
     Attributes:
         time: (n,) s.
         coil: voltage at the coil (n,) V.
-        force: on the load cell (n,) N.
+        force: force on the load cell (n,) N.
         before: films before their amplifiers (films, n) V.
         films: films behind their amplifiers (films, n) V.
         sample_time: (m,) s.
-        samples: what the nodes send (films, m) V.
+        samples: samples of the nodes (films, m) V.
         saturated: (films, m).
     """
 
@@ -74,7 +74,7 @@ def waveforms(scene: Scene, question: Question, periods: int) -> Waveforms:
 
 
 def _clipped(effects: Effects, volts: Floats) -> Floats:
-    """What the amplifier's rail leaves of a voltage."""
+    """Voltage clipped at the amplifier's rail."""
     armature, limits = Armature(1.0, 1.0, 1.0), Limits()
     for effect in effects.shaker:
         armature, limits = effect.shaker(armature, limits)

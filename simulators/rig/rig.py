@@ -175,8 +175,10 @@ class Rig:
         return gains
 
     def without_limits(self) -> tuple[StateSpace, list[int]]:
-        """From the inputs to film voltages and force on the load cell, (films + 1,), where no limit acts and each play
-        operator follows its force; and the plays' states."""
+        """System from the inputs to film voltages and force on the load cell (films + 1,), and its plays' states.
+
+        No limit acts in it, and each play operator follows its force.
+        """
         system = self._last.mode(Touch(drag=(1,) * self._last.plays)).system
         rows = [*range(len(self._films)), self._last.force]
         return StateSpace(system.a, system.b, system.c[rows], system.d[rows]), list(self._last.play_states)
@@ -191,11 +193,11 @@ class Rig:
 
     @property
     def path(self) -> Path:
-        """What follows from the present settings."""
+        """The motion that follows from the present settings."""
         return self._paths[-1]
 
     def path_from(self, phase: int) -> Path:
-        """What would follow if the drive had begun so much later in its period [1/CYCLE], all else as it was."""
+        """The motion if the drive had begun later in its period by a phase [1/CYCLE], all else as it was."""
         path = self._paths[-1]
         voltage = replace(self._voltage, start_phase=(self._voltage.start_phase + phase) % CYCLE)
         start_ns = path.start_ns
