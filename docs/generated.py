@@ -24,6 +24,7 @@ from palpate.procedures.study.description import StudyFile
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault
+from palpate.simulators.faults.places import places, struck
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import SceneFile, shipped
 
@@ -62,7 +63,7 @@ def faults() -> str:
         fault = fault_class(name)
         own = {key: field for key, field in fault.model_fields.items() if key not in Fault.model_fields}
         does = " ".join(inspect.cleandoc(fault.__doc__ or "").split())
-        rows.append((f"`{name}`", does, _listed(fault.targets), _listed(own)))
+        rows.append((f"`{name}`", does, _listed(struck(fault.targets, places(1))), _listed(own)))
     return _table(("kind", "what it does", "on", "own parameters"), rows)
 
 

@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from palpate.instrument.bench.description import BenchDescription, TcpAddress
+from palpate.instrument.bench.description import BenchDescription, SerialLine, TcpLink
 from palpate.instrument.errors import BenchError, BenchInUse
 
 FOLDER = Path("/tmp/palpate-benches")  # the same for all users, whatever their $TMPDIR
@@ -53,17 +53,18 @@ class BenchLock:
 def addresses(description: BenchDescription) -> list[str]:
     """What tells a bench from another one, in the order in which it is locked.
 
-    A device on TCP counts by the numbers of its host, a serial line by the device file that all its names lead to, a
+    A link on TCP counts by the numbers of its host, a serial line by the device file that all its names lead to, a
     CAN bus by its interface; python-can's "virtual" one does not leave the process.
     """
     found = set()
-    for _, place in description:
-        if isinstance(place, TcpAddress):
-            found |= {f"TCP port {place.port} of {host}" for host in _numbers(place.host)}
-    port = description.line.port
-    found.add(f"serial port {port if '://' in port else os.path.realpath(port)}")
-    process = f" of process {os.getpid()}" if description.can.interface == "virtual" else ""
-    found.add(f"CAN bus {description.can.interface}:{description.can.channel}{process}")
+    for link in description.links.values():
+        if isinstance(link, TcpLink):
+            found |= {f"TCP port {link.port} of {host}" for host in _numbers(link.host)}
+        elif isinstance(link, SerialLine):
+            found.add(f"serial port {link.port if '://' in link.port else os.path.realpath(link.port)}")
+        else:
+            process = f" of process {os.getpid()}" if link.interface == "virtual" else ""
+            found.add(f"CAN bus {link.interface}:{link.channel}{process}")
     return sorted(found)
 
 

@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from typing import Protocol
 
 from palpate.drivers.clock import BenchClock
 from palpate.drivers.devices.heartbeat import Heartbeat
-from palpate.drivers.devices.shaker_amplifier import ShakerAmplifier
+
+
+class Watched(Protocol):
+    """What drives the stack while somebody feeds its watchdog; see `palpate.drivers.devices.exciter.Guard`."""
+
+    def feed(self) -> None: ...
+    def live(self) -> None: ...
+    def check(self) -> object: ...
 
 
 class WatchedClock:
@@ -19,12 +27,13 @@ class WatchedClock:
     a thread, feeds the watchdog.
     """
 
-    def __init__(self, clock: BenchClock, amplifier: ShakerAmplifier, watchdog: float) -> None:
+    def __init__(self, clock: BenchClock, amplifier: Watched | None, watchdog: float) -> None:
+        """`amplifier` None: nothing drives, so that the clock never watches."""
         self._clock = clock
         self._amplifier = amplifier
         self._longest = watchdog / 2
         self._fed_ns = 0
-        self._heartbeat = Heartbeat(amplifier.live, watchdog / 4) if clock.goes_on else None
+        self._heartbeat = Heartbeat(amplifier.live, watchdog / 4) if amplifier and clock.goes_on else None
         self._heard: Callable[[int], object] = lambda _now_ns: None
         self._watching = False
 
@@ -67,7 +76,7 @@ class WatchedClock:
         self._pass(duration)
 
     def _pass(self, duration: float) -> None:
-        if not self.watching:
+        if not self.watching or self._amplifier is None:
             self._clock.wait(duration)
             return
         if self._heartbeat:
@@ -85,7 +94,7 @@ class WatchedClock:
 
         Raises as `ShakerAmplifier.feed`.
         """
-        if self.watching and not self._heartbeat:
+        if self.watching and self._amplifier and not self._heartbeat:
             now = self._clock.now_ns()
             if 2e-9 * (now - self._fed_ns) >= self._longest:
                 self._fed_ns = now

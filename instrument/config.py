@@ -158,7 +158,9 @@ def check(data: dict[str, Any], model: type[M], where: str) -> M:
         return model.model_validate(data)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-        problems = [f"{where}: {_describe(dict(e), model)}" for e in errors[:MOST_PROBLEMS]]
+        problems = [
+            f"{where}: {line}" for e in errors[:MOST_PROBLEMS] for line in _describe(dict(e), model).splitlines()
+        ]
         if len(errors) > MOST_PROBLEMS:
             problems.append(f"{where}: and {len(errors) - MOST_PROBLEMS} more")
         raise ConfigError("\n".join(problems)) from None
@@ -174,7 +176,9 @@ def _describe(error: dict[str, Any], model: type[BaseModel]) -> str:
         case "missing":
             return f"{key}: is missing"
     message = str(error["msg"]).removeprefix("Value error, ")
-    return f"{key}: {message}" if error["type"] == "value_error" else f"{key}: {message} (got {error['input']!r})"
+    if error["type"] == "value_error":
+        return f"{key}: {message}" if key else message
+    return f"{key}: {message} (got {error['input']!r})"
 
 
 def _keys(model: type[BaseModel], path: list[str]) -> list[str]:

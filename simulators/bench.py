@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.bench.description import (
+    CAN,
+    LINE,
     Amplifier,
     BenchDescription,
     CanBus,
@@ -17,26 +20,35 @@ from palpate.instrument.bench.description import (
     SerialLine,
     TcpAddress,
 )
+from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role, load
 from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.config import check
+from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.positioner import Positioner
-from palpate.simulators.devices.sample_changer import SampleChanger
-from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
-from palpate.simulators.devices.signal_generator import SignalGenerator
-from palpate.simulators.devices.strain_indicator import StrainIndicator
 from palpate.simulators.rig.operator import SimulatedOperator
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.can import CanSegment
+from palpate.simulators.wire import device as wire
+from palpate.simulators.wire.can import SERIAL, CanSegment
 from palpate.simulators.wire.can_bus import own_channel
 from palpate.simulators.wire.modbus import LOOPBACK, ServerThread
 
 if TYPE_CHECKING:
+    from palpate.simulators.devices.positioner import Positioner
+    from palpate.simulators.devices.sample_changer import SampleChanger
+    from palpate.simulators.devices.shaker_amplifier import ShakerAmplifier
+    from palpate.simulators.devices.signal_generator import SignalGenerator
+    from palpate.simulators.devices.strain_indicator import StrainIndicator
     from palpate.simulators.faults.inject import Injection
 
-INDICATOR_UNIT, POSITIONER_UNIT = 1, 2
-LINE_UNITS = {INDICATOR_UNIT: "strain_indicator", POSITIONER_UNIT: "positioner"}
+USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # in the order of the clock
+CHANGER = "sample_changer"
+TCP_SECTIONS: dict[str, type[TcpAddress]] = {
+    "signal_generator": TcpAddress,
+    "shaker_amplifier": Amplifier,
+    CHANGER: TcpAddress,
+}
 BITRATE = 1_000_000
 TIMEOUT: Any = "10 s"  # of the wall: a device of a busy machine is slow, not absent
 
@@ -66,10 +78,11 @@ class SimulatedBench:
     Raises BenchError: a port is in use, or the CAN interface cannot be opened.
     """
 
-    line_units = LINE_UNITS
-
     def __init__(self, scene: Scene, place: Place = HERE, samples: Sequence[Sample] = ()) -> None:
-        """`samples`: of its sample changer; without any it has none, and its operator mounts them."""
+        """`samples`: of its sample changer; without any it has none, and its operator mounts them.
+
+        Raises ConfigError: the simulator of a device that the scene lists cannot be loaded.
+        """
         self.scene = scene
         self._place = place
         self.clock = VirtualClock()
@@ -80,61 +93,120 @@ class SimulatedBench:
         self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self._channel)
         self.clock.add(self.rig)
         self.nodes = self.can.nodes
-        self.generator = SignalGenerator(self.clock, "SIM-SG-0001", self._generator_changed)
-        self.amplifier = ShakerAmplifier(
-            self.clock, "SIM-PA-0001", self.generator.voltage, self._amplifier_changed, scene.rig.coil_resistance
-        )
-        self.indicator = StrainIndicator(self.clock, "SIM-SI-0001", self.rig)
-        self.positioner = Positioner(self.clock, "SIM-MP-0001", self.rig)
-        self.changer = SampleChanger(self.clock, "SIM-SC-0001", self.rig, samples) if samples else None
+        self.devices: dict[str, Any] = {f"sensor_node_{number}": node for number, node in enumerate(self.nodes, 1)}
+        self._kinds = dict.fromkeys(self.devices, KINDS["sensor_node"])
+        self._addresses: dict[str, int] = {}  # units on the line and node ids, by device
+        self._samples = samples
+        for name in (*USUAL, *([CHANGER] if samples else [])):
+            self._add(name, KINDS[name], NoSettings())
+        for guest in scene.devices:
+            self._add(guest.name, guest.kind, guest.settings)
         self.operator = SimulatedOperator(self.rig, self.clock)
         self._stack = ExitStack()
+
+    def _add(self, name: str, kind: DeviceKind, settings: Any) -> None:
+        count = Counter(each.name for each in self._kinds.values())[kind.name] + 1
+        link, serial = kind.links[0], f"SIM-{kind.contract.identity.product.partition('-')[0]}-{count:04d}"
+        if link == "canopen":
+            unit = self._addresses[name] = 1 + max(self._node_ids + [guest.id for guest in self.can.guests])
+            place = wire.Place(self.clock, self.rig, unit, SERIAL + unit, settings, self._find)
+        else:
+            unit = 1
+            if link == "modbus-rtu":
+                unit = self._addresses[name] = 1 + sum(each.links[0] == link for each in self._kinds.values())
+            place = wire.Place(self.clock, self.rig, unit, serial, settings, self._find, self._samples)
+        assert kind.simulator is not None
+        try:
+            self.devices[name] = load(kind.simulator).at(place)
+        except (ImportError, AttributeError) as error:
+            raise ConfigError(f"device {name}: its simulator cannot be loaded: {error}") from error
+        self._kinds[name] = kind
+        if link == "canopen":
+            self.can.add(self.devices[name])
+
+    def _find(self, role: Role) -> Any:
+        return next(self.devices[name] for name, kind in self._kinds.items() if role in kind.roles)
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.callback(self.can.close)
-            self.servers = servers = stack.enter_context(ServerThread())
-            serial, bus = self.rig.effects.line, self.rig.effects.can
+            self.servers = stack.enter_context(ServerThread())
             timeouts = _timeouts(self.scene)
-            line = servers.serve_rtu({INDICATOR_UNIT: self.indicator, POSITIONER_UNIT: self.positioner}, serial)
-            host, port = self._place.host, self._place.port
-            generator = servers.serve_tcp(1, self.generator, (host, port))
-            amplifier = servers.serve_tcp(1, self.amplifier, (host, port and port + 1))
-            changer = None
-            if self.changer is not None:
-                port_of_it = servers.serve_tcp(1, self.changer, (host, port and port + 2))
-                changer = TcpAddress(host=host, port=port_of_it, timeout=timeouts.get("sample_changer", TIMEOUT))
-            self.description = BenchDescription(
-                name=f"simulated bench, scene {self.scene.name}",
-                design=self.scene.design.name,
-                pickup=self.scene.pickup,
-                signal_generator=TcpAddress(
-                    host=host, port=generator, timeout=timeouts.get("signal_generator", TIMEOUT)
-                ),
-                shaker_amplifier=Amplifier(
-                    host=host, port=amplifier, timeout=timeouts.get("shaker_amplifier", TIMEOUT)
-                ),
-                line=SerialLine(
-                    port=line,
-                    baudrate=round(serial.baudrate) if serial else FASTEST,
-                    timeout=timeouts.get("line", TIMEOUT),
-                ),
-                strain_indicator=Indicator(unit=INDICATOR_UNIT),
-                positioner=RtuAddress(unit=POSITIONER_UNIT),
-                can=CanBus(
-                    interface=self._place.interface,
-                    channel=self._channel,
-                    bitrate=round(bus.bitrate) if bus else BITRATE,
-                    nodes=tuple(self._node_ids),
-                    timeout=timeouts.get("can", TIMEOUT),
-                ),
-                sample_changer=changer,
+            serial, bus = self.rig.effects.line, self.rig.effects.can
+            self.bitrate = round(bus.bitrate) if bus else BITRATE
+            self.line = self.servers.serve_rtu(
+                {self._addresses[name]: self.devices[name] for name in self._on("modbus-rtu")}, serial
             )
+            ports = {
+                name: self.servers.serve_tcp(
+                    1, self.devices[name], (self._place.host, self._place.port and self._place.port + number)
+                )
+                for number, name in enumerate(self._on("modbus-tcp"))
+            }
+            baudrate = round(serial.baudrate) if serial else FASTEST
+            self.description = self._described(ports, baudrate, timeouts)
             for fault in self.scene.faults:
                 self.injection.give(fault)
             stack.enter_context(self.can)
             self._stack = stack.pop_all()
         return self
+
+    def _described(self, ports: Mapping[str, int], baudrate: int, timeouts: Mapping[str, Any]) -> BenchDescription:
+        """The bench file that finds the servers."""
+        host, scene = self._place.host, self.scene
+        tcp = {
+            name: section(host=host, port=ports[name], timeout=timeouts.get(name, TIMEOUT))
+            for name, section in TCP_SECTIONS.items()
+            if name in ports
+        }
+        sections = {
+            "name": f"simulated bench, scene {scene.name}",
+            "design": scene.design.name,
+            "pickup": scene.pickup,
+            **tcp,
+            LINE: SerialLine(port=self.line, baudrate=baudrate, timeout=timeouts.get(LINE, TIMEOUT)),
+            "strain_indicator": Indicator(unit=self._addresses["strain_indicator"]),
+            "positioner": RtuAddress(unit=self._addresses["positioner"]),
+            CAN: CanBus(
+                interface=self._place.interface,
+                channel=self._channel,
+                bitrate=self.bitrate,
+                nodes=tuple(self._node_ids),
+                timeout=timeouts.get(CAN, TIMEOUT),
+            ),
+            **self._guest_sections(ports, timeouts),
+        }
+        return check(sections, BenchDescription, f"scene {scene.name}")
+
+    def _on(self, link: str) -> list[str]:
+        """Names of the devices on links of a kind."""
+        return [name for name, kind in self._kinds.items() if kind.links[0] == link]
+
+    @property
+    def line_units(self) -> dict[int, str]:
+        """Names of the devices on the serial line, by unit."""
+        return {self._addresses[name]: name for name in self._on("modbus-rtu")}
+
+    @property
+    def bus_nodes(self) -> dict[int, str]:
+        """Names of the devices on the CAN bus, by node id."""
+        return {self.devices[name].id: name for name in self._on("canopen")}
+
+    def _guest_sections(self, ports: Mapping[str, int], timeouts: Mapping[str, Any]) -> dict[str, Any]:
+        """The sections of a bench file for what the scene lists: each device on TCP has a link of its own."""
+        links, devices = {}, {}
+        for guest in self.scene.devices:
+            name, link = guest.name, guest.kind.links[0]
+            if link == "modbus-tcp":
+                timeout = timeouts.get(name, TIMEOUT)
+                links[name] = {"kind": link, "host": self._place.host, "port": ports[name], "timeout": timeout}
+                place = {"link": name, "unit": 1}
+            elif link == "modbus-rtu":
+                place = {"link": LINE, "unit": self._addresses[name]}
+            else:
+                place = {"link": CAN, "node": self._addresses[name]}
+            devices[name] = {"kind": guest.kind.name, **place, **guest.table}
+        return {"link": links or None, "device": devices or None}
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
@@ -146,11 +218,29 @@ class SimulatedBench:
 
         return Injection(self)
 
-    def _generator_changed(self) -> None:
-        self.amplifier.input_changed()
+    @property
+    def generator(self) -> SignalGenerator:
+        found: SignalGenerator = self.devices["signal_generator"]
+        return found
 
-    def _amplifier_changed(self) -> None:
-        self.rig.set_voltage(self.amplifier.voltage())
+    @property
+    def amplifier(self) -> ShakerAmplifier:
+        found: ShakerAmplifier = self.devices["shaker_amplifier"]
+        return found
+
+    @property
+    def indicator(self) -> StrainIndicator:
+        found: StrainIndicator = self.devices["strain_indicator"]
+        return found
+
+    @property
+    def positioner(self) -> Positioner:
+        found: Positioner = self.devices["positioner"]
+        return found
+
+    @property
+    def changer(self) -> SampleChanger | None:
+        return self.devices.get(CHANGER)
 
 
 def _timeouts(scene: Scene) -> dict[str, Any]:

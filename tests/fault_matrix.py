@@ -27,9 +27,10 @@ from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class, inject
 from palpate.simulators.faults.can import CanFault
-from palpate.simulators.faults.fault import CHANGER, NODE, parse_faults
+from palpate.simulators.faults.fault import parse_faults
 from palpate.simulators.faults.indicator import IndicatorFault
 from palpate.simulators.faults.node import FilmFault
+from palpate.simulators.faults.places import places, struck
 from palpate.simulators.scenes.scene import Scene
 from tests.fault_procedures import PROCEDURES, SAMPLE, Found, scene, wrong
 
@@ -78,8 +79,7 @@ def cells() -> Iterator[Cell]:
     """The whole matrix."""
     for procedure in PROCEDURES:
         for kind in FAULTS:
-            for target in fault_class(kind).targets:
-                on = f"{NODE}1" if target == NODE else target
+            for on in struck(fault_class(kind).targets, places(1)):
                 mores: list[tuple[tuple[str, Any], ...]] = [()]
                 if kind == "front_panel":
                     mores = [(("setting", setting), ("value", value)) for setting, value in PANEL[on]]
@@ -101,7 +101,7 @@ def undisturbed(procedure: str, changer: bool = False) -> tuple[Found, float]:
 
 def play(cell: Cell) -> Outcome:
     """What comes of one cell."""
-    return _play(cell, *undisturbed(cell.procedure, cell.on == CHANGER))
+    return _play(cell, *undisturbed(cell.procedure, cell.on == "sample_changer"))
 
 
 def play_all() -> dict[Cell, Outcome]:
@@ -112,7 +112,7 @@ def play_all() -> dict[Cell, Outcome]:
         kinds = [(procedure, changer) for procedure in PROCEDURES for changer in (False, True)]
         right = dict(zip(kinds, pool.map(undisturbed, *zip(*kinds, strict=True)), strict=True))
         outcomes = pool.map(
-            _play, whole, *zip(*(right[cell.procedure, cell.on == CHANGER] for cell in whole), strict=True)
+            _play, whole, *zip(*(right[cell.procedure, cell.on == "sample_changer"] for cell in whole), strict=True)
         )
         return dict(zip(whole, outcomes, strict=True))
 
@@ -124,8 +124,8 @@ def _play(cell: Cell, right: Found, middle: float) -> Outcome:
     elif issubclass(fault_class(cell.kind), (CanFault, IndicatorFault, FilmFault)):
         table["lasts"] = A_WHILE
     with tempfile.TemporaryDirectory() as folder:
-        faulty = replace(scene(cell.procedure), faults=parse_faults([table], 1, "matrix"))
-        result, run, live = _done(cell.procedure, faulty, Path(folder) / "run", cell.on == CHANGER)
+        faulty = replace(scene(cell.procedure), faults=parse_faults([table], places(1), "matrix"))
+        result, run, live = _done(cell.procedure, faulty, Path(folder) / "run", cell.on == "sample_changer")
         incidents = sum(event["kind"] == INCIDENT for event in run.events())
         if live:
             return Outcome("WRONG", incidents, f"outputs are at {live:g} V")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from palpate.drivers.devices.device import Device
+from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.contracts.contract import PROBE, Value, sdo
 from palpate.instrument.errors import DeviceError, IdentityError
@@ -18,9 +18,14 @@ class CanopenDevice(Device):
 
     orders: ClassVar[frozenset[str]] = frozenset()  # objects that make the node do something
 
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """On a CAN bus; a driver that takes more than bus and node id says so itself."""
+        return cls(place.link, place.unit)
+
     def __init__(self, link: CanLink, node_id: int) -> None:
         super().__init__(f"{self.contract.title} {node_id} at {link.name}")
-        self.link = link
+        self.link: CanLink = link
         self.id = node_id
         self._settings: dict[str, Value] = {}
 

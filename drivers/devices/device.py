@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
+from palpate.drivers.clock import Clock
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError
 
+if TYPE_CHECKING:
+    from palpate.drivers.links.can import CanLink
+    from palpate.drivers.links.modbus import ModbusLink
+
 READ_ATTEMPTS = 2  # on a bench that is attended; else 1
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a device of a bench is: its link and number there, the settings of its section, the clock to wait with."""
+
+    link: Any
+    unit: int
+    settings: Any
+    clock: Clock
 
 
 class Device:
@@ -20,6 +36,12 @@ class Device:
     """
 
     contract: ClassVar[Contract]
+    link: ModbusLink | CanLink
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """The driver of a device of a bench, not connected yet."""
+        raise NotImplementedError
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -33,6 +55,17 @@ class Device:
     def identify(self) -> None:
         """Check that it is the device of the contract, and the same as before. Raises IdentityError, LinkError."""
         raise NotImplementedError
+
+    def connect(self) -> None:
+        """Get ready to use it, its link being open. Raises as `identify`."""
+        self.identify()
+
+    def set_up(self, settings: Any, watchdog: float) -> None:
+        """Put the settings of its section into it; `watchdog` s is the bench's. Raises LinkError, DeviceError."""
+
+    def sick(self) -> str:
+        """Why it cannot be used though it answers and holds its settings; empty: it can."""
+        return ""
 
     def differences(self) -> list[str]:
         """What it no longer holds as it was written. Raises LinkError, DeviceError."""

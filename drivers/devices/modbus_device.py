@@ -5,9 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from functools import cache
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from palpate.drivers.devices.device import Device
+from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.links.modbus import (
     BASIC,
     EXTENDED,
@@ -35,17 +35,18 @@ class ModbusDevice(Device):
 
     orders: ClassVar[frozenset[str]] = frozenset()  # fields that make the device do something
 
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """On a Modbus link; a driver that takes more than link and unit says so itself."""
+        return cls(place.link, place.unit)
+
     def __init__(self, link: ModbusLink, unit: int) -> None:
         super().__init__(f"{self.contract.title} at {link.name} unit {unit}")
-        self.link = link
+        self.link: ModbusLink = link
         self.unit = unit
         self._settings: dict[str, Value] = {}
         self._layout = cache(self.contract.layout)
         self._last_count = 0  # of registers
-
-    def connect(self) -> None:
-        """Raises as `identify`."""
-        self.identify()
 
     def identify(self) -> None:
         """Check that this is the contract's device and that it agrees on the word order.

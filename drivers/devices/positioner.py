@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Self
 
 from palpate.drivers.clock import Clock
+from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.contracts import positioner
@@ -16,6 +18,10 @@ POLL = 0.1  # s
 class Positioner(ModbusDevice):
     contract = positioner.CONTRACT
     orders = frozenset({"target", "speed", "command"})
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.link, place.unit, place.clock)
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit)

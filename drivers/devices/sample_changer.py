@@ -1,18 +1,18 @@
-"""Driver of the sample changer, and the operator of a bench that has one."""
+"""Driver of the sample changer."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Self
 
 from palpate.drivers.clock import Clock
+from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.operator import Operator
 from palpate.instrument.contracts import sample_changer
 from palpate.instrument.contracts.sample_changer import PLACES
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
-from palpate.instrument.sensor.sample import Sample
 
 POLL = 0.5  # s
 TIMEOUT = 120.0  # s
@@ -33,6 +33,10 @@ class SampleChanger(ModbusDevice):
 
     contract = sample_changer.CONTRACT
     orders = frozenset({"order"})
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.link, place.unit, place.clock)
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit)
@@ -118,37 +122,3 @@ class SampleChanger(ModbusDevice):
         """As of every device; and raises as `check`: a setting can be written again, a swapped sample cannot."""
         self.check()
         return super().differences()
-
-
-class ChangerAndPerson:
-    """The operator of a bench with a sample changer, which mounts samples; a person does all else.
-
-    Meets `palpate.instrument.bench.operator.Operator`.
-    """
-
-    def __init__(self, changer: SampleChanger, person: Operator) -> None:
-        self._changer = changer
-        self._person = person
-
-    def mount(self, sample: Sample) -> None:
-        self._changer.mount(sample.name)
-
-    def lay_on_support(self, sample: Sample | None) -> None:
-        self._changer.leave()
-        self._person.lay_on_support(sample)
-
-    def place_probe(self, x: float, y: float) -> None:
-        self._person.place_probe(x, y)
-
-    def press_tooth(self, tooth: int) -> None:
-        self._changer.leave()
-        self._person.press_tooth(tooth)
-
-    def place_weight(self, mass: float) -> None:
-        self._person.place_weight(mass)
-
-    def turn_load_cell(self, degrees: float) -> None:
-        self._person.turn_load_cell(degrees)
-
-    def set_temperature(self, kelvin: float) -> None:
-        self._person.set_temperature(kelvin)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import CanopenDevice
+from palpate.drivers.devices.device import Place
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.sensor_node import (
@@ -56,6 +58,10 @@ class SensorNode(CanopenDevice):
 
     contract = CONTRACT
     orders = frozenset({"sync_cob_id"})  # starts and stops SYNC
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.link, place.unit, place.clock)
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
         super().__init__(link, node_id)

@@ -6,9 +6,12 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
+from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.contracts.contract import Value
 from palpate.instrument.contracts.shaker_amplifier import SETTINGS
@@ -38,6 +41,10 @@ class ShakerAmplifier(ModbusDevice):
     """
 
     contract = shaker_amplifier.CONTRACT
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.link, place.unit, owned=place.settings.watchdog_fed_by == "owner")
 
     def __init__(self, link: ModbusLink, unit: int, *, owned: bool = True) -> None:
         super().__init__(link, unit)
@@ -124,6 +131,16 @@ class ShakerAmplifier(ModbusDevice):
                 if error.code == ILLEGAL_VALUE:
                     raise SettingsLost(f"{self.name}: does not know this program any more; look at it") from None
                 raise
+
+    def set_up(self, settings: AmplifierSettings, watchdog: float) -> None:
+        """As of every device.
+
+        Raises SafetyError: it has tripped on anything but its watchdog, which every killed run leaves.
+        """
+        if self.read().faults_latched == {"watchdog"}:
+            self.clear_faults()
+        self.check()
+        self.configure(settings.gain, settings.current_limit, watchdog)
 
     def configure(self, gain: float, current_limit: float, watchdog: float) -> None:
         """Set the voltage gain V/V, the peak current A at which it trips, and the watchdog time-out s."""

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 from palpate.drivers.clock import Clock
+from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
+from palpate.instrument.bench.kinds import IndicatorSettings
 from palpate.instrument.contracts import strain_indicator
 from palpate.instrument.errors import DeviceError
 
@@ -48,6 +51,10 @@ class StrainIndicator(ModbusDevice):
     contract = strain_indicator.CONTRACT
     orders = frozenset({"command"})
 
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.link, place.unit, place.clock)
+
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit)
         self._clock = clock
@@ -57,6 +64,15 @@ class StrainIndicator(ModbusDevice):
         """As of every device; its display may have been renewed less often than before, as it may have started anew."""
         super().identify()
         self._renewed = None
+
+    def set_up(self, settings: IndicatorSettings, watchdog: float) -> None:
+        """As of every device."""
+        self.configure(settings.gage_factor, 1e3 * settings.full_scale)
+
+    def sick(self) -> str:
+        """As of every device."""
+        sick = self.read().sick
+        return f"{sick}; check the bridge and its wires" if sick else ""
 
     def configure(self, gage_factor: float, full_scale_mV: float) -> None:
         """Set the gage factor and the reading in mV above which overload is flagged."""

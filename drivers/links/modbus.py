@@ -16,7 +16,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
-from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.bench.description import SerialLine, TcpAddress, TcpLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise
@@ -92,7 +92,7 @@ class ModbusLink:
         self._client.transaction.trace_packet = trace
 
     @classmethod
-    def tcp(cls, address: TcpAddress) -> ModbusLink:
+    def tcp(cls, address: TcpAddress | TcpLink) -> ModbusLink:
         client = ModbusTcpClient(address.host, port=address.port, timeout=address.timeout, retries=0)
         return cls(f"{address.host}:{address.port}", client)
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,10 +19,10 @@ from can.io.blf import BLFParseError
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
+from palpate.instrument.bench.description import Listed
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.errors import RecordError, UsageError
 
@@ -30,6 +31,7 @@ WHOLE_FORMAT = ".pcapng"
 UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # place of the unit id in a frame
 CLOCK, RUN = "clock", "run"  # notes: a time of the bench's clock that the program read [ns], the header of the run
 NODES = sensor_node.CONTRACT.name
+NODE_ID = 0x7F  # bits of an identifier, CiA 301
 FRAME = struct.Struct(">IB3x")  # Linux' can_frame up to its data
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
 
@@ -77,22 +79,42 @@ def _unwritable(path: Path, error: OSError) -> RecordError:
     return RecordError(f"{path}: the bus log cannot be written: {error.strerror or error}; choose another --log")
 
 
-def modbus_links(bench: Bench) -> Iterator[tuple[ModbusLink, Link, Callable[[bytes], str]]]:
-    """Each Modbus link of a bench, its kind, and a function that names the device of a request."""
-    devices = [device for device in bench.devices if isinstance(device, ModbusDevice)]
-    for link in {id(device.link): device.link for device in devices}.values():
-        place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
-        names = {device.unit: device.contract.name for device in devices if device.link is link}
-
-        def whom(data: bytes, names: dict[int, str] = names, place: int = place) -> str:
-            return names.get(data[place], f"unit {data[place]}")
-
-        yield link, Link.LINE if link.serial else Link.TCP, whom
+def called(device: Listed) -> str:
+    """What a log calls a device: its name, and behind it its kind where that is another."""
+    name, kind = device.name, device.kind.name
+    return kind if kind in (name, NODES) else f"{name} ({kind})"
 
 
-def can_links(bench: Bench) -> list[CanLink]:
-    """The CAN links of a bench."""
-    return list({id(device.link): device.link for device in bench.devices if isinstance(device.link, CanLink)}.values())
+def kind_called(who: str) -> str:
+    """The kind of a device by what a log calls it."""
+    return who.partition(" (")[2].removesuffix(")") or who
+
+
+def modbus_links(bench: Bench) -> Iterator[tuple[str, ModbusLink, Link, Callable[[bytes], str]]]:
+    """Each Modbus link of a bench with its name, its kind, and which device a request on it is for."""
+    for name, link in bench.links.items():
+        if isinstance(link, ModbusLink):
+            place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
+            names = {device.unit: called(device) for device in bench.description.devices if device.link == name}
+
+            def whom(data: bytes, names: dict[int, str] = names, place: int = place) -> str:
+                return names.get(data[place], f"unit {data[place]}")
+
+            yield name, link, Link.LINE if link.serial else Link.TCP, whom
+
+
+def can_links(bench: Bench) -> list[tuple[CanLink, Callable[[bytes], str]]]:
+    """The CAN links of a bench, and which device a packed frame is of."""
+    found: list[tuple[CanLink, Callable[[bytes], str]]] = []
+    for name, link in bench.links.items():
+        if isinstance(link, CanLink):
+            names = {device.unit: called(device) for device in bench.description.devices if device.link == name}
+
+            def whom(data: bytes, names: dict[int, str] = names) -> str:
+                return names.get(FRAME.unpack_from(data)[0] & NODE_ID, NODES)
+
+            found.append((link, whom))
+    return found
 
 
 def packed(frame: can.Message) -> bytes:
@@ -141,10 +163,10 @@ class BusLog:
                 self._stack = stack.pop_all()
         except OSError as error:
             raise _unwritable(self._path, error) from error
-        for modbus, kind, whom in modbus_links(self._bench):
+        for _, modbus, kind, whom in modbus_links(self._bench):
             self._listen(modbus, kind, whom)
-        for link in can_links(self._bench):
-            link.tap(self._heard_frame)
+        for link, of in can_links(self._bench):
+            link.tap(partial(self._heard_frame, of))
         self._bench.clock.tap(self._told_time)
         return self
 
@@ -176,11 +198,12 @@ class BusLog:
 
         link.tap(heard)
 
-    def _heard_frame(self, sending: bool, frame: can.Message) -> None:
-        stamped = unpacked(packed(frame))
+    def _heard_frame(self, whom: Callable[[bytes], str], sending: bool, frame: can.Message) -> None:
+        data = packed(frame)
+        stamped = unpacked(data)
         with self._lock:
             now = self._now_ns()
-            self._write(self._whole.write, Packet(now, NODES, Link.CAN, sending, packed(frame)))
+            self._write(self._whole.write, Packet(now, whom(data), Link.CAN, sending, data))
             stamped.timestamp, stamped.is_rx, stamped.channel = now / 1e9, not sending, 0
             for log in self._frames:
                 self._write(log, stamped)

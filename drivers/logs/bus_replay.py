@@ -16,6 +16,7 @@ import tty
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -26,17 +27,17 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     CLOCK,
-    NODES,
     RUN,
     WHOLE_FORMAT,
     can_links,
+    kind_called,
     logged,
     modbus_links,
     packed,
     unpacked,
 )
 from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
-from palpate.instrument.bench.description import BenchDescription, TcpAddress
+from palpate.instrument.bench.description import BenchDescription, SerialLine, TcpLink
 from palpate.instrument.bench.serial_line import FASTEST, character_bits, reply_begins
 from palpate.instrument.config import parse
 from palpate.instrument.contracts import shaker_amplifier
@@ -44,7 +45,6 @@ from palpate.instrument.errors import ConfigError, UsageError
 
 LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes
-LINE = "line"
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its number; everything before the request
 AMPLIFIER = shaker_amplifier.CONTRACT
 ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # token and counter are written
@@ -108,18 +108,15 @@ class BusReplay:
             self._bus = can.Bus(interface="virtual", channel=channel)
             stack.callback(self._bus.shutdown)
             self._wire = stack.enter_context(_Wire())
-            places: dict[str, dict[str, Any]] = {
-                **{
-                    name: {"host": LOOPBACK, "port": self._wire.listen(name)}
-                    for name, address in recorded
-                    if isinstance(address, TcpAddress)
-                },
-                LINE: {"port": self._wire.line(LINE), "baudrate": FASTEST},
-                "can": {"interface": "virtual", "channel": channel},
-            }
-            self.description = recorded.model_copy(
-                update={name: getattr(recorded, name).model_copy(update=place) for name, place in places.items()}
-            )
+            places: dict[str, dict[str, Any]] = {}
+            for name, link in recorded.links.items():
+                if isinstance(link, TcpLink):
+                    places[name] = {"host": LOOPBACK, "port": self._wire.listen(name)}
+                elif isinstance(link, SerialLine):
+                    places[name] = {"port": self._wire.line(name), "baudrate": FASTEST}
+                else:
+                    places[name] = {"interface": "virtual", "channel": channel}
+            self.description = recorded.moved(places)
             self._stack = stack.pop_all()
         return self
 
@@ -128,10 +125,10 @@ class BusReplay:
 
     def attach(self, bench: Bench) -> None:
         """Listen to the requests on the links of a bench that is not open yet."""
-        for modbus, kind, whom in modbus_links(bench):
-            self._answer(modbus, kind, whom)
-        for link in can_links(bench):
-            link.tap(self._heard_frame)
+        for name, modbus, kind, whom in modbus_links(bench):
+            self._answer(name, modbus, kind, whom)
+        for link, of in can_links(bench):
+            link.tap(partial(self._heard_frame, of))
 
     def now_ns(self) -> int:
         """The time that the program read at this place of the log [ns]."""
@@ -141,7 +138,7 @@ class BusReplay:
     def wait(self, duration: float) -> None:
         """Return at once: the time has passed in the log."""
 
-    def _answer(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
+    def _answer(self, name: str, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
         def heard(sending: bool, data: bytes) -> None:
             if sending:
                 who = whom(data)
@@ -149,13 +146,14 @@ class BusReplay:
                 reply = _confirmed(data) if _is_heartbeat(sent) else self._reply(self._next(sent))
                 if reply and kind is Link.TCP:
                     reply = data[:TRANSACTION] + reply[TRANSACTION:]
-                self._wire.expect(LINE if link.serial else who, len(data), reply)
+                self._wire.expect(name, len(data), reply)
 
         link.tap(heard)
 
-    def _heard_frame(self, sending: bool, frame: can.Message) -> None:
+    def _heard_frame(self, whom: Callable[[bytes], str], sending: bool, frame: can.Message) -> None:
         if sending:
-            self._next(Packet(0, NODES, Link.CAN, True, packed(frame)))
+            data = packed(frame)
+            self._next(Packet(0, whom(data), Link.CAN, True, data))
 
     def _next(self, did: Packet) -> int:
         """Place of the program's present action in the log. Raises ConfigError: the log has another action there."""
@@ -197,7 +195,7 @@ def _same(recorded: Packet, did: Packet) -> bool:
 
 def _is_heartbeat(packet: Packet) -> bool:
     """Whether a packet only feeds the amplifier's watchdog. The first one of a token also claims the amplifier."""
-    if packet.who != AMPLIFIER.name:
+    if kind_called(packet.who) != AMPLIFIER.name:
         return False
     request = packet.data[MBAP:]
     return packet.sent and (request == LOOK or (request.startswith(ALIVE) and request[-4:] != FIRST))
@@ -212,7 +210,7 @@ def _confirmed(request: bytes) -> bytes:
 def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
     unheard = False  # the answer to one
     for packet in packets:
-        of_amplifier = packet.who == AMPLIFIER.name
+        of_amplifier = kind_called(packet.who) == AMPLIFIER.name
         if of_amplifier and packet.sent:
             unheard = _is_heartbeat(packet)
         if not (of_amplifier and unheard):
@@ -226,6 +224,7 @@ class _Wire:
         self._selector = selectors.DefaultSelector()
         self._due: dict[str, deque[tuple[int, bytes]]] = {}
         self._got: dict[str, int] = {}
+        self._lines: set[str] = set()
         self._stack = ExitStack()
         self._thread = threading.Thread(target=self._run, name="bus replay", daemon=True)
 
@@ -260,6 +259,7 @@ class _Wire:
         for descriptor in (master, slave):
             self._stack.callback(os.close, descriptor)
         self._add(master, name)
+        self._lines.add(name)
         return os.ttyname(slave)
 
     def _add(self, end: socket.socket | int, name: str) -> None:
@@ -294,7 +294,7 @@ class _Wire:
             while due and self._got[name] >= due[0][0]:
                 size, reply = due.popleft()
                 self._got[name] -= size
-                if name == LINE:
+                if name in self._lines:
                     WallClock().wait(reply_begins(size, FASTEST, BITS))  # a reply that comes sooner is thrown away
                 os.write(end, reply)
         except OSError:  # the other side is closed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 
 from palpate.instrument.contracts import (
     positioner,
@@ -20,6 +21,6 @@ CONTRACTS: dict[str, Contract] = {
 }
 
 
-def contracts_digest() -> str:
+def contracts_digest(others: Iterable[Contract] = ()) -> str:
     """SHA-256 over all contracts. Each run keeps it."""
-    return hashlib.sha256("".join(c.digest() for c in CONTRACTS.values()).encode()).hexdigest()
+    return hashlib.sha256("".join(c.digest() for c in (*CONTRACTS.values(), *others)).encode()).hexdigest()

@@ -55,6 +55,7 @@ class Contract:
     identity: Identity
     fields: tuple[Field, ...]
     pdos: tuple[Pdo, ...] = ()
+    about: str = field(default="", compare=False)  # for people: whose map it is, and what it imitates
     _by_name: dict[str, Field] = field(init=False, repr=False, compare=False)
     _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
 

@@ -6,7 +6,6 @@ two exports of the same contracts are the same bytes.
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import io
 import warnings
@@ -43,7 +42,7 @@ _EDS_FILE = {
 }
 
 
-def export_contracts(folder: Path) -> list[Path]:
+def export_contracts(folder: Path, contracts: Iterable[Contract] = tuple(CONTRACTS.values())) -> list[Path]:
     """Write `registers.md`, `sensor_node.eds` and `bench.dbc` into `folder`; existing files are overwritten.
 
     Returns:
@@ -54,7 +53,7 @@ def export_contracts(folder: Path) -> list[Path]:
         RecordError: the folder cannot be made, or a file in it cannot be written.
     """
     texts = {
-        "registers.md": registers(CONTRACTS.values()),
+        "registers.md": registers(contracts),
         "sensor_node.eds": node_eds(CONTRACTS["sensor_node"]),
         "bench.dbc": bench_dbc(CONTRACTS["sensor_node"]),
     }
@@ -78,10 +77,9 @@ def registers(contracts: Iterable[Contract]) -> str:
     """Markdown text: an introduction, then each device with its identity and its register table."""
     parts = ["# Registers and objects", f"{_OURS}; the real maps that one imitates are named with it."]
     for contract in contracts:
-        about = importlib.import_module(f"palpate.instrument.contracts.{contract.name}").__doc__
         parts += [
             f"## {contract.title}",
-            inspect.cleandoc(about or ""),
+            inspect.cleandoc(contract.about),
             _wire(contract),
             f"Contract `{contract.name}`, SHA-256 `{contract.digest()}`.",
             register_table(contract),

@@ -34,6 +34,7 @@ CONTRACT = Contract(
     title="sensor node",
     bus="canopen",
     identity=Identity("0x50414C50", "0x534E0001", "0x00010000"),
+    about=__doc__ or "",
     fields=(
         Field("device_type", sdo(0x1000), "uint32", "CiA 404, analogue inputs", default=0x0002_0194),
         Field("error_register", sdo(0x1001), "uint8", "error register", bits={"generic": 0, "voltage": 2}),

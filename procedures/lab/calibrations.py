@@ -59,7 +59,7 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
         if not bench.simulated:
             raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
         return THESIS_LOAD_CELL
-    gage_factor = bench.description.strain_indicator.gage_factor
+    gage_factor = bench.named(bench.indicator).settings.gage_factor
     serial = bench.indicator.serial or "unknown"
     return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
 

@@ -57,7 +57,7 @@ class Chosen:
         """What is known of it. Raises ConfigError, UnknownName."""
         if self.description is not None:
             design = get_design(self.description.design).with_pickup(self.description.pickup)
-            return Target(design, self.description.force_limit, len(self.description.can.nodes))
+            return Target(design, self.description.force_limit, len(self.description.filling("sensor_node")))
         assert self.scene is not None
         design = self.scene.design.with_pickup(self.scene.pickup)
         force_limit = BenchDescription.model_fields["force_limit"].default
@@ -71,7 +71,7 @@ class Chosen:
             return "simulated"
         if self.operator is not None:
             return "confirmed"
-        return check_somebody(by_hand, self.description.sample_changer is not None, self.assume_mounted)
+        return check_somebody(by_hand, bool(self.description.filling("sample_changer")), self.assume_mounted)
 
 
 def choose(

@@ -152,7 +152,7 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
         contract = amplifier.contract
         faults = {name: contract.set_bits(name, amplifier.read(name)) for name in ("faults", "faults_latched")}
         reading = indicator.read("reading_float")
-        load = bus_load(active, sync, sim.description.can.bitrate) if sync else 0.0
+        load = bus_load(active, sync, sim.bitrate) if sync else 0.0
         rows = {
             "bench time": f"{sim.clock.now_ns() / 1e9:.1f} s" + (f", {behind:.1f} s behind" if behind >= 1 else ""),
             "generator": f"{_on(generator['output'])}, {show(generator['amplitude'], 'V')} at "
@@ -164,7 +164,7 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
             "indicator": "bridge open" if math.isnan(reading) else f"{reading:g} mV",
             "positioner": show(positioner.read("position"), "m"),
             "sensor nodes": ", ".join(f"{number} {state.lower()}" for number, state in states.items()),
-            "CAN bus": f"{100 * load:.0f} % of {show(sim.description.can.bitrate, 'bit/s')} at worst",
+            "CAN bus": f"{100 * load:.0f} % of {show(sim.bitrate, 'bit/s')} at worst",
             "Modbus": f"{rate:.0f} transactions/s",
         }
     table = Table(title=f"SIMULATED {sim.description.name}", show_header=False, box=None, padding=(0, 1))

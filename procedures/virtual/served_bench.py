@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 
 from palpate.drivers.safe_end import taken
-from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.description import LINE, BenchDescription
 from palpate.instrument.errors import BenchError, PalpateError
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands.options import Output
@@ -76,7 +76,7 @@ def serving(wish: Wish) -> Iterator[Served]:
         description = _description(sim, wish)
         if wish.line is not None:
             with storing(wish.line):
-                wish.line.symlink_to(sim.description.line.port)
+                wish.line.symlink_to(sim.line)
             stack.callback(wish.line.unlink, missing_ok=True)
         if wish.out is not None:
             with storing(wish.out):
@@ -100,9 +100,8 @@ def serve_until_told(wish: Wish, output: Output, shows_status: bool) -> None:
 
 
 def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
-    line = sim.description.line
-    named = line if wish.line is None else line.model_copy(update={"port": str(wish.line.absolute())})
-    return sim.description.model_copy(update={"line": named})
+    named = {} if wish.line is None else {LINE: {"port": str(wish.line.absolute())}}
+    return sim.description.moved(named)
 
 
 def _announce(wish: Wish, description: BenchDescription, output: Output) -> None:

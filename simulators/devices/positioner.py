@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 from palpate.instrument.contracts import positioner
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import ILLEGAL_VALUE, Refused, SimulatedDevice
+from palpate.simulators.wire.device import ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
 HOMING_SPEED = 5e-3  # m/s [A]
 
@@ -14,6 +16,10 @@ class Positioner(SimulatedDevice):
     """The scene takes the new position when the move has ended."""
 
     contract = positioner.CONTRACT
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.clock, place.serial, place.rig)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
         super().__init__(clock, serial)

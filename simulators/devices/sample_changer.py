@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Self
 
 from palpate.instrument.contracts import sample_changer
 from palpate.instrument.contracts.sample_changer import PLACES
@@ -10,7 +11,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice
+from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
 TRAVEL = 0.1  # m of the carriage, for any exchange [A]
 
@@ -22,6 +23,10 @@ class SampleChanger(SimulatedDevice):
     """
 
     contract = sample_changer.CONTRACT
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.clock, place.serial, place.rig, place.samples)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig, samples: Sequence[Sample]) -> None:
         """Raises RangeError: more samples than it has places."""

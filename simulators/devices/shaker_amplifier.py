@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Self
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from palpate.instrument.contracts.shaker_amplifier import FAULTS
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.amplifier_owner import Owner
 from palpate.simulators.linear.periodic import Periodic
-from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice
+from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
 AMBIENT = 25.0  # degC [A]
 THERMAL_RESISTANCE = 2.0  # K/W of the power in the coil [A]
@@ -27,6 +28,19 @@ class ShakerAmplifier(SimulatedDevice):
     """`source` gives the input voltage, `changed` is called when the output may have changed."""
 
     contract = shaker_amplifier.CONTRACT
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """Between the device that is the source and the rig's coil."""
+        rig = place.rig
+        made = cls(
+            place.clock,
+            place.serial,
+            lambda: place.find("source").voltage(),
+            lambda: rig.set_voltage(made.voltage()),
+            rig.scene.rig.coil_resistance,
+        )
+        return made
 
     def __init__(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Self
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from palpate.instrument.contracts import signal_generator
 from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.periodic import HERTZ, Periodic
-from palpate.simulators.wire.device import ILLEGAL_VALUE, Refused, SimulatedDevice
+from palpate.simulators.wire.device import ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
 HARMONICS = 25
 FREQUENCY_STEPS = 1000  # per Hz
@@ -18,6 +19,10 @@ FREQUENCY_STEPS = 1000  # per Hz
 
 class SignalGenerator(SimulatedDevice):
     contract = signal_generator.CONTRACT
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.clock, place.serial, lambda: place.find("amplifier").input_changed())
 
     def __init__(self, clock: VirtualClock, serial: str, changed: Callable[[], None]) -> None:
         super().__init__(clock, serial)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from palpate.instrument.contracts import strain_indicator
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice
+from palpate.simulators.wire.device import DEVICE_BUSY, Place, Refused, SimulatedDevice
 
 IDEAL_SENSITIVITY = 10.306e-3  # V/N of a scene without a load cell: line through Table 5.1 [T]
 GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
@@ -24,6 +25,11 @@ COMMAND_NS = 50_000_000  # a command is carried out after this long [A]
 
 class StrainIndicator(SimulatedDevice):
     contract = strain_indicator.CONTRACT
+    readings = ("reading", "reading_float", "updates")
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        return cls(place.clock, place.serial, place.rig)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig) -> None:
         super().__init__(clock, serial)

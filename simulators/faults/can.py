@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from pydantic import Field
 
+from palpate.instrument.bench.description import CAN
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.faults.fault import CAN, NODE, Fault, Trigger
+from palpate.simulators.faults.fault import Fault, Trigger
+from palpate.simulators.faults.places import Target
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
 HEARTBEAT = 0x700
@@ -24,16 +26,17 @@ Send = Callable[[Frame], None]
 class CanFault(Fault):
     """Replaces a frame on the bus. A node's fault counts and strikes only that node's frames."""
 
-    targets: ClassVar[tuple[str, ...]] = (CAN, NODE)
+    targets: ClassVar[tuple[Target, ...]] = (CAN, "canopen")
     function: ClassVar[int | None] = None  # strikes only frames of this function
     overtaken: ClassVar[int] = 0  # number of frames that overtake a struck one
 
     def frames(self, frame: Frame) -> list[Frame]:
         return []
 
-    def concerns(self, frame: Frame) -> bool:
+    def concerns(self, frame: Frame, nodes: Mapping[int, str]) -> bool:
+        """Whether it counts this frame; `nodes` are the names of the bus' devices by node id."""
         function, node = frame.arbitration_id & FUNCTION, frame.arbitration_id & NODE_ID
-        mine = self.on == CAN or (self.on == f"{NODE}{node}" and bool(function))
+        mine = self.on == CAN or (self.on == nodes.get(node) and bool(function))
         return mine and self.function in (None, function)
 
 
@@ -64,23 +67,23 @@ class ErrorFrame(CanFault):
 class BusOff(CanFault):
     """The controllers have left the bus: nothing is heard until they recover."""
 
-    targets: ClassVar[tuple[str, ...]] = (CAN,)
+    targets: ClassVar[tuple[Target, ...]] = (CAN,)
 
 
 class BusOverload(CanFault):
     """The bus is overloaded: frames of lower priority, with the numbers and flags of samples, are lost."""
 
-    targets: ClassVar[tuple[str, ...]] = (CAN,)
+    targets: ClassVar[tuple[Target, ...]] = (CAN,)
     function: ClassVar[int | None] = STAMP
 
 
 class NoHeartbeat(CanFault):
-    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    targets: ClassVar[tuple[Target, ...]] = ("canopen",)
     function: ClassVar[int | None] = HEARTBEAT
 
 
 class _Counter(CanFault):
-    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
     function: ClassVar[int | None] = STAMP
     step: ClassVar[int]
 
@@ -103,7 +106,7 @@ class CounterSkips(_Counter):
 class BabblingNode(CanFault):
     """A node sends its samples again and again."""
 
-    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
     function: ClassVar[int | None] = SAMPLES
     times: int = Field(default=BABBLE, ge=1, le=10_000, strict=True)
 
@@ -114,15 +117,22 @@ class BabblingNode(CanFault):
 class FaultyBus:
     """Sends frames in place of the bus, with the faults applied."""
 
-    def __init__(self, clock: VirtualClock, faults: Sequence[tuple[CanFault, Trigger]], send: Send) -> None:
+    def __init__(
+        self,
+        clock: VirtualClock,
+        faults: Sequence[tuple[CanFault, Trigger]],
+        send: Send,
+        nodes: Mapping[int, str],
+    ) -> None:
         self._clock = clock
         self._faults = faults
         self._send = send
+        self._nodes = nodes
         self._held: list[tuple[int, Frame]] = []
 
     def send(self, frame: Frame) -> None:
         now = self._clock.now_ns()
-        concerned = [(fault, trigger) for fault, trigger in self._faults if fault.concerns(frame)]
+        concerned = [(fault, trigger) for fault, trigger in self._faults if fault.concerns(frame, self._nodes)]
         struck = [fault for fault, trigger in concerned if trigger.strikes(now)]
         frames = [frame]
         if struck and struck[0].overtaken:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from palpate.instrument.contracts import CONTRACTS, sensor_node
 from palpate.instrument.errors import ConfigError, UnknownName
-from palpate.simulators.faults.fault import MODBUS, NODE, Fault
+from palpate.simulators.faults.fault import Fault
+from palpate.simulators.faults.places import HasSettings, Struck, Target, Trips
 from palpate.simulators.wire.device import SimulatedDevice
 
 if TYPE_CHECKING:
     from palpate.simulators.bench import SimulatedBench
-    from palpate.simulators.devices.sensor_node import SensorNode
 
 
 class DeviceFault(Fault):
@@ -28,18 +27,18 @@ class DeviceFault(Fault):
 class PowerCycle(DeviceFault):
     """The device restarts with its factory settings."""
 
-    targets: ClassVar[tuple[str, ...]] = MODBUS
+    targets: ClassVar[tuple[Target, ...]] = ("modbus-tcp", "modbus-rtu")
 
     def begin(self, sim: SimulatedBench) -> None:
         device(sim, self.on).reset()
 
 
 class _Trip(DeviceFault):
-    targets: ClassVar[tuple[str, ...]] = ("shaker_amplifier",)
+    targets: ClassVar[tuple[Target, ...]] = (Trips,)
     latches: ClassVar[str]
 
     def begin(self, sim: SimulatedBench) -> None:
-        sim.amplifier.trip(self.latches)
+        device(sim, self.on).trip(self.latches)
 
 
 class OverCurrent(_Trip):
@@ -59,12 +58,14 @@ class LatchedFault(_Trip):
 class FrontPanel(DeviceFault):
     """Somebody changes a setting at the device's panel: `setting` to `value`, in the contract's unit."""
 
-    targets: ClassVar[tuple[str, ...]] = (*MODBUS, NODE)
+    targets: ClassVar[tuple[Target, ...]] = (HasSettings,)
     setting: str
     value: float
 
-    def problem(self) -> str:
-        contract = sensor_node.CONTRACT if self.on.startswith(NODE) else CONTRACTS[self.on]
+    def problem(self, place: Struck) -> str:
+        if place.kind is None:
+            return "it is no device"
+        contract = place.kind.contract
         settings = [field.name for field in contract.fields if field.access == "rw"]
         if self.setting not in settings:
             return str(UnknownName(f"setting of the {contract.title}", self.setting, settings))
@@ -73,24 +74,17 @@ class FrontPanel(DeviceFault):
         return ""
 
     def begin(self, sim: SimulatedBench) -> None:
-        if self.on.startswith(NODE):
-            found = node(sim, self.on)
-            found.write(sensor_node.CONTRACT[self.setting], self.value)
+        found = device(sim, self.on)
+        if isinstance(found, SimulatedDevice):
+            found.turn({self.setting: self.value})
         else:
-            device(sim, self.on).turn({self.setting: self.value})
+            found.write(found.contract[self.setting], self.value)
 
 
-def device(sim: SimulatedBench, name: str) -> SimulatedDevice:
-    """Modbus device of the bench by its name in a scene. Raises ConfigError: the bench has no sample changer."""
-    devices = (sim.generator, sim.amplifier, sim.changer, sim.indicator, sim.positioner)
-    found = dict(zip(MODBUS, devices, strict=True))[name]
-    if found is None:
+def device(sim: SimulatedBench, name: str) -> Any:
+    """Device of the bench by its name in a scene. Raises ConfigError: the bench has no sample changer."""
+    if name not in sim.devices:
         raise ConfigError(
             f"fault: this bench has no {name}, so nothing of it can fail; palpate serve --samples 1-6 gives it one"
         )
-    return found
-
-
-def node(sim: SimulatedBench, name: str) -> SensorNode:
-    """A node of the bench by its name in a scene."""
-    return sim.nodes[int(name.removeprefix(NODE)) - 1]
+    return sim.devices[name]

@@ -11,14 +11,11 @@ from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Seconds
 from palpate.simulators.faults import FAULTS, fault_class
+from palpate.simulators.faults.places import Struck, Target, struck
 from palpate.simulators.randomness import Stream
 
 MOST = 100  # faults in a scene
 WHEN = ("at", "transaction", "probability")
-CHANGER = "sample_changer"  # a bench may be without it
-TCP = ("signal_generator", "shaker_amplifier", CHANGER)
-MODBUS = (*TCP, "strain_indicator", "positioner")
-LINE, CAN, NODE = "line", "can", "sensor_node_"
 
 
 class Fault(Config):
@@ -32,7 +29,7 @@ class Fault(Config):
         lasts: how long it goes on; 0: it strikes once, and a changed device stays changed.
     """
 
-    targets: ClassVar[tuple[str, ...]]
+    targets: ClassVar[tuple[Target, ...]]
 
     kind: str
     on: str
@@ -41,8 +38,8 @@ class Fault(Config):
     probability: float | None = Field(default=None, gt=0, le=1, strict=True)
     lasts: Seconds = Field(default=0.0, ge=0)
 
-    def problem(self) -> str:
-        """What is wrong with the combination of its parameters; empty: nothing."""
+    def problem(self, place: Struck) -> str:
+        """What is wrong with the combination of its parameters at this place; empty: nothing."""
         return ""
 
     @property
@@ -81,7 +78,7 @@ class Trigger:
         return self._count == self._fault.transaction
 
 
-def parse_faults(given: Sequence[Mapping[str, Any]], nodes: int, where: str) -> tuple[Fault, ...]:
+def parse_faults(given: Sequence[Mapping[str, Any]], standing: Sequence[Struck], where: str) -> tuple[Fault, ...]:
     """Read and check the faults of a scene file.
 
     Raises:
@@ -90,17 +87,19 @@ def parse_faults(given: Sequence[Mapping[str, Any]], nodes: int, where: str) -> 
     """
     if len(given) > MOST:
         raise ConfigError(f"{where}: fault: {len(given)} faults are more than {MOST}; leave some out")
-    return tuple(parse_fault(dict(table), nodes, f"{where}: fault {number}") for number, table in enumerate(given, 1))
+    return tuple(
+        parse_fault(dict(table), standing, f"{where}: fault {number}") for number, table in enumerate(given, 1)
+    )
 
 
-def parse_fault(table: dict[str, Any], nodes: int, where: str) -> Fault:
+def parse_fault(table: dict[str, Any], standing: Sequence[Struck], where: str) -> Fault:
     """Read and check one fault; `where` names it in messages. Raises ConfigError as `parse_faults` does."""
     kind = table.get("kind")
     if not isinstance(kind, str):
         raise ConfigError(f"{where}: kind: is missing or no text; valid: {', '.join(FAULTS)}")
     try:
         fault = check(table, fault_class(kind), where)
-        valid = [name for target in fault.targets for name in _expanded(target, nodes)]
+        valid = struck(fault.targets, standing)
         if fault.on not in valid:
             raise UnknownName(f"place of a {kind}", fault.on, valid)
     except UnknownName as error:
@@ -109,10 +108,6 @@ def parse_fault(table: dict[str, Any], nodes: int, where: str) -> Fault:
     if len(times) != 1:
         said = " and ".join(times) or "none"
         raise ConfigError(f"{where}: {said} given of {', '.join(WHEN)}: exactly one says when it strikes")
-    if problem := fault.problem():
+    if problem := fault.problem(valid[fault.on]):
         raise ConfigError(f"{where}: {problem}")
     return fault
-
-
-def _expanded(target: str, nodes: int) -> list[str]:
-    return [f"{NODE}{number}" for number in range(1, nodes + 1)] if target == NODE else [target]

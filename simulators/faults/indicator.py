@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 from pydantic import Field
 
 from palpate.instrument.contracts import strain_indicator
-from palpate.simulators.faults.device import DeviceFault
+from palpate.simulators.faults.device import DeviceFault, device
+from palpate.simulators.faults.places import Reads, Target
 
 if TYPE_CHECKING:
     from palpate.simulators.bench import SimulatedBench
@@ -17,17 +18,17 @@ if TYPE_CHECKING:
 Read = Callable[[str], float]
 BITS = strain_indicator.CONTRACT["status"].bits
 NO_READING = 0x7FFF_FFFF
-DISPLAY = ("reading", "reading_float", "updates")
 
 
 class IndicatorFault(DeviceFault):
-    targets: ClassVar[tuple[str, ...]] = ("strain_indicator",)
+    targets: ClassVar[tuple[Target, ...]] = ("strain_indicator",)
 
     def begin(self, sim: SimulatedBench) -> None:
-        sim.indicator.read = self.instead(sim.indicator.read, sim.clock.now_ns)  # type: ignore[method-assign,assignment]
+        found = device(sim, self.on)
+        found.read = self.instead(found.read, sim.clock.now_ns)
 
     def end(self, sim: SimulatedBench) -> None:
-        vars(sim.indicator).pop("read", None)
+        vars(device(sim, self.on)).pop("read", None)
 
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
         """Function that is read in place of `read`."""
@@ -37,9 +38,12 @@ class IndicatorFault(DeviceFault):
 class StuckReading(IndicatorFault):
     """The display is no longer renewed."""
 
-    def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
-        stuck = {name: read(name) for name in DISPLAY}
-        return lambda name: stuck[name] if name in stuck else read(name)
+    targets: ClassVar[tuple[Target, ...]] = (Reads,)
+
+    def begin(self, sim: SimulatedBench) -> None:
+        found = device(sim, self.on)
+        read, stuck = found.read, {name: found.read(name) for name in found.readings}
+        found.read = lambda name: stuck[name] if name in stuck else read(name)
 
 
 class BridgeOpen(IndicatorFault):

@@ -6,15 +6,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from palpate.instrument.bench.description import CAN, LINE
 from palpate.instrument.errors import ConfigError, UsageError
 from palpate.simulators.clock import NEVER
 from palpate.simulators.faults.can import CanFault, FaultyBus
-from palpate.simulators.faults.device import DeviceFault, device, node
-from palpate.simulators.faults.fault import CAN, LINE, MODBUS, MOST, NODE, WHEN, Fault, Trigger, parse_fault
+from palpate.simulators.faults.device import DeviceFault, device
+from palpate.simulators.faults.fault import MOST, WHEN, Fault, Trigger, parse_fault
 from palpate.simulators.faults.indicator import IndicatorFault
 from palpate.simulators.faults.node import FilmFault
+from palpate.simulators.faults.places import places
 from palpate.simulators.faults.rtu import NoisyLine, RtuFault
 from palpate.simulators.faults.tcp import FaultyLink, TcpFault
+from palpate.simulators.wire.device import SimulatedDevice
 
 if TYPE_CHECKING:
     from palpate.simulators.bench import SimulatedBench
@@ -68,7 +71,7 @@ class Injection:
 
     def give(self, fault: Fault) -> None:
         """Give the bench a fault from now on. Raises ConfigError: the bench has no such device."""
-        if fault.on in MODBUS:
+        if fault.on not in (LINE, CAN):
             device(self._sim, fault.on)
         trigger = Trigger(fault, self._numbers, self._sim.scene.seed)
         self._numbers += 1
@@ -91,7 +94,7 @@ class Injection:
         """
         now = {"at": f"{self._sim.clock.now_ns()} ns", "lasts": FOREVER}
         timed = dict(table) if any(key in table for key in WHEN) else {**now, **table}
-        fault = parse_fault(timed, self._sim.scene.nodes, "fault")
+        fault = parse_fault(timed, places(self._sim.scene.nodes, self._sim.scene.devices), "fault")
         if len(self.given) >= MOST:
             raise ConfigError(f"fault: there are {MOST} already; clear some")
         for other in self.given:
@@ -146,8 +149,9 @@ class Injection:
     def _of_bus(self) -> list[tuple[CanFault, Trigger]]:
         if self._bus is None:
             faults = self._bus = []
+            nodes = self._sim.bus_nodes
             with self._sim.clock.lock:
-                self._sim.can.send_by(lambda send: FaultyBus(self._sim.clock, faults, send).send)
+                self._sim.can.send_by(lambda send: FaultyBus(self._sim.clock, faults, send, nodes).send)
         return self._bus
 
 
@@ -191,12 +195,11 @@ class _Happening:
             self._fault.end(self._sim)
 
     def _count_requests(self) -> None:
-        if self._fault.on.startswith(NODE):
-            found = node(self._sim, self._fault.on)
-            found.read = self._counted(found.read)  # type: ignore[method-assign]
+        found = device(self._sim, self._fault.on)
+        if isinstance(found, SimulatedDevice):
+            found.requested = self._counted(found.requested)  # type: ignore[method-assign]
         else:
-            other = device(self._sim, self._fault.on)
-            other.requested = self._counted(other.requested)  # type: ignore[method-assign]
+            found.read = self._counted(found.read)
 
     def _counted(self, request: Callable[..., Any]) -> Callable[..., Any]:
         def counted(*args: object) -> Any:

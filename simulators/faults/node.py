@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.contracts.sensor_node import CHANNELS
-from palpate.simulators.faults.device import DeviceFault, node
-from palpate.simulators.faults.fault import NODE
+from palpate.simulators.faults.device import DeviceFault, device
+from palpate.simulators.faults.places import Target
 
 if TYPE_CHECKING:
     from palpate.simulators.bench import SimulatedBench
@@ -21,37 +21,37 @@ BEYOND = 1e3  # V, above every range
 class NodeReboot(DeviceFault):
     """The node restarts, announces itself and waits to be started; its settings are lost."""
 
-    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    targets: ClassVar[tuple[Target, ...]] = ("canopen",)
 
     def begin(self, sim: SimulatedBench) -> None:
-        sim.can.reboot(node(sim, self.on))
+        sim.can.reboot(device(sim, self.on))
 
 
 class Emergency(DeviceFault):
-    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    targets: ClassVar[tuple[Target, ...]] = ("canopen",)
     code: int = Field(default=HARDWARE, ge=0, le=0xFFFF, strict=True)
 
     def begin(self, sim: SimulatedBench) -> None:
-        sim.can.emergency(node(sim, self.on), self.code)
+        sim.can.emergency(device(sim, self.on), self.code)
 
 
 class FilmFault(DeviceFault):
     """A voltage is added to the output of the charge amplifier of a `channel`."""
 
-    targets: ClassVar[tuple[str, ...]] = (NODE,)
+    targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
     channel: int = Field(default=1, ge=1, le=CHANNELS, strict=True)
 
     def begin(self, sim: SimulatedBench) -> None:
-        found, start = node(sim, self.on), sim.clock.now_ns()
+        found, start = device(sim, self.on), sim.clock.now_ns()
         sample, row = found.sample, np.arange(CHANNELS)[:, np.newaxis] == self.channel - 1
 
         def faulty(time_ns: Any, volts: Any, period_ns: int) -> Any:
             return sample(time_ns, volts + row * self.added(1e-9 * (time_ns - start)), period_ns)
 
-        found.sample = faulty  # type: ignore[method-assign]
+        found.sample = faulty
 
     def end(self, sim: SimulatedBench) -> None:
-        vars(node(sim, self.on)).pop("sample", None)
+        vars(device(sim, self.on)).pop("sample", None)
 
     def added(self, seconds: Any) -> Any:
         """Added voltage [V] at `seconds` (n,) after the fault began."""

@@ -12,8 +12,10 @@ import termios
 from collections.abc import Sequence
 from typing import ClassVar
 
+from palpate.instrument.bench.description import LINE
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.faults.fault import LINE, Fault, Trigger
+from palpate.simulators.faults.fault import Fault, Trigger
+from palpate.simulators.faults.places import Target
 
 GLITCH = b"\x00\xff\xf8"  # bytes that are read when a device begins to drive the line
 
@@ -21,7 +23,7 @@ GLITCH = b"\x00\xff\xf8"  # bytes that are read when a device begins to drive th
 class RtuFault(Fault):
     """Changes what the client gets as a reply."""
 
-    targets: ClassVar[tuple[str, ...]] = (LINE, "strain_indicator", "positioner")
+    targets: ClassVar[tuple[Target, ...]] = (LINE, "modbus-rtu")
     late: ClassVar[bool] = False  # whether the reply comes after the client's time-out
     reaches: ClassVar[bool] = True  # whether the device hears the request
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.faults.fault import TCP, Fault, Trigger
+from palpate.simulators.faults.fault import Fault, Trigger
+from palpate.simulators.faults.places import Target
 from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE
 from palpate.simulators.wire.relay import Listener
 
@@ -27,7 +28,7 @@ class TcpFault(Fault):
         then: what happens to the connection afterwards.
     """
 
-    targets: ClassVar[tuple[str, ...]] = TCP
+    targets: ClassVar[tuple[Target, ...]] = ("modbus-tcp",)
     forwards: ClassVar[bool] = True
     holds: ClassVar[bool] = False
     then: ClassVar[Literal["goes on", "reset", "refused"]] = "goes on"

@@ -16,7 +16,7 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.can_bus import LockedNetwork, burst, open_bus
-from palpate.simulators.wire.canopen_device import attach, local_node
+from palpate.simulators.wire.canopen_device import CanopenDevice, attach, local_node
 
 if TYPE_CHECKING:
     from palpate.simulators.faults.can import Send
@@ -83,6 +83,7 @@ class CanSegment:
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
             for number, node_id in enumerate(node_ids, 1)
         ]
+        self.guests: list[CanopenDevice] = []
         self._local = {node.id: local_node(node) for node in self.nodes}
         self._sync_from_ns = NEVER
         self._sync_period_ns = 0
@@ -92,7 +93,7 @@ class CanSegment:
 
     def __enter__(self) -> Self:
         self._network.connect()
-        for node in self.nodes:
+        for node in (*self.nodes, *self.guests):
             local = self._local[node.id]
             attach(self._network, local, node, self._let_pass)
             self._boot(local)
@@ -107,14 +108,19 @@ class CanSegment:
         """From now on frames are sent by what `instead` makes of the bus' own send; called under the clock's lock."""
         self._bus.send = instead(self._bus.send)  # type: ignore[method-assign,assignment]
 
+    def add(self, device: CanopenDevice) -> None:
+        """Let another device answer on the bus; called before it is entered."""
+        self.guests.append(device)
+        self._local[device.id] = local_node(device)
+
     def close(self) -> None:
         """Leave a bus that was never entered."""
         self._bus.shutdown()
 
     @property
     def states(self) -> dict[int, str]:
-        """NMT state of each node."""
-        return {number: str(local.nmt.state) for number, local in self._local.items()}
+        """NMT state of each sensor node."""
+        return {node.id: str(self._local[node.id].nmt.state) for node in self.nodes}
 
     @property
     def sync_rate(self) -> float:
@@ -131,22 +137,22 @@ class CanSegment:
         if len(data) < NMT_FRAME:
             return
         command, target = data[0], data[1]
-        for node in self.nodes:
+        for node in (*self.nodes, *self.guests):
             if target in (0, node.id):
                 if command == NMT_START:
                     node.start()
                 elif command in NMT_RESETS:
                     self.reboot(node)
 
-    def reboot(self, node: SensorNode) -> None:
+    def reboot(self, node: CanopenDevice) -> None:
         """As after power-on."""
         node.reset()
         self._timing_changed()
         self._boot(self._local[node.id])
 
-    def emergency(self, node: SensorNode, code: int) -> None:
+    def emergency(self, node: CanopenDevice, code: int) -> None:
         """The node sends an emergency."""
-        self._local[node.id].emcy.send(code, int(node.settings["error_register"]))
+        self._local[node.id].emcy.send(code, int(node.settings.get("error_register", 0)))
 
     def _let_pass(self) -> None:
         """The time of an SDO transfer. Who asked waits for the answer meanwhile, and nobody else moves the clock."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError
@@ -13,6 +13,7 @@ from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.contracts.object_dictionary import object_dictionary
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
+from palpate.simulators.wire.device import Place
 from palpate.simulators.wire.sdo_server import SdoServer
 
 SDO_FRAME = 8  # bytes
@@ -25,6 +26,11 @@ class CanopenDevice:
 
     contract: ClassVar[Contract]
 
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """The node of a simulated bench; one that takes more than clock, node id and serial number says so itself."""
+        return cls(place.clock, place.unit, place.serial)
+
     def __init__(self, clock: VirtualClock, node_id: int, serial: int) -> None:
         self.id = node_id
         self.clock = clock
@@ -35,6 +41,9 @@ class CanopenDevice:
         """As after power-on."""
         self.settings = {f.name: float(f.default) for f in self.contract.fields if f.type != "text"}
         self.settings["serial"] = float(self._serial)
+
+    def start(self) -> None:
+        """NMT state operational is entered."""
 
     def read(self, field: Field) -> Any:
         """Raw value of an object, for its SDO server."""

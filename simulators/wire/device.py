@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
+
+if TYPE_CHECKING:
+    from palpate.simulators.rig.rig import Rig
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a simulated device stands.
+
+    Attributes:
+        unit: or node id, by which it is asked.
+        serial: number that it tells; text on Modbus, an integer on CANopen.
+        settings: of its kind.
+        find: gives the simulated device that fills a role, once all are there.
+        samples: that a sample changer holds.
+    """
+
+    clock: VirtualClock
+    rig: Rig
+    unit: int
+    serial: Any
+    settings: Any
+    find: Callable[[Role], Any]
+    samples: Sequence[Sample] = ()
 
 
 class Refused(Exception):
@@ -25,6 +53,12 @@ class SimulatedDevice:
     """One device on a Modbus server. Methods are called under the clock's lock."""
 
     contract: ClassVar[Contract]
+    readings: ClassVar[tuple[str, ...]] = ()  # fields of its display, which may be stuck
+
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """The device of a simulated bench; one that takes more than clock and serial number says so itself."""
+        return cls(place.clock, place.serial)
 
     def __init__(self, clock: VirtualClock, serial: str) -> None:
         self.clock = clock

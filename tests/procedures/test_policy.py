@@ -28,6 +28,7 @@ from palpate.procedures.steps.policy import ATTEMPTS, RESTORE, STOP, carry_out, 
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import inject
 from palpate.simulators.faults.fault import parse_faults
+from palpate.simulators.faults.places import places
 from tests.fault_procedures import scene
 from tests.procedures.conftest import Palpate
 from tests.writes import counted_writes
@@ -40,7 +41,7 @@ def attended(*tables: dict[str, Any]) -> Iterator[tuple[SimulatedBench, Bench, l
     """A bench with faults, and the incidents that its record would have."""
     told: list[str] = []
     with (
-        SimulatedBench(replace(scene(), faults=parse_faults(tables, 1, "here"))) as sim,
+        SimulatedBench(replace(scene(), faults=parse_faults(tables, places(1), "here"))) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         bench.attend(lambda kind, message, _ns: told.append(message) if kind == INCIDENT else None)

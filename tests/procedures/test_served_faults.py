@@ -13,7 +13,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.virtual.person import Person
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class
-from palpate.simulators.faults.fault import NODE
+from palpate.simulators.faults.places import places, struck
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
@@ -96,8 +96,8 @@ def test_every_fault_can_be_given_and_taken_away_by_hand(sim: SimulatedBench, be
     person = Person(sim)
     sim.clock.wait(1.0)
     for kind in FAULTS:
-        place = fault_class(kind).targets[0]
-        person.do(f"fault {place}{'1' * (place == NODE)} {kind}{MORE.get(kind, '')}")
+        place = next(iter(struck(fault_class(kind).targets, places(1))))
+        person.do(f"fault {place} {kind}{MORE.get(kind, '')}")
         sim.clock.wait(0.01)
         person.do("clear all")
     bench.amplifier.clear_faults()

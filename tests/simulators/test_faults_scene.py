@@ -12,6 +12,8 @@ import pytest
 from palpate.instrument.errors import ConfigError
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault, Trigger, parse_faults
+from palpate.simulators.faults.places import places
+from palpate.simulators.faults.places import struck as struck_places
 from palpate.simulators.planning.settle import read_scene
 
 HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
@@ -27,10 +29,10 @@ def read(folder: Path, *tables: str) -> tuple[Fault, ...]:
 def test_every_fault_has_a_place_where_it_strikes_and_says_what_it_is() -> None:
     for kind in FAULTS:
         found = fault_class(kind)
-        table = {"kind": kind, "on": found.targets[0].replace("node_", "node_1"), "transaction": 1}
+        table = {"kind": kind, "on": next(iter(struck_places(found.targets, places(1)))), "transaction": 1}
         if kind == "front_panel":
             table |= {"setting": "amplitude", "value": 1.0}
-        (fault,) = parse_faults([table], 1, "here")
+        (fault,) = parse_faults([table], places(1), "here")
         assert type(fault) is found
 
 
@@ -95,7 +97,7 @@ def test_more_faults_than_a_hundred_are_refused(tmp_path: Path) -> None:
 
 
 def struck(fault: dict[str, object], times_ns: list[int], seed: int = 1) -> list[int]:
-    (parsed,) = parse_faults([{"kind": "no_reply", "on": "signal_generator", **fault}], 1, "here")
+    (parsed,) = parse_faults([{"kind": "no_reply", "on": "signal_generator", **fault}], places(1), "here")
     trigger = Trigger(parsed, 0, seed)
     return [number for number, now in enumerate(times_ns, 1) if trigger.strikes(now)]
 

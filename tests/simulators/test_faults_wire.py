@@ -19,6 +19,7 @@ from palpate.instrument.errors import BenchError, DeviceError, LinkError, LinkTi
 from palpate.simulators.bench import Place, SimulatedBench
 from palpate.simulators.faults import FAULTS, inject
 from palpate.simulators.faults.fault import parse_faults
+from palpate.simulators.faults.places import places
 from palpate.simulators.scenes.scene import Scene
 from tests.writes import counted_writes
 
@@ -26,7 +27,7 @@ from tests.writes import counted_writes
 @contextmanager
 def faulty(scene: Scene, *tables: dict[str, Any]) -> Iterator[tuple[SimulatedBench, Bench]]:
     with (
-        SimulatedBench(replace(scene, faults=parse_faults(tables, scene.nodes, "here"))) as sim,
+        SimulatedBench(replace(scene, faults=parse_faults(tables, places(scene.nodes), "here"))) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         yield sim, bench
@@ -88,7 +89,7 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
         {"kind": "connection_refused", "on": "shaker_amplifier", "at": "1 h"},
     ]
     port = two_free_ports("127.0.0.2")
-    struck = replace(scene, faults=parse_faults(tables, scene.nodes, "here"))
+    struck = replace(scene, faults=parse_faults(tables, places(scene.nodes), "here"))
     with (
         SimulatedBench(struck, Place("127.0.0.2", port)) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
@@ -269,7 +270,7 @@ def test_the_same_scene_and_seed_give_the_same_faults_byte_for_byte(scene: Scene
 
     def life(seed: int) -> list[float | str]:
         heard: list[float | str] = []
-        with SimulatedBench(replace(scene, seed=seed, faults=parse_faults([table], 1, "here"))) as sim:
+        with SimulatedBench(replace(scene, seed=seed, faults=parse_faults([table], places(1), "here"))) as sim:
             bench = Bench(sim.description, sim.clock, sim.operator)
             bench.generator.link.open()
             for _ in range(50):

@@ -158,7 +158,7 @@ def run(
         resolution_mV,
         degree=settings.degree,
         creep_mV=creep_mV,
-        gage_factor=bench.description.strain_indicator.gage_factor,
+        gage_factor=bench.named(bench.indicator).settings.gage_factor,
         device=bench.indicator.serial or "unknown",
         simulated=bench.simulated,
         source=record.folder.name,

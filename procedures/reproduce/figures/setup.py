@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.instrument.bench.description import CanLink, Link, SerialLine
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.reproduce.figures.measured import Measured
@@ -16,30 +17,38 @@ if TYPE_CHECKING:
 
 NUMBER = "Figure 5.1a"
 BUSES = {"tcp": "C0", "rtu": "C2", "can": "C1"}
+LETTERS = {
+    "signal_generator": "B  signal generator",
+    "shaker_amplifier": "A  power amplifier",
+    "sensor_node": "E, D  sensor node:\ncharge amplifiers, ADC",
+}
 BOX = (2.3, 0.62)
 PC, DEVICE, RIG = 0.0, 4.3, 8.4  # columns
 ARROW = {"arrowstyle": "->", "lw": 1.1}
+
+
+def _bus(link: Link) -> tuple[str, str]:
+    """What kind of bus a link is, and what is written above it."""
+    if isinstance(link, CanLink):
+        return "can", f"CANopen, {show(link.bitrate, 'bit/s')}"
+    if isinstance(link, SerialLine):
+        return "rtu", f"Modbus RTU line, {show(link.baudrate, 'Bd')}"
+    return "tcp", "Modbus TCP"
 
 
 def draw(measured: Measured, folder: Path) -> Picture:
     """Devices by bus on the left, the rig from shaker to sensor on the right. Raises RecordError."""
     bench = measured.bench
     design = get_design(bench.design)
-    nodes = ", ".join(str(node) for node in bench.can.nodes)
+    names = {bus: name for link in bench.links.values() for bus, name in [_bus(link)]}
+    units: dict[tuple[str, str], list[int]] = {}
+    for each in bench.devices:
+        words = LETTERS.get(each.kind.name, each.kind.contract.title)
+        units.setdefault((_bus(bench.links[each.link])[0], words), []).append(each.unit)
     devices = [
-        ("tcp", "B  signal generator", f"unit {bench.signal_generator.unit}"),
-        ("tcp", "A  power amplifier", f"unit {bench.shaker_amplifier.unit}"),
-        ("rtu", "strain indicator", f"unit {bench.strain_indicator.unit}"),
-        ("rtu", "micro-positioner", f"unit {bench.positioner.unit}"),
-        ("can", "E, D  sensor node:\ncharge amplifiers, ADC", f"node {nodes}"),
+        (bus, words, f"{'node' if bus == 'can' else 'unit'} {', '.join(map(str, numbers))}")
+        for (bus, words), numbers in sorted(units.items(), key=lambda item: list(BUSES).index(item[0][0]))
     ]
-    if bench.sample_changer is not None:
-        devices.insert(2, ("tcp", "sample changer", f"unit {bench.sample_changer.unit}"))
-    names = {
-        "tcp": "Modbus TCP",
-        "rtu": f"Modbus RTU line, {show(bench.line.baudrate, 'Bd')}",
-        "can": f"CANopen, {show(bench.can.bitrate, 'bit/s')}",
-    }
     drawing, (axes,) = canvas(NUMBER)
     drawing.set_size_inches(9.5, 4.8)
     lowest = len(devices) - 1
@@ -60,7 +69,7 @@ def draw(measured: Measured, folder: Path) -> Picture:
         _box(axes, RIG, height, words, "#f4efe2")
     axes.annotate("", (DEVICE, -1 + BOX[1] / 2), (DEVICE, -BOX[1] / 2), arrowprops=ARROW)
     _arrow(axes, -1, heights["shaker"], "drive")
-    if bench.sample_changer is not None:
+    if bench.filling("sample_changer"):
         _arrow(axes, -2, heights["sample"] + 0.1, "mounts")
     _arrow(axes, 3 - len(devices), heights["load cell"], "bridge", back=True)
     _arrow(axes, 2 - len(devices), heights["sensor"] + 0.1, "position")

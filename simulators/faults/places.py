@@ -1,0 +1,61 @@
+"""Where faults strike: the links and devices of a simulated bench, and what a device must be able to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from palpate.instrument.bench.description import CAN, LINE
+from palpate.instrument.bench.kinds import KINDS, DeviceKind, load
+from palpate.simulators.guests import Guest
+
+
+@runtime_checkable
+class Trips(Protocol):
+    """A device that switches itself off."""
+
+    def trip(self, fault: str) -> None: ...
+
+
+class HasSettings(Protocol):
+    """A device whose contract has something that can be set."""
+
+
+class Reads(Protocol):
+    """A device with a display that can be stuck."""
+
+    readings: tuple[str, ...]
+
+
+Target = str | type[Trips] | type[HasSettings] | type[Reads]
+
+
+@dataclass(frozen=True)
+class Struck:
+    """A place by the name that `on` of a fault gives it; `kind`: of a device, None: it is a link."""
+
+    name: str
+    kind: DeviceKind | None = None
+
+    def has(self, target: Target) -> bool:
+        """Whether this target is here: a place, a kind, a kind of link, or what a device can do."""
+        if self.kind is None or isinstance(target, str):
+            return target == self.name or (self.kind is not None and target in (self.kind.name, self.kind.links[0]))
+        if target is HasSettings:
+            return any(field.access == "rw" and field.type != "text" for field in self.kind.contract.fields)
+        simulator = load(self.kind.simulator or "")
+        return bool(getattr(simulator, "readings", ())) if target is Reads else issubclass(simulator, Trips)
+
+
+def places(nodes: int, guests: Sequence[Guest] = ()) -> list[Struck]:
+    """All places of a bench with so many sensor nodes; it may turn out to have no sample changer."""
+    usual = [Struck(name, kind) for name, kind in KINDS.items() if kind.links[0] == "modbus-tcp"]
+    usual += [Struck(name, kind) for name, kind in KINDS.items() if kind.links[0] == "modbus-rtu"]
+    sensors = [Struck(f"sensor_node_{number}", KINDS["sensor_node"]) for number in range(1, nodes + 1)]
+    return [*usual, Struck(LINE), Struck(CAN), *sensors, *(Struck(each.name, each.kind) for each in guests)]
+
+
+def struck(targets: Sequence[Target], standing: Sequence[Struck]) -> dict[str, Struck]:
+    """The places where a fault with these targets can strike, by name, in the order of the targets."""
+    return {place.name: place for target in targets for place in standing if place.has(target)}

@@ -1,0 +1,44 @@
+"""Devices that a scene lists beside the usual ones: `[device.NAME]` with a kind of an installed package."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from palpate.instrument.bench.description import check_name
+from palpate.instrument.bench.kinds import KINDS, DeviceKind, device_kind
+from palpate.instrument.config import Config, check
+from palpate.instrument.errors import ConfigError, UnknownName
+
+
+@dataclass(frozen=True)
+class Guest:
+    """A device beside the usual ones; `table`: what its section says beside its kind."""
+
+    name: str
+    kind: DeviceKind
+    settings: Config
+    table: Mapping[str, Any]
+
+
+def guests(tables: Mapping[str, Mapping[str, Any]], where: str) -> tuple[Guest, ...]:
+    """The devices of a scene file, checked. Raises ConfigError; names the file, the section and the key."""
+    return tuple(_guest(name, dict(table), f"{where}: device.{name}") for name, table in tables.items())
+
+
+def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
+    check_name(name, where)
+    kind = table.pop("kind", None)
+    if not isinstance(kind, str):
+        raise ConfigError(f"{where}: kind: is missing or no text")
+    if kind in KINDS or name.startswith(tuple(KINDS)):
+        raise ConfigError(f"{where}: a simulated bench has its usual devices already; list others, by other names")
+    try:
+        found = device_kind(kind)
+    except UnknownName as error:
+        raise ConfigError(f"{where}: {error}") from None
+    if found.simulator is None:
+        raise ConfigError(f"{where}: kind: nothing stands in for a {kind}; leave it out of the scene")
+    settings = check({key: value for key, value in table.items() if key != "role"}, found.settings, where)
+    return Guest(name, found, settings, table)
