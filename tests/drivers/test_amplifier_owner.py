@@ -214,7 +214,7 @@ def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
     killed = open_bench(sim)
     killed.__enter__()
     drive(killed)
-    for link in (killed.amplifier.link, killed.generator.link, *killed._other_links):
+    for link in killed.links.values():
         link.close()
     died = sim.clock.now_ns()
     second, told = open_bench(sim), []
