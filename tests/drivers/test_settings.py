@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -158,6 +159,31 @@ def test_a_bench_drives_from_the_order_to_the_end(sim: SimulatedBench) -> None:
 
 def test_a_bench_that_was_never_opened_may_be_closed(sim: SimulatedBench) -> None:
     open_bench(sim).__exit__(None, None, None)
+
+
+def test_an_opened_bench_holds_what_its_file_says(bench: Bench, sim: SimulatedBench) -> None:
+    said = bench.description
+    assert sim.amplifier.settings["gain"] == said.shaker_amplifier.gain
+    assert sim.amplifier.settings["current_limit"] == said.shaker_amplifier.current_limit
+    assert sim.indicator.settings["gage_factor"] == said.strain_indicator.gage_factor
+    assert sim.indicator.settings["full_scale"] == 1e3 * said.strain_indicator.full_scale
+    sim.amplifier.settings["enable"] = 0.0
+    sim.generator.settings["amplitude"] = 3.0
+    bench.drive()
+    assert bench.generator.read() == (10.0, 0.0, 0.0)
+    bench.rest()
+    assert bench.generator.read() == (10.0, 0.0, 0.0)
+
+
+def test_a_bench_whose_load_cell_reads_nothing_does_not_go_on(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = {"status": 4.0, "reading_float": math.nan, "reading": 0.0}
+    read = sim.indicator.read
+    monkeypatch.setattr(sim.indicator, "read", lambda name: opened[name] if name in opened else read(name))
+    with pytest.raises(DeviceError, match="bridge open; check the bridge and its wires") as caught:
+        bench.recover()
+    assert caught.value.device == bench.indicator.name
 
 
 def test_what_was_lost_and_written_again_is_told_to_the_record(bench: Bench, sim: SimulatedBench) -> None:

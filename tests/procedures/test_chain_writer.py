@@ -1,0 +1,159 @@
+"""The writer of a chain: what is on disk before what, and what is left where a write or a sync fails."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palpate.procedures.records.chain import AROUND, FRAME, HASH, MAGIC, NOTHING, SECTOR, ChainFile, Head, head_of
+from palpate.procedures.records.chain_writer import ChainWriter, Content, create, packed
+
+CHAIN = b"0123456789abcdef"
+FRAMES: list[Content] = [(b"PART", 3, [b"first ", b"content"]), (b"MORE", 4, [b"second"])]
+LENGTH = 2 * AROUND + len(b"first contentsecond")
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[ChainWriter]:
+    create(tmp_path / "record", tmp_path / "head", CHAIN, [], 0)
+    made = ChainWriter(tmp_path / "record", tmp_path / "head", Head(CHAIN, 1, 0, 0, 0, 0, NOTHING), 0)
+    yield made
+    made.close()
+
+
+def watch(writer: ChainWriter, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    """Writes and syncs from now on, each with its file."""
+    done = list[tuple[str, str]]()
+    files = {writer._file: "record", writer._head_file: "head"}
+    pwrite, fdatasync = os.pwrite, os.fdatasync
+
+    def write(handle: int, content: bytes, at: int) -> int:
+        done.append(("write", files[handle]))
+        return pwrite(handle, content, at)
+
+    def sync(handle: int) -> None:
+        done.append(("sync", files[handle]))
+        fdatasync(handle)
+
+    monkeypatch.setattr(os, "pwrite", write)
+    monkeypatch.setattr(os, "fdatasync", sync)
+    return done
+
+
+def test_frames_are_on_disk_before_the_head_counts_them_and_the_head_before_the_caller_goes_on(
+    writer: ChainWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer.append(FRAMES)  # writes zeros ahead as well
+    done = watch(writer, monkeypatch)
+    writer.append(FRAMES, points=1)
+    assert done == [("write", "record"), ("sync", "record"), ("write", "head"), ("sync", "head")]
+
+
+def test_the_head_counts_frames_bytes_points_and_events_in_turn_in_two_sectors(
+    writer: ChainWriter, tmp_path: Path
+) -> None:
+    writer.append(FRAMES, points=1, events=2)
+    writer.append(FRAMES, points=3)
+    entries = (tmp_path / "head").read_bytes()
+    heads = [head_of(entries[at : at + SECTOR]) for at in (0, SECTOR)]
+    assert [(h.turn, h.frames, h.length, h.points, h.events) for h in heads if h] == [
+        (2, 2, LENGTH, 1, 2),
+        (3, 4, 2 * LENGTH, 4, 2),
+    ]
+    assert heads[1] == writer.head
+
+
+def test_a_frame_names_its_place_its_kind_and_the_frame_before_it() -> None:
+    parts, head = packed(Head(CHAIN, 0, 5, 900, 0, 0, b"h" * HASH), FRAMES, 2)
+    assert b"".join(map(bytes, parts[1:3])) == b"first content"
+    first, second = (FRAME.unpack(parts[place]) for place in (0, 4))
+    assert first == (MAGIC, CHAIN, 5, b"PART", 3, 2, 13, b"h" * HASH)
+    assert second[:5] == (MAGIC, CHAIN, 6, b"MORE", 4)
+    assert second[5] != first[5]  # the last of those that belong together
+    assert second[7] == parts[3]  # the hash of the first
+    assert (head.frames, head.length, head.hash) == (7, 900 + LENGTH, parts[-1])
+
+
+def test_half_a_frame_does_not_stay_behind_the_whole_ones(
+    writer: ChainWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer.append(FRAMES)
+    pwrite = os.pwrite
+
+    def full(handle: int, content: bytes, at: int) -> int:
+        pwrite(handle, content[:20], at)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left"):
+        patch.setattr(os, "pwrite", full)
+        writer.append(FRAMES)
+    assert (tmp_path / "record").stat().st_size == LENGTH
+    writer.append(FRAMES)  # there is space again
+    with ChainFile(tmp_path / "record") as file:
+        assert len(list(file.scan())) == 4
+
+
+@pytest.mark.parametrize("failing", ["record", "head"])
+def test_nothing_is_written_behind_what_could_not_be_synced(
+    failing: str, writer: ChainWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handle, fdatasync = writer._file if failing == "record" else writer._head_file, os.fdatasync
+
+    def sync(given: int) -> None:
+        if given == handle:
+            raise OSError(errno.EIO, "Input/output error")
+        fdatasync(given)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
+        patch.setattr(os, "fdatasync", sync)
+        writer.append(FRAMES)
+    assert writer.head.frames == 0
+    with pytest.raises(OSError, match="nothing is written behind it"):
+        writer.append(FRAMES)
+
+
+def test_nothing_is_written_behind_a_head_that_could_not_be_written(
+    writer: ChainWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pwrite, head = os.pwrite, writer._head_file
+
+    def write(handle: int, content: bytes, at: int) -> int:
+        if handle == head:
+            raise OSError(errno.EIO, "Input/output error")
+        return pwrite(handle, content, at)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
+        patch.setattr(os, "pwrite", write)
+        writer.append(FRAMES)
+    with pytest.raises(OSError, match="nothing is written behind it"):
+        writer.append(FRAMES)
+
+
+def test_an_ended_chain_has_no_zeros_and_its_head_twice(writer: ChainWriter, tmp_path: Path) -> None:
+    writer.append(FRAMES, points=1)
+    assert (tmp_path / "record").stat().st_size > LENGTH
+    writer.end()
+    assert (tmp_path / "record").stat().st_size == LENGTH
+    entries = (tmp_path / "head").read_bytes()
+    one, other = (head_of(entries[at : at + SECTOR]) for at in (0, SECTOR))
+    assert one and other
+    assert one.again() == other or other.again() == one
+
+
+def test_a_chain_is_made_as_a_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def sync(_handle: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
+        patch.setattr(os, "fsync", sync)
+        create(tmp_path / "record", tmp_path / "head", CHAIN, FRAMES, 0)
+    assert list(tmp_path.iterdir()) == []
+    create(tmp_path / "record", tmp_path / "head", CHAIN, FRAMES, 0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["head", "record"]
+    entry = head_of((tmp_path / "head").read_bytes()[:SECTOR])
+    assert entry is not None
+    assert (entry.turn, entry.frames, entry.length) == (0, 0, 0)
