@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, SettingsLost
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive, open_bench
@@ -81,6 +82,52 @@ def test_a_write_that_is_not_confirmed_and_reads_otherwise_is_an_error(
     with pytest.raises(LinkTimeout):
         bench.generator.sine(12.0, 0.5)
     assert noticed == []
+
+
+def test_a_write_that_is_neither_confirmed_nor_read_back_is_an_error(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, noticed = list[str](), list[str]()
+
+    def silent(name: str, *_: Any) -> None:
+        asked.append(name)
+        raise LinkTimeout("no answer")
+
+    with monkeypatch.context() as patch, pytest.raises(LinkTimeout):
+        patch.setattr(bench.generator.link, "transact", silent)
+        bench.generator.read_attempts, bench.generator.noticed = 2, noticed.append
+        bench.generator.sine(12.0, 0.5)
+    assert (len(asked), noticed) == (3, ["no answer; asked again"])  # told once, read twice
+
+
+def test_an_attended_bench_asks_twice_and_another_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[str]()
+
+    def silent(name: str, *_: Any) -> None:
+        asked.append(name)
+        raise LinkTimeout("no answer")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.generator.link, "transact", silent)
+        for times in (1, 2):
+            asked.clear()
+            with pytest.raises(LinkTimeout):
+                bench.generator.get("frequency")
+            assert len(asked) == times
+            bench.attend(lambda *_: None)
+
+
+def test_what_makes_a_node_do_something_is_no_setting(bench: Bench, sim: SimulatedBench) -> None:
+    node = bench.nodes[0]
+    node.set_range(2, "500 mV")
+    node.reset_integrators()
+    node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+    sim.nodes[0].settings["sync_cob_id"] = SYNC_COB_ID
+    assert node.differences() == []
+    sim.nodes[0].settings["range_2"] = 0.0
+    assert node.differences() == [f"{node.name}: range_2 is 0, was set to 500 mV"]
+    node.restore()
+    assert sim.nodes[0].settings["range_2"] == 1.0
 
 
 def test_an_order_that_is_not_confirmed_is_an_error_whatever_was_done(

@@ -29,12 +29,16 @@ class Reach:
     lines: dict[str, dict[int, list[str]]]
 
     def tests(self, file: Path, mutant: Mutant) -> list[str]:
-        """Those that may find a mistake, the fastest first; where the line runs at import, all, the nearest first."""
+        """Those that may find a mistake, the fastest first, but those in a file of the module's name before all others.
+
+        Where the line runs at import, all tests may find it; those that run another line of the file come first.
+        """
         lines = self.lines.get(str(file), {})
         near = {test for line in lines.values() for test in line}
         found = self.seconds.keys() if mutant.runs_at_import else set(lines.get(mutant.line, ()))
+        own = f"/test_{file.stem}.py"
         chosen, spent = [], 0.0
-        for test in sorted(found, key=lambda test: (test not in near, self.seconds[test], test)):
+        for test in sorted(found, key=lambda test: (own not in test, test not in near, self.seconds[test], test)):
             spent += self.seconds[test]
             if spent > ENOUGH and chosen:
                 break

@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from palpate.procedures.records import record
 from palpate.procedures.records.chain import AROUND, FRAME, HASH, MAGIC, NOTHING, SECTOR, ChainFile, Head, head_of
 from palpate.procedures.records.chain_writer import ChainWriter, Content, create, packed
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record_file import RECORD, SIMULATED
 
 CHAIN = b"0123456789abcdef"
 FRAMES: list[Content] = [(b"PART", 3, [b"first ", b"content"]), (b"MORE", 4, [b"second"])]
@@ -157,3 +160,28 @@ def test_a_chain_is_made_as_a_whole_or_not_at_all(tmp_path: Path, monkeypatch: p
     entry = head_of((tmp_path / "head").read_bytes()[:SECTOR])
     assert entry is not None
     assert (entry.turn, entry.frames, entry.length) == (0, 0, 0)
+
+
+# --- a recorder ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_every_frame_of_a_run_says_whether_it_is_simulated(simulated: bool, tmp_path: Path) -> None:
+    header = {"procedure": "sweep loads", "simulated": simulated, "started": "2025-03-14T15:09:26Z"}
+    with Recorder.create(tmp_path / "run", header) as recorder:
+        recorder.point({"load_N": 2.0}, {}, 0)
+        recorder.finish("complete", {})
+    with ChainFile(tmp_path / "run" / RECORD) as file:
+        frames = list(file.scan())
+    assert len(frames) >= 3
+    assert {bool(frame.flags & SIMULATED) for frame in frames} == {simulated}
+
+
+def test_folders_that_are_made_for_a_run_are_synced_with_their_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced = list[Path]()
+    monkeypatch.setattr(record, "sync", synced.append)
+    header = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z"}
+    Recorder.create(tmp_path / "new" / "run", header).close()
+    assert set(synced) == {tmp_path, tmp_path / "new"}
