@@ -17,6 +17,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.guests import Guest, guests
 from palpate.simulators.physics.effect import Bound, Effect
 from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of, shipped
 
@@ -57,6 +58,7 @@ def scene_of(file: SceneFile, path: Path) -> Scene:
         )
     effects, called = _called_for(listed, file, design, model)
     nodes = needed if file.nodes is None else file.nodes
+    devices = guests(file.device or {}, str(path))
     return Scene(
         name=file.name,
         purpose=file.purpose,
@@ -70,7 +72,8 @@ def scene_of(file: SceneFile, path: Path) -> Scene:
         effects=effects,
         called=called,
         file=file,
-        faults=_faults(file.fault, nodes, str(path)),
+        faults=_faults(file.fault, nodes, devices, str(path)),
+        devices=devices,
     )
 
 
@@ -97,17 +100,20 @@ def with_model(scene: Scene, model: str, parameters: str | None = None) -> Scene
 def with_faults(scene: Scene, given: Sequence[Mapping[str, Any]]) -> Scene:
     """The same scene with these faults after its own. Raises ConfigError."""
     every = [*(scene.file.fault or ()), *map(dict, given)]
-    faults = _faults(every, scene.nodes, f"scene {scene.name}")
+    faults = _faults(every, scene.nodes, scene.devices, f"scene {scene.name}")
     return replace(scene, faults=faults, file=scene.file.model_copy(update={"fault": every}))
 
 
-def _faults(given: Sequence[Mapping[str, Any]] | None, nodes: int, where: str) -> tuple[Fault, ...]:
+def _faults(
+    given: Sequence[Mapping[str, Any]] | None, nodes: int, devices: Sequence[Guest], where: str
+) -> tuple[Fault, ...]:
     """Read and check faults; without any, nothing is imported. Raises ConfigError as `parse_faults` does."""
     if not given:
         return ()
     from palpate.simulators.faults.fault import parse_faults
+    from palpate.simulators.faults.places import places
 
-    return parse_faults(given, nodes, where)
+    return parse_faults(given, places(nodes, devices), where)
 
 
 def _listed(file: SceneFile, path: Path) -> dict[str, Effect]:

@@ -21,6 +21,7 @@ from palpate.instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmp
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample
+from palpate.simulators.guests import Guest, guests
 from palpate.simulators.physics.effect import Effect
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ class SceneFile(Config):
     nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
+    device: dict[str, dict[str, Any]] | None = None  # beside the usual ones, see `simulators/guests.py`
     fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
 
 
@@ -71,6 +73,7 @@ class Scene:
         effects: simulated, by name, in the order of the registry.
         called: why each effect is simulated.
         faults: what goes wrong, and when.
+        devices: that the bench has beside the usual ones.
     """
 
     name: str
@@ -86,6 +89,7 @@ class Scene:
     called: Mapping[str, str]
     file: SceneFile
     faults: tuple[Fault, ...] = ()
+    devices: tuple[Guest, ...] = ()
 
     @property
     def pickup(self) -> float:
@@ -119,6 +123,12 @@ class Scene:
             name: {key: value for key, value in of.items() if key != WHEN} if isinstance(of, dict) else ON
             for name, of in given.items()
         }
+
+    def with_devices(self, tables: Mapping[str, Mapping[str, Any]]) -> Scene:
+        """The same scene with these devices instead of its own beside the usual ones. Raises ConfigError."""
+        given = {name: dict(table) for name, table in tables.items()}
+        file = self.file.model_copy(update={"device": given or None})
+        return replace(self, devices=guests(given, f"scene {self.name}"), file=file)
 
     def with_seed(self, seed: int) -> Scene:
         """The same scene with other noise and scatter. Raises RangeError."""
