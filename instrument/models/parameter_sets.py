@@ -73,34 +73,34 @@ PHYSICAL = ParameterSet(source="[T] the experiments' rubber, 5.4.2; Poisson rati
 THESIS = ParameterSet(
     source="[T] the program of Appendix A2.1 gives the object the plate's thickness", sensed_thickness=0.55e-3
 )
-IDENTIFIED_ROUND = ParameterSet(
+# What all fitted sets share. Their numbers are effective ones, not physical ones.
+_EFFECTIVE = ParameterSet(source="", interface="frictionless", support="rigid")
+IDENTIFIED_ROUND = replace(
+    _EFFECTIVE,
     source="fitted to Table A2.1: effective values, not physical ones; many other sets fit as well",
     sensed_thickness=2.01e-3,
     sensed_poisson=0.499,
-    interface="frictionless",
     compliant_poisson=0.095,
-    support="rigid",
     disc_radius=5.64e-3,  # the area of the 10 x 10 mm plate
     fitted_to=("A2.1",),
 )
-IDENTIFIED_SOLID = ParameterSet(
+IDENTIFIED_SOLID = replace(
+    _EFFECTIVE,
     # Round rings fit A2.1 alone, and miss A2.3 by up to 0.22.
     source="fitted to Tables A2.1 and A2.3 together: effective values, not physical ones",
     sensed_thickness=3.6e-3,
     sensed_poisson=0.05,
-    interface="frictionless",
     compliant_poisson=0.455,
     ring_outline="square",
-    support="rigid",
     fitted_to=("A2.1", "A2.3"),
 )
-CAPPED = ParameterSet(
+CAPPED = replace(
+    _EFFECTIVE,
     source="fitted to Table A2.7: effective values, not physical ones, for objects 4.5 times as hard as the ring",
     sensed_thickness=0.8e-3,
     sensed_poisson=0.3,
     interface="capped",
     compliant_poisson=0.3,
-    support="rigid",
     fitted_to=("A2.7",),
 )
 

@@ -19,8 +19,8 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from palpate.instrument.config import LARGEST_FILE, Config
-from palpate.instrument.errors import ConfigError, RangeError, UnknownName
+from palpate.instrument.config import Config, read_shipped
+from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.evidence import ratio_by
 from palpate.instrument.models.parameter_sets import PARAMETER_SETS, get_parameter_set
 from palpate.instrument.models.prices.price_list import fingerprint
@@ -246,9 +246,4 @@ def _fingerprint(sensor: Design, loads: Mapping[str, Load]) -> str:
 @functools.cache
 def stored() -> KeptList:
     """The answers that come with palpate. Raises ConfigError: the file is missing or damaged."""
-    try:
-        if STORED.stat().st_size > LARGEST_FILE:
-            raise ValueError
-        return KeptList.model_validate_json(STORED.read_bytes())
-    except (OSError, ValueError):  # ValidationError is one
-        raise ConfigError(f"{STORED}: is missing or no list of answers; {RENEW}") from None
+    return read_shipped(STORED, KeptList, "list of answers", RENEW)

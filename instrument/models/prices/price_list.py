@@ -20,8 +20,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from palpate.instrument.config import LARGEST_FILE, Config
-from palpate.instrument.errors import ConfigError, RangeError
+from palpate.instrument.config import Config, read_shipped
+from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.prices.price import Machine, Price, Reference
 from palpate.instrument.models.stored.surface import CODE_VERSION, fixed
@@ -260,9 +260,4 @@ def stored() -> PriceList:
     Raises:
         ConfigError: the file is missing or damaged.
     """
-    try:
-        if STORED.stat().st_size > LARGEST_FILE:
-            raise ValueError
-        return PriceList.model_validate_json(STORED.read_bytes())
-    except (OSError, ValueError):  # ValidationError is one
-        raise ConfigError(f"{STORED}: is missing or no price list; {MEASURE_ALL}") from None
+    return read_shipped(STORED, PriceList, "price list", MEASURE_ALL)
