@@ -33,4 +33,5 @@ nb_merge_streams = True
 
 default_role = "code"  # of docstrings
 autodoc_typehints = "description"
+autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"

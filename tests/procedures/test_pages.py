@@ -41,7 +41,8 @@ def test_every_block_is_run_or_holds_no_command() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if {b.language for b in blocks(PAGES[page])} & set(RUN)])
-def test_what_a_page_tells_to_do_works(page: str, palpate: Palpate) -> None:
+def test_what_a_page_tells_to_do_works(page: str, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path.cwd())  # the folder of its files
     namespace: dict[str, object] = {"__name__": page}
     for block in blocks(PAGES[page]):
         if block.file:
