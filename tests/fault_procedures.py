@@ -15,7 +15,7 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.characterise import procedure as characterise
 from palpate.procedures.measurements.films import procedure as film_calibration
-from palpate.procedures.measurements.frequency import procedure as frequency_sweep
+from palpate.procedures.measurements.frequency.procedure import FrequencySweep
 from palpate.procedures.measurements.load_cell import procedure as load_cell
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
@@ -76,8 +76,8 @@ def _sweep_position(bench: Bench, record: Recorder) -> Found:
 
 
 def _sweep_frequency(bench: Bench, record: Recorder) -> Found:
-    settings = frequency_sweep.FrequencySettings((5.0, 10.0, 20.0), SAMPLE, 2.0, DWELL)
-    result = frequency_sweep.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent)
+    sweep = FrequencySweep((5.0, 10.0, 20.0), SAMPLE, 2.0, DWELL)
+    result = conduct(sweep, Lab(bench, SINGLE, THESIS_LOAD_CELL), record)
     return {
         f"{film.film} {i}": _gain(film.gain_V_per_N, p.load_measured_N, p.load_measured_u, p.valid)
         for i, p in enumerate(result.points)

@@ -116,13 +116,11 @@ def frequency(
     are those before the first base film. The band of touch, to 20 Hz, is marked.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.sweeps import of_frequency
-    from palpate.procedures.measurements.frequency import procedure as frequency_sweep
+    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.measurements.frequency.procedure import FrequencySweep, parse_frequencies
 
-    settings = frequency_sweep.FrequencySettings(
-        frequency_sweep.parse_frequencies(frequencies), sample, parse(load, "N"), parse(dwell, "s"), extrapolate
-    )
-    _sweep(of_frequency(), frequency_sweep, settings, choice, output, dry_run, model)
+    asked = FrequencySweep(parse_frequencies(frequencies), sample, parse(load, "N"), parse(dwell, "s"), extrapolate)
+    (plan if dry_run else measure)(asked, choice, output, model)
 
 
 @sweep.command(

@@ -13,13 +13,6 @@ from palpate.procedures.lab.session import Outcome, Session
 from palpate.procedures.showing.marks import check_some_valid
 
 
-def of_frequency() -> Procedure[Any, Any]:
-    from palpate.procedures.measurements.frequency import procedure as frequency_sweep
-    from palpate.procedures.measurements.frequency import report
-
-    return sweep_of(frequency_sweep, frequency_sweep, report, frequency_sweep.FrequencySettings, continues=True)
-
-
 def of_temperature() -> Procedure[Any, Any]:
     from palpate.procedures.measurements.temperature import procedure as temperature_sweep
     from palpate.procedures.measurements.temperature import report

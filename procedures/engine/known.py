@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 GROUP = "palpate.procedures"
 SHIPPED = {
+    "sweep-frequency": "palpate.procedures.measurements.frequency.procedure:FrequencySweep",
     "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
 }
 

@@ -9,7 +9,8 @@ import pytest
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.measurements.frequency.procedure import FrequencySettings, check, dwell_at, parse_frequencies
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.frequency.procedure import FrequencySweep, dwell_at, parse_frequencies
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
@@ -70,9 +71,8 @@ def test_a_dwell_is_of_whole_cycles_three_at_least() -> None:
 
 
 def test_a_bench_with_too_few_nodes_is_refused() -> None:
-    settings = FrequencySettings((1.0, 2.0, 3.0), "1", 2.0, 1.0)
     with pytest.raises(RangeError, match="17 films on 5 sensor nodes"):
-        check(settings, get_design("array_16"), 10.0, 1)
+        FrequencySweep((1.0, 2.0, 3.0)).check(Target(get_design("array_16"), 10.0, 1))
 
 
 def test_a_dry_run_takes_the_time_of_the_plan(palpate: Palpate, benches: Benches) -> None:

@@ -4,52 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.frequency_response import TACTILE, Corner, Resonance, fit_corner, fit_resonance
+from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.engine.plan import FIRST_STEPS, Plan, Step, point_seconds
-from palpate.procedures.engine.progress import Progress
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, begin
-from palpate.procedures.steps.checks import (
-    FREQUENCY_STEP,
-    check_end,
-    check_force,
-    check_frequency,
-    check_time,
-    preload_for,
+from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.frequency.result import (
+    FEWEST,
+    FilmResponse,
+    FrequencyPoint,
+    FrequencyResult,
+    evaluate,
 )
-from palpate.procedures.steps.film_point import FilmPoint, measure
+from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.marks import check_some_valid
+from palpate.procedures.steps.checks import FREQUENCY_STEP, check_end, check_force, check_frequency, check_time
+from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.pause import NOBODY, Pause
-from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, finish, press
+from palpate.procedures.steps.servo import press
 
-PROCEDURE = "sweep-frequency"
+DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz
-FEWEST, MOST = 3, 200
+MOST = 200  # frequencies
 CYCLES = 3  # at least, in a dwell
-
-
-@dataclass(frozen=True, slots=True)
-class FrequencySettings:
-    """Frequencies in Hz, a sample, a load in N peak to peak, the shortest dwell in s."""
-
-    frequencies: tuple[float, ...]
-    sample: str
-    load: float
-    dwell: float
-    extrapolate: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,57 +43,88 @@ class FrequencyStep(Step):
     frequency_Hz: float
 
 
-@dataclass(frozen=True, slots=True)
-class FilmResponse:
-    """One film: voltage per newton of load, and its phase before that of the first base film.
+@dataclass(frozen=True)
+class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
+    """Frequencies in Hz, a sample, a load in N peak to peak, the shortest dwell in s."""
 
-    The generator and the nodes share no clock, so no phase against the drive is known.
-    """
+    name = "sweep-frequency"
+    point = FrequencyPoint
+    continues = True
+    pausable = True
+    added = frozenset({"extrapolate"})
 
-    film: str
-    gain_V_per_N: float
-    gain_u: float
-    phase_deg: float
-    phase_u: float
+    frequencies: tuple[float, ...] = field(default_factory=lambda: parse_frequencies(DEFAULT))
+    sample: str = "1"
+    load: float = 2.0
+    dwell: float = 1.0
+    extrapolate: bool = False
+
+    def check(self, target: Target) -> None:
+        """Refuse what cannot be done, before any device is spoken to.
+
+        Raises:
+            RangeError: a frequency outside 0.1 to 100 Hz or between the generator's steps, too few of them, a load
+                beyond the force limit in N, a dwell without end, or too few sensor nodes.
+            UnknownName: an unknown sample.
+        """
+        check_nodes(target.design, target.nodes)
+        get_sample(self.sample)
+        check_force((self.load,), target.force_limit)
+        check_end(self.dwell)
+        if len(self.frequencies) < FEWEST:
+            raise RangeError(f"{len(self.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
+        for frequency in self.frequencies:
+            check_frequency(frequency, RANGE)
+            check_time(dwell_at(frequency, self.dwell), frequency)
+
+    def loads_to_tell(self) -> Loads:
+        return Loads((self.load,), self.extrapolate)
+
+    def plan(self, target: Target) -> Plan[FrequencyStep]:
+        """Every frequency, from low to high."""
+        steps: list[FrequencyStep] = []
+        for frequency in self.frequencies:
+            dwell = dwell_at(frequency, self.dwell)
+            seconds = point_seconds(frequency, dwell, first=not steps, steps=FIRST_STEPS)
+            what, group = show(frequency, "Hz"), f"mount sample {self.sample}"
+            steps.append(FrequencyStep(dwell, seconds, None, frequency, what=what, group=group))
+        return Plan(self.name, steps)
+
+    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
+        return Sweeping(lab, record, self)
+
+    def evaluate(self, points: Sequence[FrequencyPoint], lab: Lab) -> FrequencyResult:
+        return evaluate(points, lab.design)
+
+    def report(self, result: FrequencyResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.frequency.report import plot_sweep, print_sweep
+
+        simulated = lab.bench.simulated
+        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+
+    def judge(self, result: FrequencyResult) -> None:
+        check_some_valid(result.points)
 
 
-@dataclass(frozen=True, slots=True)
-class FrequencyPoint:
-    """One frequency. `response_N_per_V`: load for the generator's amplitude, both peak to peak."""
+class Sweeping(Loaded):
+    """A frequency sweep on the bench: one load on one sample, set anew at each frequency."""
 
-    frequency_Hz: float
-    tactile: bool
-    load_measured_N: float
-    load_measured_u: float
-    response_N_per_V: float
-    films: tuple[FilmResponse, ...]
-    valid: bool
-    dwell_s: float
-    settling_s: float
-    attempts: int
-    flags: tuple[str, ...]
+    def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
+        super().__init__(lab, record, (sweep.load,), sweep.frequencies[0], (sweep.sample,), sweep.extrapolate)
+        self._sweep = sweep
+        self._preloaded = 0.0
 
+    def arrange(self, step: FrequencyStep) -> None:
+        sample = get_sample(self._sweep.sample)
+        self._preloaded = press(self.lab.bench, self.lab.calibration, sample, self.preload)
 
-@dataclass(frozen=True, slots=True)
-class FrequencyResult:
-    """`corners`: of each film; None where the sweep shows none. `resonance`: of shaker, object and sensor."""
-
-    points: list[FrequencyPoint]
-    corners: dict[str, Corner | None]
-    resonance: Resonance | None
-
-    def summary(self) -> dict[str, Any]:
-        """The result without its points, under public names."""
-        return {
-            "corners": [{"film": film, **_known(corner)} for film, corner in self.corners.items()],
-            "resonance": None if self.resonance is None else asdict(self.resonance),
-        }
-
-
-def _known(corner: Corner | None) -> dict[str, float | None]:
-    if corner is None:
-        return dict.fromkeys(("gain", "gain_u", "corner_Hz", "corner_u", "time_constant_s"))
-    return {**asdict(corner), "time_constant_s": corner.time_constant}
+    def take(self, step: FrequencyStep) -> Taken[FrequencyPoint]:
+        self.films.set_frequency(step.frequency_Hz)
+        self.hold(self._preloaded)
+        dwell = dwell_at(step.frequency_Hz, self._sweep.dwell)
+        measured = self.measured(self._sweep.load, step.what, dwell, compare=False)
+        point = _point(self.lab.design, step.frequency_Hz, measured, self.servo.amplitude)
+        return Taken(point, measured.waveforms(self.lab.design))
 
 
 def parse_frequencies(text: str) -> tuple[float, ...]:
@@ -144,71 +161,6 @@ def dwell_at(frequency: float, shortest: float) -> float:
     return max(CYCLES, math.ceil(shortest * frequency * (1 - 1e-9))) / frequency
 
 
-def check(settings: FrequencySettings, design: Design, force_limit: float, nodes: int) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
-
-    Raises:
-        RangeError: a frequency outside 0.1 to 100 Hz or between the generator's steps, too few of them, a load beyond
-            the force limit in N, a dwell without end, or too few sensor nodes.
-        UnknownName: an unknown sample.
-    """
-    check_nodes(design, nodes)
-    get_sample(settings.sample)
-    check_force((settings.load,), force_limit)
-    check_end(settings.dwell)
-    if len(settings.frequencies) < FEWEST:
-        raise RangeError(f"{len(settings.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
-    for frequency in settings.frequencies:
-        check_frequency(frequency, RANGE)
-        check_time(dwell_at(frequency, settings.dwell), frequency)
-
-
-def plan(settings: FrequencySettings, _design: Design) -> Plan[FrequencyStep]:
-    """Every frequency, from low to high."""
-    steps: list[FrequencyStep] = []
-    for frequency in settings.frequencies:
-        dwell = dwell_at(frequency, settings.dwell)
-        seconds = point_seconds(frequency, dwell, first=not steps, steps=FIRST_STEPS)
-        steps.append(FrequencyStep(dwell, seconds, None, frequency))
-    return Plan(PROCEDURE, steps)
-
-
-def run(
-    bench: Bench,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: FrequencySettings,
-    record: Recorder,
-    progress: Progress,
-    pause: Pause = NOBODY,
-) -> FrequencyResult:
-    """Drive one sample with one load at each frequency. Each point is durable before `progress` hears of it.
-
-    Raises:
-        RangeError, UnknownName: as `check`, or a load outside the calibrated range; the outputs have stayed off.
-        UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
-    """
-    check(settings, design, bench.force_limit, len(bench.nodes))
-    steps = plan(settings, design).steps
-    films = begin(
-        bench, design, calibration, (settings.load,), steps[0].frequency_Hz, (settings.sample,), settings.extrapolate
-    )
-    points = Points(films, record, progress, len(steps), pause, record.finished(FrequencyPoint))
-    points.tell(f"mount sample {settings.sample}")
-    preloaded = press(bench, calibration, get_sample(settings.sample), preload_for((settings.load,)))
-    for step in steps[len(points.taken) :]:
-        what = show(step.frequency_Hz, "Hz")
-        points.next(what)
-        films.set_frequency(step.frequency_Hz)
-        servo = LoadServo(bench, calibration, step.frequency_Hz, preloaded)
-        carry_out(bench, what, partial(servo.set, settings.load))
-        dwell = dwell_at(step.frequency_Hz, settings.dwell)
-        measured = measure(films, servo, settings.load, dwell, record, what, compare=False)
-        points.keep(_point(design, step.frequency_Hz, measured, servo.amplitude), measured, what)
-    finish(bench, calibration)
-    return evaluate(points.taken, design)
-
-
 def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: float) -> FrequencyPoint:
     fit = measured.fit
     reference = next(i for i, film in enumerate(design.films) if film.kind == FILM_KINDS[1])
@@ -233,20 +185,3 @@ def _point(design: Design, frequency: float, measured: FilmPoint, amplitude: flo
         attempts=measured.attempts,
         flags=measured.flags,
     )
-
-
-def evaluate(points: Sequence[FrequencyPoint], design: Design) -> FrequencyResult:
-    """Corners and resonance by the valid points; None where there are too few."""
-    valid = [point for point in points if point.valid]
-    frequency = [point.frequency_Hz for point in valid]
-    corners: dict[str, Corner | None] = dict.fromkeys(film.name for film in design.films)
-    if len(valid) >= FEWEST:
-        for i, film in enumerate(design.films):
-            gains = [point.films[i] for point in valid]
-            corners[film.name] = fit_corner(frequency, [g.gain_V_per_N for g in gains], [g.gain_u for g in gains])
-    resonance = None
-    if len(valid) > FEWEST:
-        response = np.array([point.response_N_per_V for point in valid])
-        relative = np.array([point.load_measured_u / point.load_measured_N for point in valid])
-        resonance = fit_resonance(frequency, response, response * relative)
-    return FrequencyResult(list(points), corners, resonance)

@@ -8,7 +8,7 @@ from pathlib import Path
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.frequency.procedure import FrequencyResult
+from palpate.procedures.measurements.frequency.result import FrequencyResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
