@@ -15,6 +15,7 @@ from sphinx.application import Sphinx
 
 from palpate.instrument import errors as palpate_errors
 from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.export import registers
 from palpate.instrument.quantity import Unit, show
@@ -95,6 +96,12 @@ def file_of(model: type[BaseModel]) -> str:
     return "\n\n".join(parts)
 
 
+def kinds() -> str:
+    """The kinds of devices that a bench file may list."""
+    rows = [(f"`{kind.name}`", kind.contract.title, _listed(kind.links), _listed(kind.roles)) for kind in all_kinds()]
+    return _table(("kind", "device", "links", "roles"), rows)
+
+
 def errors() -> str:
     """The tree of errors, as their module draws it."""
     tree = inspect.cleandoc(palpate_errors.__doc__ or "").split("\n\n")[1]
@@ -111,6 +118,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "bench_file": partial(file_of, BenchDescription),
     "scene_file": partial(file_of, SceneFile),
     "study_file": partial(file_of, StudyFile),
+    "kinds": kinds,
     "errors": errors,
 }
 
