@@ -87,10 +87,10 @@ class SimulatedBench:
         self._place = place
         self.clock = VirtualClock()
         self.rig = Rig(scene, self.clock)
-        self._channel = own_channel(place.interface) if place.channel is None else place.channel
+        self.channel = own_channel(place.interface) if place.channel is None else place.channel
         self._node_ids = list(range(1, scene.nodes + 1))
         # first on the clock: what is sampled up to an event does not know of it yet
-        self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self._channel)
+        self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self.channel)
         self.clock.add(self.rig)
         self.nodes = self.can.nodes
         self.devices: dict[str, Any] = {f"sensor_node_{number}": node for number, node in enumerate(self.nodes, 1)}
@@ -169,7 +169,7 @@ class SimulatedBench:
             "positioner": RtuAddress(unit=self._addresses["positioner"]),
             CAN: CanBus(
                 interface=self._place.interface,
-                channel=self._channel,
+                channel=self.channel,
                 bitrate=self.bitrate,
                 nodes=tuple(self._node_ids),
                 timeout=timeouts.get(CAN, TIMEOUT),

@@ -24,6 +24,7 @@ from palpate.instrument.bench.kinds import (
 )
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import Config, check, read
+from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Newtons, Seconds
 from palpate.instrument.sensor.designs import get_design
@@ -240,6 +241,12 @@ class BenchDescription(Config):
             found.append(_listed(name, dict(table), self.links))
         order = list(KINDS)
         return sorted(found, key=lambda each: order.index(each.kind.name) if each.kind.name in order else len(order))
+
+    @property
+    def contracts(self) -> list[Contract]:
+        """Contracts of the devices whose kinds are of other packages, by name."""
+        kinds = {each.kind.name: each.kind for each in self.devices if each.kind.name not in KINDS}
+        return [kinds[name].contract for name in sorted(kinds)]
 
     def filling(self, role: Role) -> list[Listed]:
         """The devices that fill a role: those that say so, or else all whose kind can."""

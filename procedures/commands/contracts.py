@@ -19,10 +19,11 @@ def contracts() -> None:
 @output_options
 def export(folder: Path, as_json: bool, quiet: bool) -> None:
     """Write the register tables (Markdown), the node's EDS and a DBC for logging tools."""
+    from palpate.instrument.bench.kinds import all_kinds
     from palpate.instrument.contracts.export import export_contracts
 
     output = Output(as_json, quiet)
-    files = export_contracts(folder)
+    files = export_contracts(folder, [kind.contract for kind in all_kinds()])
     if output.as_json:
         output.json({"files": [str(file) for file in files]})
     for file in files:

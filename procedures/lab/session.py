@@ -150,7 +150,7 @@ def recording(
         "bench": lab.bench.description.to_toml(),
         "mounting": mounting,
         "devices": {device.name: device.serial for device in lab.bench.devices},
-        "contracts": contracts_digest(),
+        "contracts": contracts_digest(lab.bench.description.contracts),
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
         "calibration_files": _calibration_files(lab),

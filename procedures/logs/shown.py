@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.drivers.links.modbus import EXCEPTIONS
-from palpate.drivers.logs.bus_log import WHOLE_FORMAT, Frame, frame_of, logged, read_frames
+from palpate.drivers.logs.bus_log import WHOLE_FORMAT, Frame, frame_of, kind_called, logged, read_frames
 from palpate.drivers.logs.pcapng import Link, Packet, read_pcapng
-from palpate.instrument.contracts import CONTRACTS, sensor_node
+from palpate.instrument.bench.kinds import device_kind
+from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, sdo
-from palpate.instrument.errors import ConfigError, UsageError
+from palpate.instrument.errors import ConfigError, PalpateError, UsageError
 
 NODE = sensor_node.CONTRACT
 NODE_BITS = 0x7F  # of an identifier
@@ -55,7 +56,7 @@ def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
     asked: dict[str, tuple[int, int]] = {}  # function and address of the last request to each
     for packet in packets:
         if packet.link is Link.CAN:
-            yield _frame(frame_of(packet))
+            yield _frame(frame_of(packet), _contract(packet.who) or NODE)
         elif packet.link is not Link.NOTE:
             yield _modbus(packet, asked)
 
@@ -64,7 +65,7 @@ def described(packet: Packet) -> str:
     """One packet as people read it."""
     if packet.link is Link.NOTE:
         return f"a look at the {packet.who}"
-    line = _frame(frame_of(packet)) if packet.link is Link.CAN else _modbus(packet, {})
+    line = _frame(frame_of(packet), _contract(packet.who) or NODE) if packet.link is Link.CAN else _modbus(packet, {})
     return f"{line.who} {line.text}"
 
 
@@ -74,11 +75,19 @@ def described(packet: Packet) -> str:
 def _modbus(packet: Packet, asked: dict[str, tuple[int, int]]) -> Line:
     pdu = packet.data[1:-2] if packet.link is Link.LINE else packet.data[7:]
     arrow = "<-" if packet.sent else "->"
-    contract = CONTRACTS.get(packet.who)
+    contract = _contract(packet.who)
     text = _pdu(contract, pdu, packet.sent, asked.get(packet.who, (0, 0))) if pdu else "empty"
     if packet.sent and len(pdu) >= 3:
         asked[packet.who] = (pdu[0], int.from_bytes(pdu[1:3], "big"))
     return Line(packet.time_ns / 1e9, packet.who, f"{arrow} {text}", packet.data.hex(" "))
+
+
+def _contract(who: str) -> Contract | None:
+    """Of a device by what a log calls it; None: its package is not installed here."""
+    try:
+        return device_kind(kind_called(who)).contract
+    except PalpateError:
+        return None
 
 
 def _pdu(contract: Contract | None, pdu: bytes, sent: bool, asked: tuple[int, int]) -> str:
@@ -123,19 +132,19 @@ def _registers(contract: Contract | None, address: int, data: bytes) -> str:
 # --- CANopen -------------------------------------------------------------------------------------------
 
 
-def _frame(frame: Frame) -> Line:
+def _frame(frame: Frame, contract: Contract = NODE) -> Line:
     node, kind = frame.identifier & NODE_BITS, frame.identifier & ~NODE_BITS
     who = f"node {node}" if node else "all nodes"
-    return Line(frame.time, who, _message(frame.identifier, node, kind, frame.data), frame.data.hex(" "))
+    return Line(frame.time, who, _message(contract, frame.identifier, node, kind, frame.data), frame.data.hex(" "))
 
 
-def _message(identifier: int, node: int, kind: int, data: bytes) -> str:
-    pdo = next((pdo for pdo in NODE.pdos if pdo.base == kind), None)
+def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes) -> str:
+    pdo = next((pdo for pdo in contract.pdos if pdo.base == kind), None)
     if pdo is not None and node:
-        sizes = [NODE[name].size for name in pdo.fields]
+        sizes = [contract[name].size for name in pdo.fields]
         starts = itertools.accumulate(sizes, initial=0)
         fields = zip(pdo.fields, starts, sizes, strict=False)
-        return ", ".join(NODE.shown(name, data[at : at + size]) for name, at, size in fields)
+        return ", ".join(contract.shown(name, data[at : at + size]) for name, at, size in fields)
     if identifier == NMT and len(data) >= 2:
         return f"NMT {COMMANDS.get(data[0], f'command {data[0]}')}, node {data[1] or 'all'}"
     if identifier == SYNC:
@@ -145,16 +154,16 @@ def _message(identifier: int, node: int, kind: int, data: bytes) -> str:
     if kind == HEARTBEAT and data:
         return f"heartbeat, {STATES.get(data[0] & NODE_BITS, f'state {data[0]}')}"
     if kind in (SDO_REQUEST, SDO_ANSWER) and len(data) == 8:
-        return _sdo(data, asked=kind == SDO_REQUEST)
+        return _sdo(contract, data, asked=kind == SDO_REQUEST)
     return f"0x{identifier:03X}"
 
 
-def _sdo(data: bytes, *, asked: bool) -> str:
+def _sdo(contract: Contract, data: bytes, *, asked: bool) -> str:
     command, index, subindex = struct.unpack_from("<BHB", data)
-    field = next((f for f in NODE.fields if f.address == sdo(index, subindex)), None)
+    field = next((f for f in contract.fields if f.address == sdo(index, subindex)), None)
     name = field.name if field else f"0x{index:04X}:{subindex}"
     content = data[4 : 8 - (command >> 2 & 3)] if command & EXPEDITED else b""
-    shown = NODE.shown(field.name, content) if field and content else name
+    shown = contract.shown(field.name, content) if field and content else name
     match command >> 5, asked:
         case 4, _:
             return f"abort {name}, 0x{int.from_bytes(data[4:], 'little'):08X}"

@@ -11,8 +11,8 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.procedures.testing.wire import impatient_node
 from palpate.simulators.bench import SimulatedBench
-from tests.drivers.wire import impatient_node
 
 
 def test_an_unknown_can_interface_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:

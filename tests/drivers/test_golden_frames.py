@@ -22,11 +22,11 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Value
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.testing.wire import frames, listen, payloads, transfers
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.amplifier_owner import Owner
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.drivers.wire import frames, listen, payloads, transfers
 
 GOLDEN = {
     path.stem: tomllib.loads(path.read_text(encoding="utf-8"))

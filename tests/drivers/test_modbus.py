@@ -20,9 +20,9 @@ from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
 from palpate.instrument.bench.description import SerialLine, TcpAddress
 from palpate.instrument.contracts.contract import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
+from palpate.procedures.testing.wire import Wire, impatient, listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
-from tests.drivers.wire import Wire, impatient, listen
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.errors import DeviceError, RangeError
+from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.positioner import HOMING_SPEED
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.conformance import RtuConformance
-from tests.drivers.wire import listen
+from palpate.testing import RtuConformance
 
 
 class TestPositioner(RtuConformance):

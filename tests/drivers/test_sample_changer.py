@@ -11,11 +11,11 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sample_changer import ChangerAndPerson, Mounted, SampleChanger
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.conformance import ModbusConformance
-from tests.drivers.wire import listen
+from palpate.testing import ModbusConformance
 
 EXCHANGE = 5.0  # s, as the simulated one comes
 

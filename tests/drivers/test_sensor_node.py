@@ -16,11 +16,11 @@ from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError, RangeError
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.sensor_node import SensorNode as SimulatedNode
 from palpate.simulators.scenes.scene import Scene
-from tests.conformance import CanopenConformance
-from tests.drivers.wire import frames
+from palpate.testing import CanopenConformance
 
 SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit of the error register
 

@@ -12,9 +12,9 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, SettingsLost
+from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive, open_bench
-from tests.drivers.wire import listen
 
 
 def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: bool) -> list[str]:

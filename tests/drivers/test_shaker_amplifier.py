@@ -12,7 +12,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.conformance import ModbusConformance
+from palpate.testing import ModbusConformance
 from tests.conftest import latched
 
 COIL = 3.5  # ohm

@@ -14,12 +14,12 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.instrument.errors import LinkTimeout, RangeError, SettingsLost
+from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.signal_generator import SignalGenerator as SimulatedGenerator
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.conformance import ModbusConformance
+from palpate.testing import ModbusConformance
 from tests.drivers.benches import drive
-from tests.drivers.wire import listen
 
 
 class TestSignalGenerator(ModbusConformance):

@@ -16,7 +16,7 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.conformance import RtuConformance
+from palpate.testing import RtuConformance
 
 GRAVITY = 9.80665  # m/s2
 MILLIVOLT_PER_NEWTON = 10.306  # of Table 5.1

@@ -13,7 +13,7 @@ import palpate.instrument.contracts
 import palpate.procedures
 import palpate.simulators.devices
 import palpate.simulators.effects
-import tests.conformance  # noqa: F401  (what an inner session imports is forgotten with it)
+import palpate.testing
 from palpate.instrument.errors import UsageError
 from palpate.procedures.templates.new_device import BUSES, FILES, new_device
 from palpate.procedures.templates.new_files import EFFECT, PROCEDURE, new_effect, new_procedure

@@ -6,7 +6,7 @@ import queue
 import re
 import threading
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import can
 import pytest
@@ -16,11 +16,12 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.instrument.contracts.contract import Field
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
+from palpate.procedures.testing.guest import NAME, guest_scene
+from palpate.procedures.testing.limits import inside, number, outside, outside_raw, settings, writable
+from palpate.procedures.testing.modbus_conformance import first
+from palpate.procedures.testing.wire import frames, impatient_node, transfers
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
-from tests.drivers.wire import frames, impatient_node, transfers
-from tests.limits import inside, number, outside, outside_raw, settings, writable
 
 READ_ONLY, NO_OBJECT, NO_SUBINDEX = 0x0601_0002, 0x0602_0000, 0x0609_0011
 WRONG_LENGTH, NO_CHOICE, TOO_HIGH, TOO_LOW = 0x0607_0010, 0x0609_0030, 0x0609_0031, 0x0609_0032
@@ -31,21 +32,23 @@ SWAPPED_PROBE = 0x78563412
 class CanopenConformance:
     """A driver and its simulated node, over the bus."""
 
+    kind: ClassVar[str] = ""  # of a device of an installed package; one of the usual ones says where it is by `ends`
+
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[CanopenDevice, SimulatedNode]:
-        raise NotImplementedError
+        return bench.device(NAME), sim.devices[NAME]
 
     @pytest.fixture(scope="class")
     @classmethod
-    def sim(cls, scene: Scene) -> Iterator[SimulatedBench]:
-        with SimulatedBench(scene) as simulated:
+    def sim(cls) -> Iterator[SimulatedBench]:
+        with SimulatedBench(guest_scene(cls.kind)) as simulated:
             yield simulated
 
     @pytest.fixture(scope="class")
     @classmethod
     def listener(cls, sim: SimulatedBench) -> Iterator[can.BusABC]:
         """On the bus before the drivers: when a driver has its answer, the listener has it too."""
-        with can.Bus(interface="virtual", channel=sim.description.can.channel) as bus:
+        with can.Bus(interface="virtual", channel=sim.channel) as bus:
             yield bus
 
     @pytest.fixture(scope="class")
@@ -174,14 +177,14 @@ class CanopenConformance:
             assert re.search(rf"{field.name} = {value}.*\({re.escape(limits)}\)", message), message
 
     def test_a_refused_read_names_node_and_field(self, node: CanopenDevice, simulated: SimulatedNode) -> None:
-        field = next(f for f in node.contract.fields if f.access == "wo")
+        field = first([f for f in node.contract.fields if f.access == "wo"], "order")
         with pytest.raises(DeviceError, match=f"^{re.escape(node.name)}: aborted the transfer: .*{field.name}"):
             node.get(field.name)
 
     def test_a_write_that_gets_no_answer_is_not_repeated(
         self, node: CanopenDevice, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        field = settings(node.contract)[0]
+        field = first(settings(node.contract), "setting")
         silence = f"^{re.escape(node.name)}: no valid answer within 0.2 s"
         stalled = sim.clock.lock
         with stalled, impatient_node(node, monkeypatch), pytest.raises(LinkTimeout, match=silence):
@@ -195,7 +198,7 @@ class CanopenConformance:
         self, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The answer to a read of an object comes when the same object, changed, is read again."""
-        field = next(f for f in settings(node.contract) if not f.choices)
+        field = first([f for f in settings(node.contract) if not f.choices], "setting that is a number")
         old, new = node.get(field.name), inside(field)[-1]
         sdo: Any = node._node.sdo
         late: list[bytes] = []

@@ -1,0 +1,156 @@
+"""A package that palpate knows nothing of adds a device: from its kind to bench file, bus log, faults and registers."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.logs.bus_log import BusLog
+from palpate.drivers.roles import Chamber, Positioner
+from palpate.instrument.bench import kinds
+from palpate.instrument.bench.description import BenchDescription, read_bench
+from palpate.instrument.config import check
+from palpate.instrument.contracts import contracts_digest
+from palpate.instrument.contracts.export import registers
+from palpate.instrument.errors import BenchError, ConfigError, SettingsLost, UnknownName
+from palpate.procedures.logs.shown import read_log
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.planning.settle import with_faults
+from palpate.simulators.scenes.scene import Scene
+
+OVEN = Path(__file__).parents[1] / "examples" / "oven"
+ENTRY = EntryPoint("acme-oven", "acme_oven:KIND", kinds.GROUP)
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
+    """The oven, as if its package were installed."""
+    entries = [ENTRY]
+    monkeypatch.syspath_prepend(str(OVEN))
+    monkeypatch.setattr(kinds, "entry_points", lambda group: entries)
+    kinds.outside_kinds.cache_clear()
+    yield entries
+    kinds.outside_kinds.cache_clear()
+
+
+@pytest.fixture
+def with_oven(installed: list[EntryPoint], scene: Scene) -> Scene:
+    return scene.with_devices({"oven": {"kind": "acme-oven"}})
+
+
+def test_the_oven_takes_at_most_sixty_lines() -> None:
+    assert len((OVEN / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
+
+
+def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_registers(
+    with_oven: Scene, nothing_left_behind: None, tmp_path: Path
+) -> None:
+    file, log = tmp_path / "bench.toml", tmp_path / "log.pcapng"
+    with SimulatedBench(with_oven) as sim:
+        file.write_text(sim.description.to_toml(), encoding="utf-8")
+        bench = Bench(read_bench(file), sim.clock, sim.operator)
+        with BusLog(bench, sim.clock, log, datetime(2026, 11, 22, tzinfo=UTC)), bench:
+            bench.operator.set_temperature(12.5)
+            assert bench.role(Chamber) is bench.device("oven")
+            assert bench.device("oven").temperature() == 32.5
+            assert bench.devices[-1].serial == "SIM-OV-0001"
+            sim.devices["oven"].turn({"setpoint": 20.0})
+            with pytest.raises(SettingsLost, match=r"oven at .*: setpoint is 20, was set to 32\.5"):
+                bench.check_settings()
+        assert bench.description.devices == sim.description.devices
+    said = [(line.who, line.text) for line in read_log(log) if line.who.startswith("oven")]
+    assert ("oven (acme-oven)", "<- write setpoint = 32.5 degC, heater = on") in said
+    assert ("oven (acme-oven)", "-> temperature = 32.5 degC") in said
+
+
+def test_its_faults_strike_it_and_what_it_cannot_have_is_refused(with_oven: Scene) -> None:
+    stuck = with_faults(with_oven, [{"kind": "stuck_reading", "on": "oven", "at": "1 s"}])
+    with SimulatedBench(stuck) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        sim.clock.wait(2.0)
+        bench.device("oven").warm(5.0)
+        assert bench.device("oven").temperature() == 20.0
+    for kind in ("over_current", "bit_error", "node_reboot", "bridge_open"):
+        with pytest.raises(ConfigError, match=f"unknown place of a {kind} 'oven'"):
+            with_faults(with_oven, [{"kind": kind, "on": "oven", "at": "1 s"}])
+
+
+def test_a_record_knows_its_contract_and_people_its_registers(with_oven: Scene) -> None:
+    with SimulatedBench(with_oven) as sim:
+        contracts = sim.description.contracts
+    assert [contract.name for contract in contracts] == ["acme-oven"]
+    assert contracts_digest(contracts) != contracts_digest()
+    assert "| 0x0010 | setpoint | int16 | degC |" in registers(contracts)
+    assert "Acme OV-60, an oven around the sensor" in registers(contracts)
+
+
+def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: Scene) -> None:
+    with SimulatedBench(with_oven) as sim:
+        tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
+        tables["link"]["oven"]["port"] = 1
+        absent = check(tables, BenchDescription, "here")
+        with pytest.raises(BenchError, match="nothing answers at"):
+            Bench(absent, sim.clock, sim.operator).__enter__()
+        tables["device"]["oven"]["optional"] = True
+        with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
+            assert bench.maybe(Chamber) is None
+            assert bench.role(Positioner) is bench.positioner
+            assert bench.cautions[0].startswith("oven is not used: nothing answers at 127.0.0.1:1")
+            with pytest.raises(BenchError, match="has no chamber; list a device"):
+                bench.role(Chamber)
+            with pytest.raises(UnknownName, match="unknown device of this bench 'oven'"):
+                bench.device("oven")
+
+
+def test_two_packages_cannot_share_a_name_or_an_identity(
+    installed: list[EntryPoint], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed.append(ENTRY)
+    with pytest.raises(ConfigError, match="kind of device 'acme-oven': two packages have it"):
+        kinds.device_kind("acme-oven")
+    import acme_oven  # type: ignore[import-not-found]
+
+    twin = replace(acme_oven.KIND, contract=replace(acme_oven.CONTRACT, name="other-oven"))
+    monkeypatch.setattr(acme_oven, "TWIN", twin, raising=False)
+    installed[1] = EntryPoint("other-oven", "acme_oven:TWIN", kinds.GROUP)
+    with pytest.raises(ConfigError, match="'acme-oven' and 'other-oven' both identify themselves as Acme OV-60"):
+        kinds.device_kind("acme-oven")
+    installed[1] = EntryPoint("third-oven", "no_such_module:KIND", kinds.GROUP)
+    with pytest.raises(ConfigError, match=r"kind of device 'third-oven' .*cannot be loaded: No module named"):
+        kinds.device_kind("acme-oven")
+
+
+WRONG = {
+    'kind = "acme-ovne"': "device.oven: unknown kind of device 'acme-ovne' (did you mean 'acme-oven'?)",
+    'kind = "acme-oven"\nlink = "line"': "device.oven: link: a acme-oven is reached over modbus-tcp, line is another",
+    'kind = "acme-oven"\nlimt = 3': "device.oven: limt: unknown key",
+    'kind = "acme-oven"\nrole = "positioner"': "device.oven: unknown role of a acme-oven 'positioner'; valid: chamber",
+    'kind = "acme-oven"\nnode = 4': "device.oven: on link oven a device has a unit, and no node",
+}
+
+
+@pytest.mark.parametrize("section", WRONG)
+def test_a_wrong_section_is_named_with_key_and_remedy(section: str, with_oven: Scene) -> None:
+    with SimulatedBench(with_oven) as sim:
+        tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
+    tables["device"]["oven"] |= tomllib.loads(section)
+    with pytest.raises(ConfigError) as caught:
+        check(tables, BenchDescription, "bench.toml")
+    assert str(caught.value).startswith(f"bench.toml: {WRONG[section]}")
+
+
+def test_two_that_could_fill_a_role_need_a_word_of_who_does(installed: list[EntryPoint], scene: Scene) -> None:
+    two = {"one": {"kind": "acme-oven"}, "two": {"kind": "acme-oven"}}
+    with pytest.raises(ConfigError, match='one and two can each be the chamber; write role = "chamber" below one'):
+        SimulatedBench(scene.with_devices(two)).__enter__()
+    two["two"]["role"] = "chamber"
+    with SimulatedBench(scene.with_devices(two)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        assert bench.role(Chamber) is bench.device("two")
+        assert [bench.device(name).serial for name in two] == ["SIM-OV-0001", "SIM-OV-0002"]
