@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING
+from typing import Any
 
 from palpate.instrument.errors import UnknownName
-
-if TYPE_CHECKING:
-    from palpate.simulators.faults.fault import Fault
 
 _TCP, _RTU, _CAN, _NODE, _DEVICE, _INDICATOR = (
     f"palpate.simulators.faults.{name}" for name in ("tcp", "rtu", "can", "node", "device", "indicator")
@@ -67,10 +64,10 @@ FAULTS: dict[str, str] = {
 }
 
 
-def fault_class(kind: str) -> type[Fault]:
+def fault_class(kind: str) -> type[Any]:
     """The class of a fault. Raises UnknownName."""
     if kind not in FAULTS:
         raise UnknownName("fault", kind, FAULTS)
     module, class_name = FAULTS[kind].split(":")
-    found: type[Fault] = getattr(importlib.import_module(module), class_name)
+    found: type[Any] = getattr(importlib.import_module(module), class_name)
     return found

@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault
 from palpate.simulators.faults.places import HasSettings, Struck, Target, Trips
 from palpate.simulators.wire.device import SimulatedDevice
 
-if TYPE_CHECKING:
-    from palpate.simulators.bench import SimulatedBench
+
+class Faulty(Protocol):
+    """The simulated bench, as its faults see it.
+
+    Attributes:
+        devices: the simulated devices, by name.
+        can: the CAN segment.
+        servers: of the Modbus devices.
+        line_units, bus_nodes: names of the devices by unit and node id.
+    """
+
+    clock: VirtualClock
+    devices: dict[str, Any]
+    scene: Any
+    can: Any
+    servers: Any
+
+    @property
+    def line_units(self) -> dict[int, str]: ...
+    @property
+    def bus_nodes(self) -> dict[int, str]: ...
 
 
 class DeviceFault(Fault):
     """A fault that begins and ends under the clock's lock."""
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         """Let the fault begin."""
         raise NotImplementedError
 
-    def end(self, sim: SimulatedBench) -> None:
+    def end(self, sim: Faulty) -> None:
         """Let the fault end, if it lasts."""
 
 
@@ -29,7 +49,7 @@ class PowerCycle(DeviceFault):
 
     targets: ClassVar[tuple[Target, ...]] = ("modbus-tcp", "modbus-rtu")
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         device(sim, self.on).reset()
 
 
@@ -37,7 +57,7 @@ class _Trip(DeviceFault):
     targets: ClassVar[tuple[Target, ...]] = (Trips,)
     latches: ClassVar[str]
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         device(sim, self.on).trip(self.latches)
 
 
@@ -73,7 +93,7 @@ class FrontPanel(DeviceFault):
             return f"value: {self.value:g} is not allowed: {contract.described(self.setting, self.value)}"
         return ""
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         found = device(sim, self.on)
         if isinstance(found, SimulatedDevice):
             found.turn({self.setting: self.value})
@@ -81,7 +101,7 @@ class FrontPanel(DeviceFault):
             found.write(found.contract[self.setting], self.value)
 
 
-def device(sim: SimulatedBench, name: str) -> Any:
+def device(sim: Faulty, name: str) -> Any:
     """Device of the bench by its name in a scene. Raises ConfigError: the bench has no sample changer."""
     if name not in sim.devices:
         raise ConfigError(

@@ -98,7 +98,7 @@ def parse_fault(table: dict[str, Any], standing: Sequence[Struck], where: str) -
     if not isinstance(kind, str):
         raise ConfigError(f"{where}: kind: is missing or no text; valid: {', '.join(FAULTS)}")
     try:
-        fault = check(table, fault_class(kind), where)
+        fault: Fault = check(table, fault_class(kind), where)
         valid = struck(fault.targets, standing)
         if fault.on not in valid:
             raise UnknownName(f"place of a {kind}", fault.on, valid)

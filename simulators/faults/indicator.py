@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from pydantic import Field
 
 from palpate.instrument.contracts import strain_indicator
-from palpate.simulators.faults.device import DeviceFault, device
+from palpate.simulators.faults.device import DeviceFault, Faulty, device
 from palpate.simulators.faults.places import Reads, Target
-
-if TYPE_CHECKING:
-    from palpate.simulators.bench import SimulatedBench
 
 Read = Callable[[str], float]
 BITS = strain_indicator.CONTRACT["status"].bits
@@ -23,11 +20,11 @@ NO_READING = 0x7FFF_FFFF
 class IndicatorFault(DeviceFault):
     targets: ClassVar[tuple[Target, ...]] = ("strain_indicator",)
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         found = device(sim, self.on)
         found.read = self.instead(found.read, sim.clock.now_ns)
 
-    def end(self, sim: SimulatedBench) -> None:
+    def end(self, sim: Faulty) -> None:
         vars(device(sim, self.on)).pop("read", None)
 
     def instead(self, read: Read, now_ns: Callable[[], int]) -> Read:
@@ -40,7 +37,7 @@ class StuckReading(IndicatorFault):
 
     targets: ClassVar[tuple[Target, ...]] = (Reads,)
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         found = device(sim, self.on)
         read, stuck = found.read, {name: found.read(name) for name in found.readings}
         found.read = lambda name: stuck[name] if name in stuck else read(name)

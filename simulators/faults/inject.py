@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from palpate.instrument.bench.description import CAN, LINE
 from palpate.instrument.errors import ConfigError, UsageError
 from palpate.simulators.clock import NEVER
 from palpate.simulators.faults.can import CanFault, FaultyBus
-from palpate.simulators.faults.device import DeviceFault, device
+from palpate.simulators.faults.device import DeviceFault, Faulty, device
 from palpate.simulators.faults.fault import MOST, WHEN, Fault, Trigger, parse_fault
 from palpate.simulators.faults.indicator import IndicatorFault
 from palpate.simulators.faults.node import FilmFault
@@ -18,9 +18,6 @@ from palpate.simulators.faults.places import places
 from palpate.simulators.faults.rtu import NoisyLine, RtuFault
 from palpate.simulators.faults.tcp import FaultyLink, TcpFault
 from palpate.simulators.wire.device import SimulatedDevice
-
-if TYPE_CHECKING:
-    from palpate.simulators.bench import SimulatedBench
 
 # Time-out by the wall clock of a link with faults. While it is waited for, the bench's clock stands. If a busy machine
 # answered later than this, it would count as a fault that the scene does not have.
@@ -61,7 +58,7 @@ class Given:
 class Injection:
     """The faults of one bench."""
 
-    def __init__(self, sim: SimulatedBench) -> None:
+    def __init__(self, sim: Faulty) -> None:
         self._sim = sim
         self.given: list[Given] = []
         self._numbers = 0
@@ -163,7 +160,7 @@ def _in_one_place(one: Fault, other: Fault) -> bool:
 class _Happening:
     """A device's fault on the virtual clock. It begins at its time or at a request to its device."""
 
-    def __init__(self, sim: SimulatedBench, fault: DeviceFault, trigger: Trigger) -> None:
+    def __init__(self, sim: Faulty, fault: DeviceFault, trigger: Trigger) -> None:
         self._sim = sim
         self._fault = fault
         self._trigger = trigger

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from palpate.instrument.contracts.sensor_node import CHANNELS
-from palpate.simulators.faults.device import DeviceFault, device
+from palpate.simulators.faults.device import DeviceFault, Faulty, device
 from palpate.simulators.faults.places import Target
-
-if TYPE_CHECKING:
-    from palpate.simulators.bench import SimulatedBench
 
 HARDWARE = 0x5000  # emergency code for device hardware, CiA 301
 BEYOND = 1e3  # V, above every range
@@ -23,7 +20,7 @@ class NodeReboot(DeviceFault):
 
     targets: ClassVar[tuple[Target, ...]] = ("canopen",)
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         sim.can.reboot(device(sim, self.on))
 
 
@@ -31,7 +28,7 @@ class Emergency(DeviceFault):
     targets: ClassVar[tuple[Target, ...]] = ("canopen",)
     code: int = Field(default=HARDWARE, ge=0, le=0xFFFF, strict=True)
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         sim.can.emergency(device(sim, self.on), self.code)
 
 
@@ -41,7 +38,7 @@ class FilmFault(DeviceFault):
     targets: ClassVar[tuple[Target, ...]] = ("sensor_node",)
     channel: int = Field(default=1, ge=1, le=CHANNELS, strict=True)
 
-    def begin(self, sim: SimulatedBench) -> None:
+    def begin(self, sim: Faulty) -> None:
         found, start = device(sim, self.on), sim.clock.now_ns()
         sample, row = found.sample, np.arange(CHANNELS)[:, np.newaxis] == self.channel - 1
 
@@ -50,7 +47,7 @@ class FilmFault(DeviceFault):
 
         found.sample = faulty
 
-    def end(self, sim: SimulatedBench) -> None:
+    def end(self, sim: Faulty) -> None:
         vars(device(sim, self.on)).pop("sample", None)
 
     def added(self, seconds: Any) -> Any:
