@@ -85,6 +85,14 @@ def test_meshes_that_do_not_see_a_narrow_gap_are_not_trusted(name: str) -> None:
     assert 0 < abs(known[-1][0] - finer) < 0.6 * estimate.force_ratio
 
 
+def test_meshes_do_not_see_what_a_cap_leaves_to_a_narrow_gap() -> None:
+    """Of random sensor 1911: its error was 1.65 times an earlier estimate."""
+    known = ((0.9986092516, 1.40e-3), (0.9974723342, 0.0))  # force ratio, and product of the changes of energies
+    judged = [Judged(ratio, (), Energies(1.0 - product, 1.0 - product)) for ratio, product in known]
+    sensor = SolidParameters(interface="capped", ring_inner_radius=1.0224 * SolidParameters().tooth_radius)
+    assert 0.6 * solid.error_estimate(judged, sensor).force_ratio > 0.9974723342 - 0.9766221760
+
+
 def test_meshes_of_the_same_sectors_do_not_tell_what_these_leave() -> None:
     """Three meshes share their sectors, which left 3.6e-4 of random sensor 340."""
     agreeing = [Judged(0.4, (), Energies(1e-3, 200.0))] * 3

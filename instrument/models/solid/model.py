@@ -33,6 +33,7 @@ SHARE_LEFT = 0.5
 # differ there, and what is left is up to four times that. This share counts beside that of a closed gap.
 NARROW = 0.05  # of the tooth's radius
 NARROW_SHARE = 3.0
+CAPPED_SHARE = 9.0  # of narrow sensors with capped rings: the object's edge above the gap carries what the cap leaves
 # Least estimate by number of meshes. Some may agree by chance. The first three have the same sectors, so that their
 # changes do not tell what these leave, up to 3.3e-4 of a random sensor.
 LEAST = {2: 1e-3, 3: 1e-3, 4: 5e-5}
@@ -180,7 +181,8 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
 def error_estimate(meshes: Sequence[Judged], parameters: SolidParameters) -> Bounds:
     """Bounds on the errors of the last of two or more refinements from the first on."""
     narrow = is_narrow(parameters)
-    found = bounds(meshes, slowly=narrow, safety=NARROW_SHARE if narrow else SHARE_LEFT)
+    narrow_share = CAPPED_SHARE if parameters.interface == "capped" else NARROW_SHARE
+    found = bounds(meshes, slowly=narrow, safety=narrow_share if narrow else SHARE_LEFT)
     return replace(found, force_ratio=max(found.force_ratio, _series([mesh.force_ratio for mesh in meshes])))
 
 
