@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
+from palpate.drivers.devices.sensor_node import MOST_EMERGENCIES, Recording, SensorNode, acquire
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError, RangeError
 from palpate.instrument.sensor.sample import SAMPLES
@@ -247,6 +247,26 @@ def test_the_sample_rate_is_what_the_node_can_hold(bench: Bench) -> None:
     node = bench.nodes[0]
     node.set_sample_rate(3000.0)
     assert node.rate == 1 / 333e-6
+
+
+def test_all_integrators_are_reset_and_no_other_object_is_written(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = list[str]()
+    monkeypatch.setattr(sim.nodes[0], "write", lambda field, _value: written.append(field.name))
+    bench.nodes[0].reset_integrators()
+    assert written == ["reset_1", "reset_2", "reset_3", "reset_4"]
+
+
+def test_more_emergencies_than_are_kept_end_a_recording(bench: Bench) -> None:
+    node = bench.nodes[0]
+    node.emergencies = [SATURATED] * (MOST_EMERGENCIES - 1)
+    assert node.acquire(0.002).voltage.shape == (4, 2)
+    for _ in range(3):
+        node._on_emergency(0x81, bytearray(SATURATED), 0.0)
+    assert len(node.emergencies) == MOST_EMERGENCIES
+    with pytest.raises(DeviceError, match=f"has sent {MOST_EMERGENCIES} emergencies"):
+        node.acquire(0.002)
 
 
 def test_a_heartbeat_that_stops_is_told_after_three_were_due_and_comes_back(
