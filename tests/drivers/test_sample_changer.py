@@ -8,7 +8,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.sample_changer import ChangerAndPerson, Mounted, SampleChanger
+from palpate.drivers.devices.sample_changer import Mounted, SampleChanger
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import listen
@@ -172,37 +172,6 @@ def test_a_bench_without_a_changer_asks_the_person(scene: Scene) -> None:
         bench = Bench(sim.description, sim.clock, sim.operator)
         assert (bench.changer, sim.description.sample_changer) == (None, None)
         assert bench.operator is sim.operator
-
-
-def test_a_person_does_what_the_changer_cannot_and_the_changer_alone_mounts() -> None:
-    done = list[object]()
-
-    class Recorder:
-        def __init__(self, who: str) -> None:
-            self.who = who
-
-        def __getattr__(self, name: str) -> Callable[..., None]:
-            return lambda *given: done.append((self.who, name, *given))
-
-    operator = ChangerAndPerson(Recorder("changer"), Recorder("person"))  # type: ignore[arg-type]
-    operator.mount(SAMPLES["2"])
-    operator.lay_on_support(SAMPLES["3"])
-    operator.place_probe(1e-3, 2e-3)
-    operator.press_tooth(1)
-    operator.place_weight(0.3)
-    operator.turn_load_cell(120.0)
-    operator.set_temperature(295.0)
-    assert done == [
-        ("changer", "mount", "2"),
-        ("changer", "leave"),
-        ("person", "lay_on_support", SAMPLES["3"]),
-        ("person", "place_probe", 1e-3, 2e-3),
-        ("changer", "leave"),
-        ("person", "press_tooth", 1),
-        ("person", "place_weight", 0.3),
-        ("person", "turn_load_cell", 120.0),
-        ("person", "set_temperature", 295.0),
-    ]
 
 
 def test_a_changer_that_nobody_has_touched_differs_in_nothing(changer: SampleChanger) -> None:

@@ -61,19 +61,21 @@ def in_child(work: Callable[[], int], seconds: float) -> int | None:
     while True:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
-            break
+            with suppress(ProcessLookupError):
+                os.killpg(child, signal.SIGKILL)  # what it has left running
+            return os.waitstatus_to_exitcode(status)
         if time.monotonic() > end:
             _kill(child)
             os.waitpid(child, 0)
             return None
         time.sleep(POLL)  # noqa: TID251
-    _kill(child)
-    return os.waitstatus_to_exitcode(status)
 
 
-def _kill(group: int) -> None:
-    with suppress(ProcessLookupError):
-        os.killpg(group, signal.SIGKILL)
+def _kill(child: int) -> None:
+    """It and all that it started; a child that has not yet begun has no group of its own."""
+    for kill in (os.killpg, os.kill):
+        with suppress(ProcessLookupError):
+            kill(child, signal.SIGKILL)
 
 
 def _survives(file: Path, code: Callable[[], CodeType], tests: Sequence[str]) -> int:
