@@ -251,9 +251,10 @@ def test_error_frames_of_the_bus_are_told(
 ) -> None:
     noted = list[str]()
     bench.attend(lambda _kind, what, _ns: noted.append(what))
-    monkeypatch.setattr(bench._can, "error_frames", lambda: errors)
+    link = bench.nodes[0].link
+    monkeypatch.setattr(link, "error_frames", lambda: errors)
     bench.check_settings()
-    assert noted == [f"{bench._can.name}: {each}" for each in told]
+    assert noted == [f"{link.name}: {each}" for each in told]
 
 
 def test_what_comes_after_a_bench_is_closed_is_not_told_to_its_record(sim: SimulatedBench) -> None:
