@@ -26,11 +26,11 @@ from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.can_segment import SERIAL, CanSegment
 from palpate.simulators.rig.operator import SimulatedOperator
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import device as wire
-from palpate.simulators.wire.can import SERIAL, CanSegment
 from palpate.simulators.wire.can_bus import own_channel
 from palpate.simulators.wire.modbus import LOOPBACK, ServerThread
 

@@ -27,7 +27,7 @@ from palpate.procedures.commands import main
 from palpate.procedures.lab import open as session
 from palpate.procedures.commands.options import Output
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.wire.can import CanSegment
+from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()

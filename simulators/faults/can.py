@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from pydantic import Field
@@ -12,6 +12,7 @@ from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger
 from palpate.simulators.faults.places import Target
+from palpate.simulators.wire.relay import Send
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
 HEARTBEAT = 0x700
@@ -20,7 +21,6 @@ DELAY = 5  # frames that overtake a delayed one
 BABBLE = 50  # frames that a babbling node sends in place of one
 
 Frame = Any  # can.Message, which the frames of the bus are already
-Send = Callable[[Frame], None]
 
 
 class CanFault(Fault):

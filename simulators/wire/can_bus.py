@@ -162,3 +162,36 @@ class LockedNetwork(canopen.Network):
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         with self.clock.lock:
             super().notify(can_id, data, timestamp)
+
+
+class _Periodic:
+    """A periodic message on the virtual clock, as canopen's heartbeat wants it."""
+
+    def __init__(self, network: VirtualNetwork, cob_id: int, data: bytes, period_ns: int) -> None:
+        self._network = network
+        self._cob_id = cob_id
+        self._data = bytes(data)
+        self._period_ns = period_ns
+        self.due_ns = network.clock.now_ns() + period_ns
+        network.periodic.append(self)
+
+    def stop(self) -> None:
+        self._network.periodic.remove(self)
+
+    def update(self, data: bytes) -> None:
+        self._data = bytes(data)
+
+    def send(self) -> None:
+        self._network.send_message(self._cob_id, self._data)
+        self.due_ns += self._period_ns
+
+
+class VirtualNetwork(LockedNetwork):
+    """canopen's network with its periodic messages on the bench's clock."""
+
+    def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
+        super().__init__(bus, clock)
+        self.periodic: list[_Periodic] = []
+
+    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> Any:
+        return _Periodic(self, can_id, data, round(period * 1e9))

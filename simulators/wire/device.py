@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
-
-if TYPE_CHECKING:
-    from palpate.simulators.rig.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -20,6 +17,7 @@ class Place:
     """Where a simulated device stands.
 
     Attributes:
+        rig: the scene's state, a `Rig` (`simulators/rig/rig.py`), which stands above the wire.
         unit: or node id, by which it is asked.
         serial: number that it tells; text on Modbus, an integer on CANopen.
         settings: of its kind.
@@ -28,7 +26,7 @@ class Place:
     """
 
     clock: VirtualClock
-    rig: Rig
+    rig: Any
     unit: int
     serial: Any
     settings: Any

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from collections.abc import Callable
+from typing import Any, Literal, Protocol
+
+Send = Callable[[Any], None]  # of a frame, which is python-can's message already
 
 
 class Listener(Protocol):

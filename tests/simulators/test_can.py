@@ -15,9 +15,9 @@ from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.procedures.testing.wire import frames, impatient_node, payloads
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.can import CanSegment
 
 BOOT_UP, PRE_OPERATIONAL, OPERATIONAL, STOPPED = b"\x00", b"\x7f", b"\x05", b"\x04"
 HEARTBEAT, EMERGENCY = 0x700, 0x80

@@ -6,7 +6,6 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
-import can
 import numpy as np
 import numpy.typing as npt
 
@@ -15,11 +14,11 @@ from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.sensor_node import CONTRACT, ROLLOVER, SATURATED, VOLTAGE_ERROR, Samples, SensorNode
 from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.can_bus import LockedNetwork, burst, open_bus
+from palpate.simulators.wire.can_bus import VirtualNetwork, burst, open_bus
 from palpate.simulators.wire.canopen_device import CanopenDevice, attach, local_node
 
 if TYPE_CHECKING:
-    from palpate.simulators.faults.can import Send
+    from palpate.simulators.wire.relay import Send
 
 BURST = 64  # of SYNCs, whose frames are sent together
 NMT_FRAME = 2  # bytes
@@ -28,39 +27,6 @@ OPERATIONAL, STOPPED = 5, 4
 NMT_START, NMT_RESETS = 1, (129, 130)
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
-
-
-class _Periodic:
-    """A periodic message on the virtual clock, as canopen's heartbeat wants it."""
-
-    def __init__(self, network: _VirtualNetwork, cob_id: int, data: bytes, period_ns: int) -> None:
-        self._network = network
-        self._cob_id = cob_id
-        self._data = bytes(data)
-        self._period_ns = period_ns
-        self.due_ns = network.clock.now_ns() + period_ns
-        network.periodic.append(self)
-
-    def stop(self) -> None:
-        self._network.periodic.remove(self)
-
-    def update(self, data: bytes) -> None:
-        self._data = bytes(data)
-
-    def send(self) -> None:
-        self._network.send_message(self._cob_id, self._data)
-        self.due_ns += self._period_ns
-
-
-class _VirtualNetwork(LockedNetwork):
-    """canopen's network with its periodic messages on the bench's clock."""
-
-    def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
-        super().__init__(bus, clock)
-        self.periodic: list[_Periodic] = []
-
-    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> Any:
-        return _Periodic(self, can_id, data, round(period * 1e9))
 
 
 class CanSegment:
@@ -78,7 +44,7 @@ class CanSegment:
         self._rig = rig
         self._bus = open_bus(interface, channel)
         self._echoes: int | None = 0 if interface == MULTICAST else None  # of SYNC, still to come back
-        self._network = _VirtualNetwork(self._bus, clock)
+        self._network = VirtualNetwork(self._bus, clock)
         self.nodes = [
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
             for number, node_id in enumerate(node_ids, 1)
