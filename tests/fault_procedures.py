@@ -22,7 +22,8 @@ from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.modulus import procedure as modulus
 from palpate.procedures.measurements.position import procedure as position_sweep
 from palpate.procedures.measurements.softness import procedure as softness
-from palpate.procedures.measurements.temperature import procedure as temperature_sweep
+from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+from palpate.procedures.measurements.temperature.result import TemperaturePoint
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
@@ -50,7 +51,7 @@ def silent(_done: int, _total: int, _what: str) -> None:
 
 
 def _ratios(
-    points: Sequence[LoadPoint | softness.SoftnessPoint | temperature_sweep.TemperaturePoint],
+    points: Sequence[LoadPoint | softness.SoftnessPoint | TemperaturePoint],
 ) -> Found:
     return {f"ratio {i}": Value(p.force_ratio, p.force_ratio_u, p.valid) for i, p in enumerate(points)}
 
@@ -86,8 +87,8 @@ def _sweep_frequency(bench: Bench, record: Recorder) -> Found:
 
 
 def _sweep_temperature(bench: Bench, record: Recorder) -> Found:
-    settings = temperature_sweep.TemperatureSettings((0.0, 5.0, 15.0), SAMPLE, 2.0, DWELL, FREQUENCY, 0.0)
-    return _ratios(temperature_sweep.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent).points)
+    sweep = TemperatureSweep((0.0, 5.0, 15.0), SAMPLE, 2.0, DWELL, FREQUENCY, 0.0)
+    return _ratios(conduct(sweep, Lab(bench, SINGLE, THESIS_LOAD_CELL), record).points)
 
 
 def _calibrate_load_cell(bench: Bench, record: Recorder) -> Found:

@@ -22,10 +22,9 @@ if TYPE_CHECKING:
 
 def unconverted() -> dict[str, Callable[[], Procedure[Any, Any]]]:
     """The procedures that `engine/known.py` does not have yet, by the name in their header."""
-    from palpate.procedures.commands.sweeps import of_position, of_temperature
+    from palpate.procedures.commands.sweeps import of_position
 
     return {
-        "sweep-temperature": of_temperature,
         "sweep-position": of_position,
         "calibrate-load-cell": of_load_cell,
         "calibrate-films": of_films,

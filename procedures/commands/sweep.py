@@ -157,11 +157,11 @@ def temperature(
     the scene humid_body where none is named; only scenes with pyroelectric films have anything to show.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.sweeps import of_temperature
-    from palpate.procedures.measurements.temperature import procedure as temperature_sweep
+    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.measurements.temperature.procedure import TemperatureSweep, parse_temperatures
 
-    settings = temperature_sweep.TemperatureSettings(
-        temperature_sweep.parse_temperatures(temperatures),
+    asked = TemperatureSweep(
+        parse_temperatures(temperatures),
         sample,
         parse(load, "N"),
         parse(dwell, "s"),
@@ -169,8 +169,7 @@ def temperature(
         parse(soak, "s"),
         extrapolate,
     )
-    choice = choice.simulated_on("humid_body")
-    _sweep(of_temperature(), temperature_sweep, settings, choice, output, dry_run, model)
+    (plan if dry_run else measure)(asked, choice.simulated_on("humid_body"), output, model)
 
 
 @sweep.command(

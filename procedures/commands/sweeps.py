@@ -13,15 +13,6 @@ from palpate.procedures.lab.session import Outcome, Session
 from palpate.procedures.showing.marks import check_some_valid
 
 
-def of_temperature() -> Procedure[Any, Any]:
-    from palpate.procedures.measurements.temperature import procedure as temperature_sweep
-    from palpate.procedures.measurements.temperature import report
-
-    return sweep_of(
-        temperature_sweep, temperature_sweep, report, temperature_sweep.TemperatureSettings, by_hand="warms the sensor"
-    )
-
-
 def of_position() -> Procedure[Any, Any]:
     from palpate.procedures.measurements.position import procedure as position_sweep
     from palpate.procedures.measurements.position import report

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 GROUP = "palpate.procedures"
 SHIPPED = {
     "sweep-frequency": "palpate.procedures.measurements.frequency.procedure:FrequencySweep",
+    "sweep-temperature": "palpate.procedures.measurements.temperature.procedure:TemperatureSweep",
     "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
 }
 

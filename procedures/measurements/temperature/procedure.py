@@ -7,52 +7,39 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import film_forces, scatter_covariance
+from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
-from palpate.instrument.uncertainty.interpolation import interpolate
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.temperature.result import (
+    FEWEST,
+    FilmWarming,
+    TemperaturePoint,
+    TemperatureResult,
+    evaluate,
+    gain_u,
+)
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, begin
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
-from palpate.procedures.steps.film_point import FilmPoint, measure
+from palpate.procedures.showing.marks import check_some_valid
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.pause import NOBODY, Pause
 from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, finish, press
 from palpate.procedures.steps.standing import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change
 
-PROCEDURE = "sweep-temperature"
 RANGE = (-20.0, 40.0)  # K against the start; PVDF loses its polarisation from about 80 °C on [S]
-FEWEST, MOST = 3, 50
+MOST = 50  # temperatures
 LONGEST_SOAK = 86400.0  # s
 SETTING = 60.0  # s, for a person to set a temperature [A]
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureSettings:
-    """Temperatures in K against the start, a sample, a load in N peak to peak, dwell in s, frequency in Hz.
-
-    `soak`: s, before each change, in which the films take the temperature that was set before.
-    """
-
-    temperatures: tuple[float, ...]
-    sample: str
-    load: float
-    dwell: float
-    frequency: float
-    soak: float
-    extrapolate: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,76 +48,105 @@ class TemperatureStep(Step):
     step_K: float
 
 
-@dataclass(frozen=True, slots=True)
-class FilmWarming:
-    """One film. Its force is by the fit with a trend; errors are what others would have read off the same record.
+@dataclass(frozen=True)
+class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureResult]):
+    """Temperatures in K against the start, a sample, a load in N peak to peak, dwell in s, frequency in Hz.
 
-    Attributes:
-        force_N: peak to peak.
-        offset_N, offset_u: what the change has added to the film's standing signal, in terms of force; null where lost.
-        trend_N_per_s: drift of the signal under the load, in terms of force.
-        error_lock_in, error_rms: relative, of a lock-in amplifier and of a voltmeter.
+    `soak`: s, before each change, in which the films take the temperature that was set before.
     """
 
-    film: str
-    force_N: float
-    offset_N: float
-    offset_u: float
-    trend_N_per_s: float
-    error_lock_in: float
-    error_rms: float
+    name = "sweep-temperature"
+    point = TemperaturePoint
+    pausable = True
+    by_hand = "warms the sensor"
+    added = frozenset({"extrapolate"})
+
+    temperatures: tuple[float, ...] = (0.0, 5.0, 15.0, 10.0)
+    sample: str = "1"
+    load: float = 2.0
+    dwell: float = 1.0
+    frequency: float = 10.0
+    soak: float = 1800.0
+    extrapolate: bool = False
+
+    def check(self, target: Target) -> None:
+        """Refuse what cannot be done, before any device is spoken to.
+
+        Raises:
+            RangeError: temperatures too few, repeated or beyond what films bear, a load beyond the force limit in N, a
+                frequency or dwell that gives no estimate, or too few sensor nodes.
+            UnknownName: an unknown sample.
+        """
+        check_nodes(target.design, target.nodes)
+        get_sample(self.sample)
+        changes = steps_of(self.temperatures)
+        if len(set(changes)) < FEWEST or len(changes) > MOST:
+            raise RangeError(
+                f"temperatures {list(self.temperatures)} K make {len(set(changes))} different changes; {FEWEST} to "
+                f"{MOST} give a slope, such as '0 K, 5 K, 15 K, 10 K'"
+            )
+        if not 0 <= self.soak <= LONGEST_SOAK:
+            raise RangeError(f"soak {self.soak:g} s is outside 0 to {LONGEST_SOAK:g} s")
+        for temperature in self.temperatures:
+            if not RANGE[0] <= temperature <= RANGE[1]:
+                raise RangeError(
+                    f"temperature {temperature:g} K against the start is outside {RANGE[0]:g} to {RANGE[1]:g} K, which"
+                    " the films bear"
+                )
+        check_force((self.load,), target.force_limit)
+        check_frequency(self.frequency)
+        check_time(self.dwell, self.frequency)
+
+    def loads_to_tell(self) -> Loads:
+        return Loads((self.load,), self.extrapolate)
+
+    def plan(self, target: Target) -> Plan[TemperatureStep]:
+        """Every temperature, in the order given."""
+        steps: list[TemperatureStep] = []
+        for temperature, change in zip(self.temperatures, steps_of(self.temperatures), strict=True):
+            soak = max(self.soak, BEFORE) + RESPONSE + LENGTH
+            seconds = soak + SETTING + point_seconds(self.frequency, self.dwell, first=not steps)
+            what, group = show(temperature, "K"), f"mount sample {self.sample}"
+            scatter = target.design.ratio_scatter
+            steps.append(TemperatureStep(self.dwell, seconds, scatter, temperature, change, what=what, group=group))
+        return Plan(self.name, steps)
+
+    def begin(self, lab: Lab, record: Recorder) -> Sweeping:
+        return Sweeping(lab, record, self)
+
+    def evaluate(self, points: Sequence[TemperaturePoint], lab: Lab) -> TemperatureResult:
+        return evaluate(points, lab.design)
+
+    def report(self, result: TemperatureResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.temperature.report import plot_sweep, print_sweep
+
+        simulated = lab.bench.simulated
+        return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
+
+    def judge(self, result: TemperatureResult) -> None:
+        check_some_valid(result.points)
 
 
-@dataclass(frozen=True, slots=True)
-class TemperaturePoint:
-    """After a change by `step_K`, while the films warm up; errors of the ratio are relative.
+class Sweeping(Loaded):
+    """A temperature sweep on the bench: one load on one sample, measured as soon as each temperature is set."""
 
-    `offset_after_s`: from the change to where the films' offsets were taken.
-    """
+    def __init__(self, lab: Lab, record: Recorder, sweep: TemperatureSweep) -> None:
+        super().__init__(lab, record, (sweep.load,), sweep.frequency, (sweep.sample,), sweep.extrapolate)
+        self._sweep = sweep
 
-    temperature_K: float
-    step_K: float
-    offset_after_s: float
-    load_measured_N: float
-    load_measured_u: float
-    force_ratio: float
-    force_ratio_u: float
-    error_lock_in: float
-    error_rms: float
-    films: tuple[FilmWarming, ...]
-    valid: bool
-    settling_s: float
-    attempts: int
-    flags: tuple[str, ...]
+    def arrange(self, step: TemperatureStep) -> None:
+        self.press(get_sample(self._sweep.sample))
 
-
-@dataclass(frozen=True, slots=True)
-class TemperatureResult:
-    """Slopes against the change of temperature, with standard uncertainties; None: fewer than three valid changes.
-
-    Attributes:
-        offsets: film -> apparent force right after a change, a kelvin of it [N/K].
-        ratio_per_K: relative change of the compensated force ratio, a kelvin: what is left.
-        largest_lock_in, largest_rms: largest relative error of the ratio without compensation.
-    """
-
-    points: list[TemperaturePoint]
-    offsets: dict[str, tuple[float, float] | None]
-    ratio_per_K: tuple[float, float] | None
-    largest_lock_in: float | None
-    largest_rms: float | None
-
-    def summary(self) -> dict[str, Any]:
-        """The result without its points, under public names."""
-        ratio, ratio_u = self.ratio_per_K or (None, None)
-        rows = [(film, *(found or (None, None))) for film, found in self.offsets.items()]
-        return {
-            "offsets": [{"film": film, "offset_N_per_K": slope, "offset_u": u} for film, slope, u in rows],
-            "ratio_per_K": ratio,
-            "ratio_per_K_u": ratio_u,
-            "largest_error_lock_in": self.largest_lock_in,
-            "largest_error_rms": self.largest_rms,
-        }
+    def take(self, step: TemperatureStep) -> Taken[TemperaturePoint]:
+        bench = self.lab.bench
+        carry_out(bench, "outputs off", bench.rest)
+        bench.clock.wait(max(self._sweep.soak - BEFORE, 0.0))
+        before = before_change(self.films)
+        bench.operator.set_temperature(step.temperature_K)
+        added = after_change(self.films, before)
+        carry_out(bench, "outputs on", bench.drive)
+        measured = self.measured(self._sweep.load, step.what, self._sweep.dwell)
+        return Taken(_point(self.lab.design, step, added, measured), measured.waveforms(self.lab.design))
 
 
 def parse_temperatures(text: str) -> tuple[float, ...]:
@@ -138,88 +154,9 @@ def parse_temperatures(text: str) -> tuple[float, ...]:
     return tuple(parse(part, "K") for part in text.split(","))
 
 
-def check(settings: TemperatureSettings, design: Design, force_limit: float, nodes: int) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
-
-    Raises:
-        RangeError: temperatures too few, repeated or beyond what films bear, a load beyond the force limit in N, a
-            frequency or dwell that gives no estimate, or too few sensor nodes.
-        UnknownName: an unknown sample.
-    """
-    check_nodes(design, nodes)
-    get_sample(settings.sample)
-    changes = steps_of(settings.temperatures)
-    if len(set(changes)) < FEWEST or len(changes) > MOST:
-        raise RangeError(
-            f"temperatures {list(settings.temperatures)} K make {len(set(changes))} different changes; {FEWEST} to "
-            f"{MOST} give a slope, such as '0 K, 5 K, 15 K, 10 K'"
-        )
-    if not 0 <= settings.soak <= LONGEST_SOAK:
-        raise RangeError(f"soak {settings.soak:g} s is outside 0 to {LONGEST_SOAK:g} s")
-    for temperature in settings.temperatures:
-        if not RANGE[0] <= temperature <= RANGE[1]:
-            raise RangeError(
-                f"temperature {temperature:g} K against the start is outside {RANGE[0]:g} to {RANGE[1]:g} K, which the "
-                "films bear"
-            )
-    check_force((settings.load,), force_limit)
-    check_frequency(settings.frequency)
-    check_time(settings.dwell, settings.frequency)
-
-
 def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:
     """By how much each differs from the one before; the first, from the start."""
     return tuple(after - before for before, after in pairwise((0.0, *temperatures)))
-
-
-def plan(settings: TemperatureSettings, design: Design) -> Plan[TemperatureStep]:
-    """Every temperature, in the order given."""
-    steps: list[TemperatureStep] = []
-    for temperature, step in zip(settings.temperatures, steps_of(settings.temperatures), strict=True):
-        soak = max(settings.soak, BEFORE) + RESPONSE + LENGTH
-        seconds = soak + SETTING + point_seconds(settings.frequency, settings.dwell, first=not steps)
-        steps.append(TemperatureStep(settings.dwell, seconds, design.ratio_scatter, temperature, step))
-    return Plan(PROCEDURE, steps)
-
-
-def run(
-    bench: Bench,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: TemperatureSettings,
-    record: Recorder,
-    progress: Progress,
-    pause: Pause = NOBODY,
-) -> TemperatureResult:
-    """Measure one load at each temperature, as soon as it is set. Each point is durable before `progress` hears of it.
-
-    Raises:
-        RangeError, UnknownName: as `check`, or a load outside the calibrated range; the outputs have stayed off.
-        UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
-    """
-    check(settings, design, bench.force_limit, len(bench.nodes))
-    steps = plan(settings, design).steps
-    films = begin(
-        bench, design, calibration, (settings.load,), settings.frequency, (settings.sample,), settings.extrapolate
-    )
-    points = Points[TemperaturePoint](films, record, progress, len(steps), pause)
-    points.tell(f"mount sample {settings.sample}")
-    preloaded = press(bench, calibration, get_sample(settings.sample), preload_for((settings.load,)))
-    servo = LoadServo(bench, calibration, settings.frequency, preloaded)
-    for step in steps:
-        what = show(step.temperature_K, "K")
-        points.next(what)
-        carry_out(bench, "outputs off", bench.rest)
-        bench.clock.wait(max(settings.soak - BEFORE, 0.0))
-        before = before_change(films)
-        bench.operator.set_temperature(step.temperature_K)
-        added = after_change(films, before)
-        carry_out(bench, "outputs on", bench.drive)
-        carry_out(bench, what, partial(servo.set, settings.load))
-        measured = measure(films, servo, settings.load, settings.dwell, record, what)
-        points.keep(_point(design, step, added, measured), measured, what)
-    finish(bench, calibration)
-    return evaluate(points.taken, design)
 
 
 def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPoint) -> TemperaturePoint:
@@ -228,7 +165,7 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     time, volts = measured.record.time[good], measured.record.voltage[:, good]
     amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # of a film that clips all the time
     flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
-    known = _gain_u(design)
+    known = gain_u(design)
     lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
     return TemperaturePoint(
         temperature_K=step.temperature_K,
@@ -259,43 +196,8 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     )
 
 
-def _gain_u(design: Design) -> np.ndarray:
-    """Relative standard uncertainty of the films' gains (films,): their scatter, and their calibration."""
-    variance = scatter_covariance(design).diagonal()
-    if design.film_covariance is not None:
-        variance = variance + np.asarray(design.film_covariance).diagonal()
-    return np.sqrt(variance)
-
-
 def _of_ratio(design: Design, read: np.ndarray) -> float:
     """Relative error of the mean ratio of rigid films to base films, from what was read of each, relative."""
     rigid = [float(read[i]) for i, film in enumerate(design.films) if film.kind == FILM_KINDS[0]]
     total = [float(read[i]) for i, film in enumerate(design.films) if film.kind == FILM_KINDS[1]]
     return (math.fsum(rigid) / len(rigid)) / (math.fsum(total) / len(total)) - 1
-
-
-def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureResult:
-    """Slopes by the valid points."""
-    valid = [point for point in points if point.valid]
-    warmth = [point.step_K for point in valid]
-    if len(set(warmth)) < FEWEST:
-        return TemperatureResult(list(points), dict.fromkeys(film.name for film in design.films), None, None, None)
-
-    def slope(values: Sequence[float], u: float) -> tuple[float, float]:
-        line = interpolate(warmth, values, u)
-        return float(line.coefficients[1]), math.sqrt(float(line.covariance[1, 1]))
-
-    def offset(i: int, gain_u: float) -> tuple[float, float]:
-        value, u = slope([point.films[i].offset_N for point in valid], 0.0)
-        return value, math.hypot(u, gain_u * value)  # all rows may share the film's gain: no residual tells of it
-
-    gains_u = _gain_u(design)
-    mean = math.fsum(point.force_ratio for point in valid) / len(valid)
-    u = max(point.force_ratio_u for point in valid) / mean
-    return TemperatureResult(
-        points=list(points),
-        offsets={film.name: offset(i, float(gains_u[i])) for i, film in enumerate(design.films)},
-        ratio_per_K=slope([point.force_ratio / mean for point in valid], u),
-        largest_lock_in=max((point.error_lock_in for point in valid), key=abs),
-        largest_rms=max((point.error_rms for point in valid), key=abs),
-    )

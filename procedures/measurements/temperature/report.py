@@ -7,7 +7,7 @@ from pathlib import Path
 
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.temperature.procedure import TemperatureResult
+from palpate.procedures.measurements.temperature.result import TemperatureResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
