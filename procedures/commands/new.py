@@ -11,6 +11,8 @@ from palpate.procedures.commands.options import FILE_NAME, Group, Output, output
 NEXT = """
 They pass as they stand: pytest {test}
 {then}"""
+PACKAGE = """Install the package first (pip install -e), so that palpate finds it. Then put in what the device's manual
+says, with a golden frame for each register: see docs/how-to/device.md."""
 DEVICE = """Then put in what the device's manual says, with a golden frame for each register or object, and let it
 stand on the bench: see "Adding a device" in the README."""
 EFFECT = """Then put in your physics, and a line each in EFFECTS (simulators/effects/__init__.py), at its place in the
@@ -33,10 +35,17 @@ def new() -> None:
 @TREE
 @output_options
 def device(name: str, bus: str, tree: Path, as_json: bool, quiet: bool) -> None:
-    """Write contract, driver, simulator, golden frames and test of a device, which pass as they stand."""
-    from palpate.procedures.templates.new_device import new_device
+    """Write contract, driver, simulator, golden frames and test of a device, which pass as they stand.
 
-    _tell(new_device(name, bus, tree), DEVICE, Output(as_json, quiet))
+    In a source tree of palpate they go to their places there. Anywhere else they make a package of their own, which is
+    installed beside palpate (of a Modbus device).
+    """
+    from palpate.procedures.templates.new_device import MODBUS, new_device, new_package
+
+    if bus in MODBUS and not (tree / "instrument" / "contracts").is_dir():
+        _tell(new_package(name, bus, tree), PACKAGE, Output(as_json, quiet))
+    else:
+        _tell(new_device(name, bus, tree), DEVICE, Output(as_json, quiet))
 
 
 @new.command(epilog="Examples:\n\n  palpate new effect cable_sag")

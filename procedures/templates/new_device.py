@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.procedures.templates.new_files import class_of, write_files
+from palpate.procedures.templates.new_files import class_of, write_files, write_package
 
 FILES = {
     "contract.py.txt": "instrument/contracts/{}.py",
@@ -45,6 +45,32 @@ MODBUS = {
 }
 CANOPEN = "canopen"
 BUSES = (*MODBUS, CANOPEN)
+PACKAGE = {
+    "package/pyproject.toml.txt": "pyproject.toml",
+    "package/device.py.txt": "{}.py",
+    "package/golden.toml.txt": "tests/{}.toml",
+    "package/test.py.txt": "tests/test_{}.py",
+}
+
+
+def new_package(name: str, bus: str, folder: Path) -> list[Path]:
+    """Write a package with a Modbus device of its own into a new folder of that name; `bus` is one of `MODBUS`.
+
+    Its identity holds its whole name, so that no two packages have the same.
+
+    Raises:
+        UsageError: no name of a module, or the folder exists; nothing is written.
+        RecordError: a file cannot be written.
+    """
+    project, modbus = name.replace("_", "-"), MODBUS[bus]
+    terms = {
+        "project": project,
+        "product": project.upper(),
+        "bus": modbus.title,
+        "link": bus,
+        "Suite": modbus.suite,
+    }
+    return write_package("device", name, PACKAGE, folder, terms)
 
 
 def new_device(name: str, bus: str, tree: Path) -> list[Path]:

@@ -31,6 +31,15 @@ def new_procedure(name: str, tree: Path) -> list[Path]:
     return write_files("procedure", name, PROCEDURE, tree, {"command": name.replace("_", "-")})
 
 
+def check_name(kind: str, name: str) -> None:
+    """Raises UsageError: it is no name of a module."""
+    if not NAME.fullmatch(name) or len(name) > LONGEST or keyword.iskeyword(name):
+        raise UsageError(
+            f"{name!r} is no name of a {kind}: give small letters, digits and single underscores, at most {LONGEST}"
+            " characters, such as force_gauge"
+        )
+
+
 def write_files(
     kind: str, name: str, places: Mapping[str, str], tree: Path, terms: Mapping[str, str], beside: str = ""
 ) -> list[Path]:
@@ -49,11 +58,7 @@ def write_files(
         UsageError: no name of a module, no such tree, or one of the files exists; nothing is written.
         RecordError: a file cannot be written.
     """
-    if not NAME.fullmatch(name) or len(name) > LONGEST or keyword.iskeyword(name):
-        raise UsageError(
-            f"{name!r} is no name of a {kind}: give small letters, digits and single underscores, at most {LONGEST}"
-            " characters, such as force_gauge"
-        )
+    check_name(kind, name)
     paths = {template: tree / place.format(name) for template, place in places.items()}
     for path in paths.values():
         if not path.parent.is_dir():
@@ -72,6 +77,22 @@ def write_files(
         except OSError as error:
             raise RecordError(f"{path}: cannot be written: {error.strerror}; make it writable") from None
     return list(paths.values())
+
+
+def write_package(
+    kind: str, name: str, places: Mapping[str, str], folder: Path, terms: Mapping[str, str]
+) -> list[Path]:
+    """As `write_files`, into a new folder of that name. Raises UsageError: the folder exists; RecordError."""
+    check_name(kind, name)
+    tree = folder / name
+    if tree.exists():
+        raise UsageError(f"{tree} exists already; choose another name")
+    try:
+        for path in {tree / place for place in places.values()}:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{tree}: cannot be made: {error.strerror}; give another folder with --to") from None
+    return write_files(kind, name, places, tree, terms)
 
 
 def class_of(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pint  # noqa: F401  (what an inner session imports is forgotten with it, and dask comes with pint)
@@ -14,8 +15,9 @@ import palpate.procedures
 import palpate.simulators.devices
 import palpate.simulators.effects
 import palpate.testing
+from palpate.instrument.bench import kinds
 from palpate.instrument.errors import UsageError
-from palpate.procedures.templates.new_device import BUSES, FILES, new_device
+from palpate.procedures.templates.new_device import BUSES, FILES, new_device, new_package
 from palpate.procedures.templates.new_files import EFFECT, PROCEDURE, new_effect, new_procedure
 from tests.procedures.conftest import Palpate
 
@@ -75,6 +77,31 @@ def test_a_new_effect_passes_as_it_stands_and_a_wrong_one_does_not(tree: Path, p
 
 def test_a_new_procedure_passes_as_it_stands(tree: Path, pytester: pytest.Pytester) -> None:
     assert conform(pytester, new_procedure("repeatability", tree)[-1]).parseoutcomes() == {"passed": 2}
+
+
+@pytest.mark.parametrize(("bus", "passed"), [("modbus-tcp", 22), ("modbus-rtu", 23)])
+@pytest.mark.slow  # time-outs
+def test_a_package_passes_as_it_stands(
+    bus: str, passed: int, tmp_path: Path, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"gauge_{bus[-3:]}"  # of its own: what a package has imported stays
+    *_, test = new_package(name, bus, tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path / name))
+    entries = [EntryPoint(name.replace("_", "-"), f"{name}:KIND", kinds.GROUP)]
+    monkeypatch.setattr(kinds, "entry_points", lambda group: entries)
+    kinds.outside_kinds.cache_clear()
+    assert conform(pytester, test).parseoutcomes() == {"passed": passed}
+    kinds.outside_kinds.cache_clear()
+
+
+def test_a_package_is_written_into_a_folder_of_its_own_and_over_nothing(palpate: Palpate) -> None:
+    spoken = palpate("new", "device", "force_gauge", "--json")
+    names = ("pyproject.toml", "force_gauge.py", "tests/force_gauge.toml", "tests/test_force_gauge.py")
+    assert spoken.object == {"files": [f"force_gauge/{name}" for name in names]}
+    assert '"FORCE-GAUGE"' in Path("force_gauge/force_gauge.py").read_text(encoding="utf-8")
+    refused = palpate("new", "device", "force_gauge")
+    assert refused.status == 2
+    assert refused.complaint == "force_gauge exists already; choose another name"
 
 
 @pytest.mark.parametrize(
