@@ -14,12 +14,13 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.characterise import procedure as characterise
-from palpate.procedures.measurements.films import procedure as film_calibration
+from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.measurements.frequency.procedure import FrequencySweep
-from palpate.procedures.measurements.load_cell import procedure as load_cell
+from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
-from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.modulus.result import NAMES
 from palpate.procedures.measurements.position import procedure as position_sweep
 from palpate.procedures.measurements.softness import procedure as softness
 from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
@@ -61,9 +62,13 @@ def _gain(gain: float, load: float, load_u: float, valid: bool) -> Value:
     return Value(gain, APART * gain * load_u / load, valid)
 
 
+def _lab(bench: Bench) -> Lab:
+    return Lab(bench, SINGLE, THESIS_LOAD_CELL, run="run", started=CREATED)
+
+
 def _sweep_loads(bench: Bench, record: Recorder) -> Found:
     sweep = LoadSweep((SAMPLE,), LOADS[::2], DWELL, FREQUENCY)
-    return _ratios(conduct(sweep, Lab(bench, SINGLE, THESIS_LOAD_CELL), record).points)
+    return _ratios(conduct(sweep, _lab(bench), record).points)
 
 
 def _sweep_position(bench: Bench, record: Recorder) -> Found:
@@ -93,7 +98,7 @@ def _sweep_temperature(bench: Bench, record: Recorder) -> Found:
 
 def _calibrate_load_cell(bench: Bench, record: Recorder) -> Found:
     loads = tuple(1e-3 * gram * STANDARD_GRAVITY for gram in (140, 340, 540, 740))
-    found = load_cell.run(bench, load_cell.LoadCellSettings(loads), record, silent, CREATED).calibration
+    found = conduct(LoadCellSeries(loads), _lab(bench), record).calibration
     return {
         "sensitivity": Value(found.sensitivity_mV_per_N, found.sensitivity_u),
         "zero": Value(found.zero_mV, found.zero_u),
@@ -101,17 +106,13 @@ def _calibrate_load_cell(bench: Bench, record: Recorder) -> Found:
 
 
 def _calibrate_films(bench: Bench, record: Recorder) -> Found:
-    settings = film_calibration.FilmSettings(LOADS, (FREQUENCY,), DWELL, 365)
-    found = film_calibration.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent, CREATED).calibration
+    found = conduct(FilmSeries(LOADS, (FREQUENCY,), DWELL), _lab(bench), record).calibration
     return {f.name: Value(f.sensitivity_mV_per_N, APART * f.sensitivity_u) for f in found.films}
 
 
 def _test_modulus(bench: Bench, record: Recorder) -> Found:
-    result = modulus.run(bench, THESIS_LOAD_CELL, modulus.ModulusSettings("1", 0.3, 4), record, silent)
-    return {
-        name: Value(found.value, APART * found.u)
-        for (name, _), found in zip(modulus.NAMES, result.results(), strict=True)
-    }
+    result = conduct(ModulusTest("1", 0.3, 4), _lab(bench), record)
+    return {name: Value(found.value, APART * found.u) for (name, _), found in zip(NAMES, result.results(), strict=True)}
 
 
 def _softness(bench: Bench, record: Recorder) -> Found:

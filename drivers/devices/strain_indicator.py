@@ -59,6 +59,8 @@ class StrainIndicator(ModbusDevice):
         super().__init__(link, unit)
         self._clock = clock
         self._renewed: tuple[int, float] | None = None
+        self.resolution_mV = math.nan
+        """Step of the display, as it was at the last reading."""
 
     def identify(self) -> None:
         """As of every device; its display may have been renewed less often than before, as it may have started anew."""
@@ -98,7 +100,7 @@ class StrainIndicator(ModbusDevice):
             values = self._asked(self._fresh)  # it may be the reply of then: one of another length cannot
         status, decimals, integer, floating, updates = values
         bits = self.contract.set_bits("status", status)
-        step = 10.0**-decimals
+        step = self.resolution_mV = 10.0**-decimals
         reading = integer * step
         if "bridge_open" in bits:
             reading = math.nan

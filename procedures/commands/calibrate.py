@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,10 +17,6 @@ from palpate.procedures.commands.options import (
     extrapolate_option,
     output_options,
 )
-
-if TYPE_CHECKING:
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.group(cls=Group)
@@ -68,11 +63,11 @@ def load_cell(
     certificate; stores the calibration: later sweeps with the same indicator use and name it, until it expires and
     within its loads.
     """
-    from palpate.procedures.engine.unconverted import conduct
-    from palpate.procedures.measurements.load_cell import procedure
+    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
     from palpate.procedures.steps.checks import parse_loads
 
-    settings = procedure.LoadCellSettings(
+    series = LoadCellSeries(
         parse_loads(loads),
         runs,
         parse_positions(positions),
@@ -80,44 +75,7 @@ def load_cell(
         creep,
         valid_days,
     )
-    conduct(of_load_cell(), settings, choice, output)
-
-
-def of_load_cell() -> Procedure[Any, Any]:
-    from palpate.procedures.commands.measure import tell_result
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.lab.calibrations import keep, load_cell_path
-    from palpate.procedures.measurements.load_cell import procedure
-    from palpate.procedures.measurements.load_cell.certificate import write_certificate
-    from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
-
-    def tell(session: Session, result: procedure.LoadCellResult, outcome: Outcome, output: Output) -> None:
-        folder = session.record.folder
-        path = load_cell_path(session.lab.bench.indicator.serial)
-        keep(result.calibration, folder, session.opened.chosen.logged is not None, path)
-        certificate = write_certificate(folder, result.calibration)
-        plot = plot_load_cell(result, session.lab.bench.simulated, folder)
-        outcome = {
-            **outcome,
-            "calibration": result.calibration.source,
-            "calibration_file": str(path),
-            "certificate": str(certificate),
-        }
-        found = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
-        tell_result(output, found, lambda: print_load_cell(result, outcome, plot), result.budgets())
-
-    return Procedure(
-        procedure.PROCEDURE,
-        procedure.LoadCellSettings,
-        lambda settings, target: procedure.check(settings, target.force_limit),
-        lambda session, settings, progress, _: procedure.run(
-            session.lab.bench, settings, session.record, progress, session.lab.started
-        ),
-        tell,
-        calibrating="load cell",
-        constants={"repeats": procedure.REPEATS},
-        by_hand="places the weights",
-    )
+    measure(series, choice, output)
 
 
 @calibrate.command(
@@ -148,18 +106,12 @@ def films(
     and name it in place of the design's sensitivities.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.unconverted import conduct
-    from palpate.procedures.measurements.films import procedure
+    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.steps.checks import parse_loads
 
-    settings = procedure.FilmSettings(
-        parse_loads(loads),
-        tuple(parse(part, "Hz") for part in frequencies.split(",")),
-        parse(dwell, "s"),
-        valid_days,
-        extrapolate,
-    )
-    conduct(of_films(), settings, choice, output)
+    hertz = tuple(parse(part, "Hz") for part in frequencies.split(","))
+    measure(FilmSeries(parse_loads(loads), hertz, parse(dwell, "s"), valid_days, extrapolate), choice, output)
 
 
 @calibrate.command(epilog="Examples:\n\n  palpate calibrate accept runs/calibrations/load_cell-SI-0042.toml")
@@ -181,42 +133,6 @@ def accept(file: Path, as_json: bool, quiet: bool) -> None:
     if output.as_json:
         output.json({"calibration_file": str(file), "accepted": found.accepted if found else None})
     output.line(f"{file}: {f'{found.source}{found.marks()}' if found else 'is as it was written, nothing to accept'}")
-
-
-def of_films() -> Procedure[Any, Any]:
-    from palpate.procedures.commands.measure import tell_result
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.lab.calibrations import films_path, keep
-    from palpate.procedures.measurements.films import procedure
-    from palpate.procedures.measurements.films.report import plot_films, print_films
-
-    def tell(session: Session, result: procedure.FilmResult, outcome: Outcome, output: Output) -> None:
-        folder, found = session.record.folder, result.calibration
-        path = films_path(found.device, found.design)
-        keep(found, folder, session.opened.chosen.logged is not None, path)
-        plot = plot_films(result, session.lab.design, folder)
-        outcome = {**outcome, "film_calibration": found.source, "film_calibration_file": str(path)}
-        told = {**outcome, "points": result.points, **result.summary(), "plot": str(plot)}
-        tell_result(output, told, lambda: print_films(result, session.lab.design, outcome, plot), found.budgets())
-
-    return Procedure(
-        procedure.PROCEDURE,
-        procedure.FilmSettings,
-        lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
-        lambda session, settings, progress, _: procedure.run(
-            session.lab.bench,
-            session.lab.design,
-            session.lab.calibration,
-            settings,
-            session.record,
-            progress,
-            session.lab.started,
-        ),
-        tell,
-        calibrating="films",
-        by_hand="stands the pin on the teeth",
-        loads=lambda settings: (settings.loads, settings.extrapolate),
-    )
 
 
 def parse_positions(text: str) -> tuple[float, ...]:

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from palpate.procedures.commands.calibrate import of_films, of_load_cell
 from palpate.procedures.commands.characterise import of_characterise
 from palpate.procedures.commands.options import FILE_NAME, Choice, Command, Output, assume_option, output_options
 from palpate.procedures.commands.softness import of_softness
-from palpate.procedures.commands.test import of_modulus
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
@@ -26,11 +24,8 @@ def unconverted() -> dict[str, Callable[[], Procedure[Any, Any]]]:
 
     return {
         "sweep-position": of_position,
-        "calibrate-load-cell": of_load_cell,
-        "calibrate-films": of_films,
         "characterise": of_characterise,
         "softness": of_softness,
-        "test-modulus": of_modulus,
     }
 
 

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
-
 import click
 
 from palpate.procedures.commands.options import Choice, Group, Output, bench_options, budget_option, extrapolate_option
-
-if TYPE_CHECKING:
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.group(cls=Group)
@@ -37,32 +30,7 @@ def modulus(sample: str, strain: str, steps: int, extrapolate: bool, choice: Cho
     its standard uncertainty. Loads below the calibrated range are marked.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.unconverted import conduct
-    from palpate.procedures.measurements.modulus import procedure
+    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.measurements.modulus.procedure import ModulusTest
 
-    settings = procedure.ModulusSettings(sample, parse(strain, ""), steps, extrapolate)
-    conduct(of_modulus(), settings, choice, output)
-
-
-def of_modulus() -> Procedure[Any, Any]:
-    from palpate.procedures.commands.measure import tell_result
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.measurements.modulus import procedure
-    from palpate.procedures.measurements.modulus.report import plot_modulus, print_modulus
-
-    def tell(session: Session, result: procedure.ModulusResult, outcome: Outcome, output: Output) -> None:
-        plot = plot_modulus(result, session.lab.bench.simulated, session.record.folder)
-        points = [asdict(p) for p in result.compression.points]
-        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
-        tell_result(output, found, lambda: print_modulus(result, outcome, plot), result.results())
-
-    return Procedure(
-        procedure.PROCEDURE,
-        procedure.ModulusSettings,
-        lambda settings, target: procedure.check(settings, target.force_limit),
-        lambda session, settings, progress, _: procedure.run(
-            session.lab.bench, session.lab.calibration, settings, session.record, progress
-        ),
-        tell,
-        by_hand="lays the sample on the support",
-    )
+    measure(ModulusTest(sample, parse(strain, ""), steps, extrapolate), choice, output)

@@ -130,6 +130,11 @@ class Finished(Generic[R]):
         return self.session.record.folder
 
     @property
+    def replayed(self) -> bool:
+        """Whether it was done on the traffic of a log: then nothing is kept for later runs."""
+        return self.session.opened.chosen.logged is not None
+
+    @property
     def run(self) -> Run:
         """The run as it is on disk. Raises RecordError."""
         return Run.open(self.folder)

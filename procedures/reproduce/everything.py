@@ -16,10 +16,10 @@ from palpate.instrument.thesis import COMPRESSION_TABLES
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.progress import Progress
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.load_cell import procedure as load_cell
+from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import SweepResult
-from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
@@ -92,15 +92,15 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
             table, distance = blind.compare(arrangement, parameters, swept)
             done.blind.append(distance)
             add([table])
-    with open_bench("thesis_single", load_cell.PROCEDURE) as session:
+    with open_bench("thesis_single", LoadCellSeries.name) as session:
         bench = session.bench.description
-        weighed = load_cell.run(session.bench, load_cell.LoadCellSettings(), session.record, progress, CREATED)
+        weighed = conduct(LoadCellSeries(), _lab(session, "single"), session.record, progress)
     add([bench_tables.calibration(weighed)])
     tested = {}
     for sample, number in COMPRESSION_TABLES.items():
-        with open_bench("thesis_single", modulus.PROCEDURE) as session:
-            settings_ = modulus.ModulusSettings(sample, STRAIN, STEPS)
-            tested[sample] = modulus.run(session.bench, THESIS_LOAD_CELL, settings_, session.record, progress)
+        with open_bench("thesis_single", ModulusTest.name) as session:
+            test = ModulusTest(sample, STRAIN, STEPS)
+            tested[sample] = conduct(test, _lab(session, "single"), session.record, progress)
         add([bench_tables.compression(number, sample, tested[sample])])
     add([bench_tables.catalogue(tested)])
     curves = models.run(models.SETS, done.models, progress)
@@ -114,6 +114,11 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
 
 
 def _swept(session: Recorded, design: str, loads: tuple[float, ...], progress: Progress) -> SweepResult:
-    """All samples under these loads, measured by what the thesis says of sensor and load cell."""
-    lab = Lab(session.bench, get_design(design), THESIS_LOAD_CELL)
-    return conduct(LoadSweep(tuple(SAMPLES), loads, DWELL, FREQUENCY), lab, session.record, progress)
+    """All samples under these loads."""
+    sweep = LoadSweep(tuple(SAMPLES), loads, DWELL, FREQUENCY)
+    return conduct(sweep, _lab(session, design), session.record, progress)
+
+
+def _lab(session: Recorded, design: str) -> Lab:
+    """The bench with what the thesis says of sensor and load cell; a calibration of it is always of one date."""
+    return Lab(session.bench, get_design(design), THESIS_LOAD_CELL, run=session.record.folder.name, started=CREATED)

@@ -62,7 +62,7 @@ def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
     """What it was measured by, how long it took, and where it lies."""
     named = {
         "calibration": outcome["calibration"],
-        "films": outcome["film_calibration"],
+        "films": outcome.get("film_calibration"),
         "mounting": MOUNTING.get(outcome["mounting"]),
     }
     lines = [f"{name:<14} {source}" for name, source in named.items() if source]

@@ -12,18 +12,20 @@ from palpate.instrument.calibration.files import read_film_calibration, write_ca
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.measurements.films import procedure as film_calibration
-from palpate.procedures.measurements.films.procedure import FilmSettings
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements import loaded
+from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.film_point import UNSETTLED
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of, silent
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of
 from tests.procedures.test_load_cell import CREATED
 
 CALIBRATE = ("calibrate", "films", "--loads", "1 N, 2 N, 3 N", "--extrapolate", "--dwell", "0.2 s", "--json")
 ONE_POINT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
-SETTINGS = FilmSettings((2.0, 3.0, 4.0), (10.0,), 0.2, 365)
+SERIES = FilmSeries((2.0, 3.0, 4.0), dwell=0.2)
 PAIR = """
 name = "pair"
 purpose = "Two teeth on one base that hear each other; a film that glue holds."
@@ -42,9 +44,8 @@ def test_crosstalk_and_clamping_of_a_scene_are_found(tmp_path: Path) -> None:
         Bench(sim.description, sim.clock, sim.operator) as bench,
         Recorder.create(tmp_path / "run", HEADER) as record,
     ):
-        result = film_calibration.run(
-            bench, get_design("common_base"), IDEAL_CALIBRATION, SETTINGS, record, silent, CREATED
-        )
+        lab = Lab(bench, get_design("common_base"), IDEAL_CALIBRATION, run="run", started=CREATED)
+        result = conduct(SERIES, lab, record)
     found = result.calibration
     assert [film.clamping for film in found.films] == pytest.approx([0.5, 0.5, 1.0], rel=2e-3)
     assert np.array(found.crosstalk) == pytest.approx(np.array([[1, 0.052], [0.052, 1]]), abs=5e-4)
@@ -57,7 +58,7 @@ def test_crosstalk_and_clamping_of_a_scene_are_found(tmp_path: Path) -> None:
 def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
     sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    measure = film_calibration.measure
+    measure = loaded.measure
     taken = []
 
     def flagged(*arguments: object, **named: object) -> object:
@@ -67,12 +68,12 @@ def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
             object.__setattr__(point, "flags", (UNSETTLED,))
         return point
 
-    monkeypatch.setattr(film_calibration, "measure", flagged)
+    monkeypatch.setattr(loaded, "measure", flagged)
     with (
         Recorder.create(tmp_path / "run", HEADER) as record,
         pytest.raises(DeviceError, match=r"10 Hz, 3 N: unsettled"),
     ):
-        film_calibration.run(bench, get_design("single"), THESIS_LOAD_CELL, SETTINGS, record, silent, CREATED)
+        conduct(SERIES, Lab(bench, get_design("single"), THESIS_LOAD_CELL), record)
     assert [p["valid"] for p in Run.open(tmp_path / "run").points()] == [True, False]
 
 

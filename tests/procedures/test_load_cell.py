@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,28 +12,37 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, RangeError
-from palpate.procedures.measurements.load_cell import procedure as load_cell
-from palpate.procedures.measurements.load_cell.procedure import LoadCellResult, LoadCellSettings
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
+from palpate.procedures.measurements.load_cell.result import LoadCellResult
+from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects.load_cell import LoadCell
 from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
-from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of, silent
+from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of
 
 CREATED = datetime(2025, 3, 14, 15, 9, 26, tzinfo=UTC)
-THESIS_SERIES = LoadCellSettings()
+THESIS_SERIES = LoadCellSeries()
 
 
-def calibrate(scene: Scene, folder: Path, settings: LoadCellSettings = THESIS_SERIES) -> LoadCellResult:
+def _lab(bench: Bench) -> Lab:
+    return Lab(bench, get_design("single"), THESIS_LOAD_CELL, run="run", started=CREATED)
+
+
+def calibrate(scene: Scene, folder: Path, settings: LoadCellSeries = THESIS_SERIES) -> LoadCellResult:
     with (
         SimulatedBench(scene) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
         Recorder.create(folder, HEADER) as record,
     ):
-        return load_cell.run(bench, settings, record, silent, CREATED)
+        return conduct(settings, _lab(bench), record)
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +77,9 @@ def test_linearity_and_reversibility_are_fractions_of_the_span(calibrated: list[
         summary, c = result.summary(), result.calibration
         span = c.sensitivity_mV_per_N * (0.740 - 0.140) * 9.80665
         mean = {
-            p["load_gf"]: [q["reading_mV"] for q in result.points if q["load_gf"] == p["load_gf"]]
+            p.load_gf: [q.reading_mV for q in result.points if q.load_gf == p.load_gf]
             for p in result.points
-            if p["load_gf"]
+            if p.load_gf
         }
         deviations = [sum(y) / 2 - c.reading(1e-3 * gf * 9.80665) for gf, y in mean.items()]
         assert summary["linearity"] == pytest.approx(max(map(abs, deviations)) / span)
@@ -85,15 +95,16 @@ def test_weights_go_up_and_down_as_in_table_5_1_and_every_reading_is_kept(
 ) -> None:
     up = [140.0, 240.0, 340.0, 440.0, 540.0, 640.0, 740.0]
     points = calibrated[0].points
-    assert [(p["direction"], p["load_gf"]) for p in points] == [
+    assert [(p.direction, p.load_gf) for p in points] == [
         ("zero_before", 0.0), *(("loading", gf) for gf in up), *(("unloading", gf) for gf in up[::-1]),
         ("zero_after", 0.0),
     ]  # fmt: skip
-    assert all(len(p["readings_mV"]) == 10 for p in points)
-    assert all(p["reading_mV"] == pytest.approx(sum(p["readings_mV"]) / 10) for p in points)
+    assert all(len(p.readings_mV) == 10 for p in points)
+    assert all(p.reading_mV == pytest.approx(sum(p.readings_mV) / 10) for p in points)
     again = calibrate(scene, tmp_path / "run")
     stored = [{k: v for k, v in p.items() if k not in ("id", "bench_ns")} for p in Run.open(tmp_path / "run").points()]
-    assert stored == again.points == points
+    assert json.loads(as_json(list(map(asdict, again.points)))) == stored
+    assert again.points == points
 
 
 def test_without_imperfections_the_line_is_exact(tmp_path: Path) -> None:
@@ -116,7 +127,7 @@ def test_a_reading_that_is_not_valid_ends_the_calibration(
 
     monkeypatch.setattr(sim.indicator, "read", sick)
     with Recorder.create(tmp_path / "run", HEADER) as record, pytest.raises(DeviceError, match=message):
-        load_cell.run(bench, THESIS_SERIES, record, silent, CREATED)
+        conduct(THESIS_SERIES, _lab(bench), record)
     assert [p["load_gf"] for p in Run.open(tmp_path / "run").points()] == [0.0, 140.0, 240.0]
 
 
@@ -135,7 +146,7 @@ creep = 0.0004
 creep_time = "50 s"
 position_spread = 0.0005
 """
-ISO_SERIES = LoadCellSettings(tuple(range(1, 9)), runs=2, positions=(120.0, 240.0), creep=True, valid_days=30)
+ISO_SERIES = LoadCellSeries(tuple(range(1, 9)), runs=2, positions=(120.0, 240.0), creep=True, valid_days=30)
 
 
 def test_a_cell_that_creeps_and_depends_on_its_position_is_found_out_and_classified(tmp_path: Path) -> None:
@@ -193,4 +204,4 @@ def test_a_series_that_gives_no_calibration_is_refused_before_anything_is_made(
 @pytest.mark.parametrize("change", [{"loads": (2.0, 1.0, 3.0)}, {"loads": (-1.0, 1.0, 3.0)}, {"positions": ()}])
 def test_settings_that_no_option_can_give_are_refused_too(change: dict[str, Any]) -> None:
     with pytest.raises(RangeError):
-        load_cell.check(LoadCellSettings(**{**asdict(THESIS_SERIES), **change}), 10.0)
+        replace(THESIS_SERIES, **change).check(Target(get_design("single"), 10.0, 1))

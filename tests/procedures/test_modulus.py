@@ -11,30 +11,34 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.instrument.uncertainty import propagation
+from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import operator
+from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.measurements.modulus import procedure as modulus
-from palpate.procedures.measurements.modulus.procedure import ModulusResult, ModulusSettings
+from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Palpate, scene_of, silent
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Palpate, scene_of
 
 RESULT = {
     "simulated", "run", "sample", "tangent_modulus_Pa", "tangent_modulus_u", "secant_modulus_Pa", "secant_modulus_u",
     "unloading_modulus_Pa", "unloading_modulus_u", "thickness_m", "thickness_u", "bench_compliance_m_per_N",
     "bench_compliance_u", "linearity", "energy_loss", "energy_loss_u", "thesis_modulus_Pa", "points", "budgets", "plot",
 }  # fmt: skip
-THREE = ModulusSettings("1", strain=0.3, steps=3)
+THREE = ModulusTest("1", strain=0.3, steps=3)
 
 
 def compressed(
-    bench: Bench, folder: Path, settings: ModulusSettings = THREE, calibration: LoadCellCalibration = THESIS_LOAD_CELL
+    bench: Bench, folder: Path, settings: ModulusTest = THREE, calibration: LoadCellCalibration = THESIS_LOAD_CELL
 ) -> ModulusResult:
     with Recorder.create(folder, HEADER) as record:
-        result = modulus.run(bench, calibration, settings, record, silent)
+        result = conduct(settings, Lab(bench, get_design("single"), calibration), record)
         record.finish("complete", result.summary())
     return result
 
@@ -78,7 +82,7 @@ def test_a_travel_that_ends_before_is_refused_before_the_sample_is_pressed(
     monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), modulus=160e3))
     bench.positioner.set_limits(0.0, 18.5e-3)
     with pytest.raises(UnreachableError, match=r"needs the positioner at 20\.\d+ mm, which ends at 18.5 mm; ask for a"):
-        compressed(bench, tmp_path / "run", ModulusSettings("1", strain=0.6, steps=3, extrapolate=True))
+        compressed(bench, tmp_path / "run", ModulusTest("1", strain=0.6, steps=3, extrapolate=True))
     assert {p["series"] for p in Run.open(tmp_path / "run").points()} == {"bare"}
 
 
@@ -121,10 +125,10 @@ def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypa
     with pytest.raises(
         RangeError, match=r"takes about 3.38 N, above the bench's force limit of 2 N; strains up to 0.18"
     ):
-        modulus.check(THREE, force_limit=2.0)
+        THREE.check(Target(get_design("single"), 2.0, 1))
     monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), thickness=30e-3))
     with pytest.raises(RangeError, match="is 30 mm thick, beyond the positioner's travel of 25 mm; test a thinner pad"):
-        modulus.check(THREE, force_limit=10.0)
+        THREE.check(Target(get_design("single"), 10.0, 1))
 
 
 @pytest.mark.parametrize(
@@ -135,7 +139,7 @@ def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypa
     ],
 )
 def test_a_load_that_cannot_be_read_is_refused(
-    bench: Bench, tmp_path: Path, settings: ModulusSettings, error: type[Exception], message: str
+    bench: Bench, tmp_path: Path, settings: ModulusTest, error: type[Exception], message: str
 ) -> None:
     narrow = THESIS_LOAD_CELL.model_copy(update={"greatest_N": 5.0})
     with pytest.raises(error, match=message):

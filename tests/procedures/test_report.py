@@ -18,8 +18,8 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
 from palpate.procedures.measurements.load_cell.report import plot_load_cell, print_load_cell
+from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
 from palpate.procedures.measurements.loads.report import plot_sweep, print_sweep
 from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
 from palpate.procedures.records.record import Recorder
@@ -53,14 +53,7 @@ SWEEP = evaluate([point("1", 2.0, 0.3), point("1", 3.0, 0.4, valid=False), point
 CALIBRATION = LoadCellResult(
     THESIS_LOAD_CELL,
     [
-        {
-            "direction": direction,
-            "position_deg": 0.0,
-            "run": 1,
-            "load_gf": gf,
-            "load_N": gf * 9.80665e-3,
-            "reading_mV": 1.81 + 0.101 * gf,
-        }
+        LoadCellPoint(0.0, 1, direction, gf, gf * 9.80665e-3, 1.81 + 0.101 * gf, ())
         for direction in ("loading", "unloading")
         for gf in (140.0, 240.0)
     ],

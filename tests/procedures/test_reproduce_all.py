@@ -19,9 +19,9 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import Cell, read_table
 from palpate.instrument.uncertainty import propagation
-from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
+from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
-from palpate.procedures.measurements.modulus.procedure import ModulusResult
+from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import curves, everything, models
 from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
@@ -90,7 +90,7 @@ def weighed() -> LoadCellResult:
     """Table 5.1 itself."""
     table = read_table("5.1")
     points = [
-        {"direction": direction, "load_gf": float(load), "reading_mV": cell.value}
+        LoadCellPoint(0.0, 1, direction, float(load), float(load) * 9.80665e-3, cell.value, ())
         for direction in ("loading", "unloading")
         for load, cell in zip(table.rows, table.columns[f"reading_{direction}_mV"], strict=True)
     ]

@@ -27,8 +27,9 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table
 from palpate.instrument.uncertainty import propagation
-from palpate.procedures.measurements.load_cell import procedure as load_cell
-from palpate.procedures.measurements.modulus import procedure as modulus
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
+from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter5 import experiments
 from palpate.procedures.reproduce.figure_page import anchor
@@ -87,19 +88,23 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
         scene: str, procedure: str, model: str | None = None, parameters: str | None = None
     ) -> Iterator[Any]:
         opened.append((scene, procedure, model, parameters))
-        yield SimpleNamespace(bench=SimpleNamespace(description=BENCH), record=None, model=model or "experiment")
+        record = SimpleNamespace(folder=folder)
+        yield SimpleNamespace(bench=SimpleNamespace(description=BENCH), record=record, model=model or "experiment")
 
     def keep(figure: Figure, path: Path, **_: object) -> None:
         figures[Path(path).name] = figure
         Path(path).write_bytes(b"drawn")
 
+    def found(procedure: Any, lab: Lab, *_: object) -> Any:
+        if isinstance(procedure, ModulusTest):
+            return pressed(procedure.sample)
+        return weighed() if isinstance(procedure, LoadCellSeries) else swept(arrangements[lab.design.name])
+
     arrangements = {each.design: each for each in experiments.ARRANGEMENTS}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(propagation, "TRIALS", 2000)
         patch.setattr(Figure, "savefig", keep)
-        patch.setattr(everything, "conduct", lambda _sweep, lab, *_: swept(arrangements[lab.design.name]))
-        patch.setattr(load_cell, "run", lambda *_: weighed())
-        patch.setattr(modulus, "run", lambda _b, _c, settings, *_: pressed(settings.sample))
+        patch.setattr(everything, "conduct", found)
         done = Everything(Reproduction(folder))
         everything.run(open_bench, done, silent)
     yield Whole(done, opened, (folder / "index.html").read_text(encoding="utf-8"), figures)

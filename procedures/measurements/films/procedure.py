@@ -2,148 +2,159 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.films import FEWEST, FilmCalibration, FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.films import FEWEST, FilmReading, calibrate_films
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.engine.plan import Plan, Step, point_seconds
+from palpate.procedures.engine.procedure import Finished, Loads, Procedure, Report, Taken
+from palpate.procedures.lab.calibrations import films_path, keep
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.session import Kept
+from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
+from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import begin
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
-from palpate.procedures.steps.film_point import measure
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, finish, lower, withdraw
-
-PROCEDURE = "calibrate-films"
+from palpate.procedures.steps.servo import lower, withdraw
 
 
 @dataclass(frozen=True, slots=True)
-class FilmSettings:
-    """What to press with: loads in N peak to peak, frequencies in Hz, dwell in s.
+class PressStep(Step):
+    tooth: int
+    frequency_Hz: float
+    load_N: float
+
+
+@dataclass(frozen=True)
+class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
+    """What to press with: loads in N peak to peak, frequencies in Hz, dwell in s; days until the calibration expires.
 
     `extrapolate` lets loads pass that lie outside the load cell's calibrated range.
     """
 
-    loads: tuple[float, ...]
-    frequencies: tuple[float, ...]
-    dwell: float
-    valid_days: int
+    name = "calibrate-films"
+    point = PressedPoint
+    calibrating = "films"
+    by_hand = "stands the pin on the teeth"
+    added = frozenset({"extrapolate"})
+
+    loads: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    frequencies: tuple[float, ...] = (10.0,)
+    dwell: float = 1.0
+    valid_days: int = 365
     extrapolate: bool = False
 
+    def check(self, target: Target) -> None:
+        """Refuse what gives no calibration, before any device is spoken to.
 
-@dataclass(frozen=True, slots=True)
-class FilmResult:
-    calibration: FilmCalibration
-    points: list[dict[str, Any]]
+        Raises:
+            RangeError: fewer than three loads, a load beyond the force limit, a frequency or dwell that gives no
+                estimate, frequencies that repeat, a validity that is none, too few sensor nodes.
+        """
+        check_nodes(target.design, target.nodes)
+        if len(self.loads) < FEWEST:
+            raise RangeError(f"{len(self.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
+        check_force(self.loads, target.force_limit)
+        if not self.frequencies or len(set(self.frequencies)) < len(self.frequencies):
+            raise RangeError(f"frequencies {self.frequencies} Hz must be distinct, one at least")
+        for frequency in self.frequencies:
+            check_frequency(frequency)
+            check_time(self.dwell, frequency)
+        if not 1 <= self.valid_days <= LONGEST_VALIDITY:
+            raise RangeError(f"{self.valid_days} days are outside 1 to {LONGEST_VALIDITY}")
 
-    def summary(self) -> dict[str, Any]:
-        """Under its public names: all of the calibration but where it comes from."""
-        found = self.calibration.model_dump()
-        return {name: found[name] for name in ("films", "covariance", "crosstalk", "crosstalk_u", "frequencies_Hz",
-                                               "gain", "least_N", "greatest_N", "load_cell", "expires")}  # fmt: skip
+    def loads_to_tell(self) -> Loads:
+        return Loads(self.loads, self.extrapolate)
+
+    def plan(self, target: Target) -> Plan[PressStep]:
+        """Every load at every frequency on every tooth."""
+        teeth = range(1, len(target.design.teeth) + 1)
+        return Plan(self.name, [self._step(n, f, load) for n in teeth for f in self.frequencies for load in self.loads])
+
+    def _step(self, tooth: int, frequency: float, load: float) -> PressStep:
+        first = frequency == self.frequencies[0] and load == self.loads[0]
+        what = f"tooth {tooth}, {frequency:g} Hz, {load:g} N"
+        seconds = point_seconds(frequency, self.dwell, first)
+        return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
+
+    def begin(self, lab: Lab, record: Recorder) -> Pressing:
+        return Pressing(lab, record, self)
+
+    def evaluate(self, points: Sequence[PressedPoint], lab: Lab) -> FilmResult:
+        readings = [
+            FilmReading(
+                p.tooth - 1, p.frequency_Hz, p.load_N, p.load_measured_N, p.load_measured_u, np.array(p.voltages_V)
+            )
+            for p in points
+        ]
+        about = {
+            "device": lab.bench.nodes[0].serial or "unknown",
+            "simulated": lab.bench.simulated,
+            "source": lab.run,
+            "created": lab.started.isoformat(timespec="seconds"),
+            "expires": (lab.started + timedelta(days=self.valid_days)).date().isoformat(),
+        }
+        return FilmResult(calibrate_films(lab.design, readings, lab.calibration, about), points)
+
+    def keep(self, done: Finished[FilmResult]) -> Kept:
+        found = done.result.calibration
+        path = films_path(found.device, found.design)
+        keep(found, done.folder, done.replayed, path)
+        return {"film_calibration": found.source, "film_calibration_file": str(path)}
+
+    def report(self, result: FilmResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.films.report import plot_films, print_films
+
+        return Report(partial(print_films, result, lab.design), partial(plot_films, result, lab.design))
 
 
-def check(settings: FilmSettings, design: Design, force_limit: float, nodes: int) -> None:
-    """Refuse what gives no calibration, before any device is spoken to.
+class Pressing(Loaded):
+    """A pin on one tooth after the other."""
 
-    Raises:
-        RangeError: fewer than three loads, a load beyond the force limit in N, a frequency or dwell that gives no
-            estimate, frequencies that repeat, a validity that is none, too few sensor nodes.
-    """
-    check_nodes(design, nodes)
-    if len(settings.loads) < FEWEST:
-        raise RangeError(f"{len(settings.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
-    check_force(settings.loads, force_limit)
-    if not settings.frequencies or len(set(settings.frequencies)) < len(settings.frequencies):
-        raise RangeError(f"frequencies {settings.frequencies} Hz must be distinct, one at least")
-    for frequency in settings.frequencies:
-        check_frequency(frequency)
-        check_time(settings.dwell, frequency)
-    if not 1 <= settings.valid_days <= LONGEST_VALIDITY:
-        raise RangeError(f"{settings.valid_days} days are outside 1 to {LONGEST_VALIDITY}")
+    def __init__(self, lab: Lab, record: Recorder, series: FilmSeries) -> None:
+        super().__init__(lab, record, series.loads, series.frequencies[0], extrapolate=series.extrapolate)
+        self._dwell = series.dwell
+        self._preloaded = 0.0
+        self._driven: tuple[int, float] | None = None
 
-
-def run(
-    bench: Bench,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: FilmSettings,
-    record: Recorder,
-    progress: Progress,
-    created: datetime,
-) -> FilmResult:
-    """Press each tooth alone with every load at every frequency. Each point is durable before `progress` hears of it.
-
-    Raises:
-        RangeError: as `check`, or a load beyond the load cell's calibration; the outputs have stayed off.
-        UnreachableError: a load too small for the indicator; the outputs have stayed off.
-        DeviceError: a point stayed flagged; points stay on disk.
-        UnreachableError, SafetyError, LinkError, EstimateError: the bench could not; points stay on disk.
-    """
-    check(settings, design, bench.force_limit, len(bench.nodes))
-    films = begin(bench, design, calibration, settings.loads, settings.frequencies[0], extrapolate=settings.extrapolate)
-    total = len(design.teeth) * len(settings.frequencies) * len(settings.loads)
-    points: list[dict[str, Any]] = []
-    readings: list[FilmReading] = []
-    for tooth in range(len(design.teeth)):
-        progress(len(points), total, f"press tooth {tooth + 1}")
+    def arrange(self, step: PressStep) -> None:
+        bench = self.lab.bench
         withdraw(bench)
-        bench.operator.press_tooth(tooth)
-        preloaded = lower(bench, calibration, preload_for(settings.loads), f"tooth {tooth + 1}")
-        for frequency in settings.frequencies:
-            films.set_frequency(frequency)
-            servo = LoadServo(bench, calibration, frequency, preloaded)
-            for load in settings.loads:
-                what = f"tooth {tooth + 1}, {frequency:g} Hz, {load:g} N"
-                progress(len(points), total, what)
-                carry_out(bench, what, partial(servo.set, load))
-                measured = measure(films, servo, load, settings.dwell, record, what, compare=False)
-                voltage = _voltages(design, tooth, measured.fit)
-                point = {
-                    "tooth": tooth + 1,
-                    "frequency_Hz": frequency,
-                    "load_N": load,
-                    "indicator_mV": measured.indicator_mV,
-                    "load_measured_N": measured.load_N,
-                    "load_measured_u": measured.load_u,
-                    "extrapolated": not calibration.covers(load),
-                    "voltages_V": voltage.tolist(),
-                    "voltages_u": (2 * measured.fit.amplitude_u).tolist(),
-                    "valid": measured.valid,
-                    "flags": list(measured.flags),
-                }
-                record.point(point, measured.waveforms(design), bench.clock.now_ns())
-                points.append(point)
-                progress(len(points), total, what)
-                if not measured.valid:
-                    raise DeviceError(f"{what}: {', '.join(measured.flags)}; repair that and calibrate again")
-                readings.append(FilmReading(tooth, frequency, load, measured.load_N, measured.load_u, voltage))
-    finish(bench, calibration)
-    found = calibrate_films(
-        design,
-        readings,
-        calibration,
-        {
-            "device": bench.nodes[0].serial or "unknown",
-            "simulated": bench.simulated,
-            "source": record.folder.name,
-            "created": created.isoformat(timespec="seconds"),
-            "expires": (created + timedelta(days=settings.valid_days)).date().isoformat(),
-        },
-    )
-    return FilmResult(found, points)
+        bench.operator.press_tooth(step.tooth - 1)
+        self._preloaded = lower(bench, self.lab.calibration, self.preload, f"tooth {step.tooth}")
+
+    def take(self, step: PressStep) -> Taken[PressedPoint]:
+        if self._driven != (step.tooth, step.frequency_Hz):
+            self._driven = step.tooth, step.frequency_Hz
+            self.films.set_frequency(step.frequency_Hz)
+            self.hold(self._preloaded)
+        design = self.lab.design
+        measured = self.measured(step.load_N, step.what, self._dwell, compare=False)
+        point = PressedPoint(
+            tooth=step.tooth,
+            frequency_Hz=step.frequency_Hz,
+            load_N=step.load_N,
+            indicator_mV=measured.indicator_mV,
+            load_measured_N=measured.load_N,
+            load_measured_u=measured.load_u,
+            extrapolated=not self.lab.calibration.covers(step.load_N),
+            voltages_V=tuple(_voltages(design, step.tooth - 1, measured.fit).tolist()),
+            voltages_u=tuple((2 * measured.fit.amplitude_u).tolist()),
+            valid=measured.valid,
+            flags=measured.flags,
+        )
+        why = f"{step.what}: {', '.join(measured.flags)}; repair that and calibrate again"
+        return Taken(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
 
 
 def _voltages(design: Design, tooth: int, fit: SineFit) -> npt.NDArray[np.float64]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.films.procedure import FilmResult
+from palpate.procedures.measurements.films.result import FilmResult
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
@@ -41,7 +41,7 @@ def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path
         for film, row in zip(c.films, c.gain, strict=True):
             gain.add_row(film.name, *(f"{value:.4f}" for value in row))
         tables.append(gain)
-    outside = sum(point["extrapolated"] for point in result.points)
+    outside = sum(point.extrapolated for point in result.points)
     print_all(
         *tables,
         *([f"extrapolated   {outside} points lie outside the load cell's calibrated range"] if outside else []),
@@ -61,9 +61,9 @@ def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
     figure, (left, right) = new_figure(c.simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if c.simulated else ''}film calibration, design {c.design}")
     for number, (film, own) in enumerate(zip(c.films, design.films, strict=True)):
-        mine = [p for p in result.points if p["tooth"] - 1 in own.teeth]
-        load = [p["load_measured_N"] for p in mine]
-        volts = [1e3 * p["voltages_V"][number] for p in mine]
+        mine = [p for p in result.points if p.tooth - 1 in own.teeth]
+        load = [p.load_measured_N for p in mine]
+        volts = [1e3 * p.voltages_V[number] for p in mine]
         marker = MARKERS[number % len(MARKERS)]
         left.plot(load, volts, marker, ms=4, label=f"{film.name}: {film.sensitivity_mV_per_N:.3g} mV/N")
         expected = [film.sensitivity_mV_per_N * x for x in load]

@@ -14,7 +14,7 @@ from palpate.instrument.calibration.classification import Classification, iso_37
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, LoadCellCalibration
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
-from palpate.procedures.measurements.load_cell.procedure import CREEP_TIMES, FILTER, SETTLING
+from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.text import STAMP
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
+from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
@@ -19,15 +18,15 @@ def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> Non
         stamped(outcome["simulated"], "Load-cell calibration"),
         "position", "run", "load gf", "load N", "loading mV", "unloading mV",
     )  # fmt: skip
-    down = {_place(p): p["reading_mV"] for p in result.points if p["direction"] == "unloading"}
+    down = {_place(p): p.reading_mV for p in result.points if p.direction == "unloading"}
     for p in result.points:
-        if p["direction"] == "loading":
+        if p.direction == "loading":
             readings.add_row(
-                f"{p['position_deg']:g}°",
-                f"{p['run']}",
-                f"{p['load_gf']:g}",
-                f"{p['load_N']:.4f}",
-                f"{p['reading_mV']:.2f}",
+                f"{p.position_deg:g}°",
+                f"{p.run}",
+                f"{p.load_gf:g}",
+                f"{p.load_N:.4f}",
+                f"{p.reading_mV:.2f}",
                 f"{down[_place(p)]:.2f}",
             )
     c = result.calibration
@@ -62,8 +61,8 @@ def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> Non
     )
 
 
-def _place(point: dict[str, Any]) -> tuple[float, int, float]:
-    return point["position_deg"], point["run"], point["load_gf"]
+def _place(point: LoadCellPoint) -> tuple[float, int, float]:
+    return point.position_deg, point.run, point.load_gf
 
 
 def _held(found: Classification) -> str:
@@ -77,8 +76,8 @@ def plot_load_cell(result: LoadCellResult, simulated: bool, folder: Path) -> Pat
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}load-cell calibration")
     c = result.calibration
     for direction, marker in (("loading", "^"), ("unloading", "v")):
-        load = [p["load_N"] for p in result.points if p["direction"] == direction]
-        reading = [p["reading_mV"] for p in result.points if p["direction"] == direction]
+        load = [p.load_N for p in result.points if p.direction == direction]
+        reading = [p.reading_mV for p in result.points if p.direction == direction]
         left.plot(load, reading, marker, label=direction)
         right.plot(load, [y - c.reading(x) for x, y in zip(load, reading, strict=True)], marker, label=direction)
     grid = [c.greatest_N * i / 50 for i in range(51)]

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
-from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, Compression, compress
-from palpate.instrument.findings.load_line import LEAST_POINTS, Floats, Series
+from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
+from palpate.instrument.findings.load_line import LEAST_POINTS, Series
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
-from palpate.instrument.uncertainty.propagation import Propagated
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.engine.plan import APPROACH, MOUNTING, Plan, Step
+from palpate.procedures.engine.procedure import Procedure, Report, Taken
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import (
@@ -31,7 +31,6 @@ from palpate.procedures.steps.servo import (
     withdraw,
 )
 
-PROCEDURE = "test-modulus"
 TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
 LARGEST_STRAIN = 0.6
 LARGEST_STEPS = 100
@@ -40,178 +39,174 @@ DISPLAYS = 10  # at each position
 BARE = (0.05, 0.6)  # of the force limit, between which the bare support is pressed
 AREA_U = 0.01  # of the area: 0.05 mm on each edge of 10 mm [A]
 BARE_SUPPORT = "bare"
-NAMES = (
-    ("tangent_modulus", "Pa"), ("secant_modulus", "Pa"), ("unloading_modulus", "Pa"), ("thickness", "m"),
-    ("bench_compliance", "m_per_N"),
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
-class ModulusSettings:
+class CompressionStep(Step):
+    """`number` from 1, of equal steps of compression; those of unloading count down."""
+
+    series: str
+    number: int
+
+
+@dataclass(frozen=True)
+class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
     """What to test: name of the sample, largest strain, and in how many equal steps.
 
     extrapolate: loads above the calibrated range are allowed, and marked.
     """
 
+    name = "test-modulus"
+    point = DisplaysPoint
+    by_hand = "lays the sample on the support"
+    added = frozenset({"extrapolate"})
+
     sample: str
-    strain: float
-    steps: int
+    strain: float = 0.3
+    steps: int = 10
     extrapolate: bool = False
 
+    def check(self, target: Target) -> None:
+        """Refuse what cannot be done, before any device is spoken to.
 
-@dataclass(frozen=True, slots=True)
-class ModulusResult:
-    sample: Sample
-    compression: Compression
+        Raises:
+            UnknownName: an unknown sample.
+            RangeError: strain or steps out of their limits, a pad or deflection beyond the positioner's travel, a force
+                beyond the limit.
+        """
+        sample = get_sample(self.sample)
+        if not 0 < self.strain <= LARGEST_STRAIN:
+            raise RangeError(
+                f"strain {self.strain:g} is outside 0 to {LARGEST_STRAIN:g}; give one inside, such as 30 %"
+            )
+        if not LEAST_POINTS <= self.steps <= LARGEST_STEPS:
+            raise RangeError(
+                f"{self.steps} steps do not give a line with its uncertainty; take {LEAST_POINTS} to {LARGEST_STEPS}"
+            )
+        if not sample.thickness <= TRAVEL:
+            raise RangeError(
+                f"sample {sample.name!r} is {show(sample.thickness, 'm')} thick, beyond the positioner's travel of"
+                f" {show(TRAVEL, 'm')}; test a thinner pad"
+            )
+        force = _force(sample, self.strain)
+        if force > target.force_limit:
+            raise RangeError(
+                f"strain {self.strain:g} of sample {sample.name!r} takes about {force:.3g} N, above the bench's force"
+                f" limit of {target.force_limit:g} N; strains up to {self.strain * target.force_limit / force:.2g} are"
+                " possible"
+            )
 
-    def results(self) -> tuple[Propagated, ...]:
-        """In the order of NAMES."""
-        c = self.compression
-        return c.tangent, c.secant, c.unloading, c.thickness, c.compliance
+    def plan(self, target: Target) -> Plan[CompressionStep]:
+        """Down on the bare support, then down and up on the sample."""
+        down = range(1, self.steps + 1)
+        places = [(BARE_SUPPORT, n) for n in down] + [(LOADING, n) for n in down] + [(UNLOADING, n) for n in down[::-1]]
+        return Plan(self.name, [self._step(series, number) for series, number in places])
 
-    def summary(self) -> dict[str, Any]:
-        """Results under their public names. linearity and energy_loss are fractions."""
-        public: dict[str, Any] = {"sample": self.sample.name}
-        for (name, unit), found in zip(NAMES, self.results(), strict=True):
-            public |= {f"{name}_{unit}": found.value, f"{name}_u": found.u}
-        return {
-            **public,
-            "linearity": self.compression.linearity,
-            "energy_loss": self.compression.energy_loss.value,
-            "energy_loss_u": self.compression.energy_loss.u,
-            "thesis_modulus_Pa": self.sample.modulus,
-        }
+    def _step(self, series: str, number: int) -> CompressionStep:
+        seconds = TRACK_SETTLING + (DISPLAYS - 1) * READING_INTERVAL
+        if number == 1 and series != UNLOADING:
+            seconds += MOUNTING + APPROACH
+        group = "lay the support bare" if series == BARE_SUPPORT else f"lay sample {self.sample} on the support"
+        what = f"{series}, step {number} of {self.steps}"
+        return CompressionStep(None, seconds, None, series, number, what=what, group=group)
 
+    def begin(self, lab: Lab, record: Recorder) -> Compressing:
+        return Compressing(lab, self)
 
-def check(settings: ModulusSettings, force_limit: float) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
+    def evaluate(self, points: Sequence[DisplaysPoint], lab: Lab) -> ModulusResult:
+        sample = get_sample(self.sample)
+        bare, loading, unloading = (_series(points, name) for name in (BARE_SUPPORT, LOADING, UNLOADING))
+        area_u = AREA_U * sample.area
+        return ModulusResult(sample, compress(bare, loading, unloading, lab.calibration, sample.area, area_u))
 
-    Raises:
-        UnknownName: an unknown sample.
-        RangeError: strain or steps out of their limits, a pad or deflection beyond the positioner's travel, a force
-            beyond the limit in N.
-    """
-    sample = get_sample(settings.sample)
-    if not 0 < settings.strain <= LARGEST_STRAIN:
-        raise RangeError(
-            f"strain {settings.strain:g} is outside 0 to {LARGEST_STRAIN:g}; give one inside, such as 30 %"
-        )
-    if not LEAST_POINTS <= settings.steps <= LARGEST_STEPS:
-        raise RangeError(
-            f"{settings.steps} steps do not give a line with its uncertainty; take {LEAST_POINTS} to {LARGEST_STEPS}"
-        )
-    if not sample.thickness <= TRAVEL:
-        raise RangeError(
-            f"sample {sample.name!r} is {show(sample.thickness, 'm')} thick, beyond the positioner's travel of"
-            f" {show(TRAVEL, 'm')}; test a thinner pad"
-        )
-    force = _force(sample, settings.strain)
-    if force > force_limit:
-        raise RangeError(
-            f"strain {settings.strain:g} of sample {sample.name!r} takes about {force:.3g} N, above the bench's force"
-            f" limit of {force_limit:g} N; strains up to {settings.strain * force_limit / force:.2g} are possible"
-        )
+    def report(self, result: ModulusResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.modulus.report import plot_modulus, print_modulus
 
-
-def run(
-    bench: Bench, calibration: LoadCellCalibration, settings: ModulusSettings, record: Recorder, progress: Progress
-) -> ModulusResult:
-    """Press the bare support, then the sample on it down and up again. Each point is durable before `progress` hears.
-
-    Raises:
-        RangeError, UnknownName: as `check`, or a load beyond the calibrated range; nothing has moved.
-        UnreachableError: a load too small for the indicator, or the positioner ends before the largest strain.
-        SafetyError: the force passes the bench's limit; the probe is home again.
-        DeviceError, LinkError, BenchError: the bench could not; points stay on disk.
-        EstimateError: the readings give no modulus.
-    """
-    check(settings, bench.force_limit)
-    sample = get_sample(settings.sample)
-    force = _force(sample, settings.strain)
-    if force < LEAST_LOAD * calibration.resolution():
-        least = settings.strain * LEAST_LOAD * calibration.resolution() / force
-        raise UnreachableError(
-            f"strain {settings.strain:g} of sample {sample.name!r} gives about {show(force, 'N', 3)}, below"
-            f" {LEAST_LOAD:g} steps of the strain indicator; ask for {least:.2g} or more"
-        )
-    if force > calibration.greatest_N and not settings.extrapolate:
-        calibration.check_range(force)
-    series = _Measurement(bench, calibration, record, progress, total=3 * settings.steps)
-    withdraw(bench)
-    check_zero(bench, calibration)
-
-    bench.operator.lay_on_support(None)
-    (first, light), (last, heavy) = (series.press(share * bench.force_limit) for share in BARE)
-    bare = series.take(BARE_SUPPORT, np.linspace(first, last, settings.steps))
-    compliance = (last - first) / (heavy - light)
-    support = first - light * compliance
-
-    withdraw(bench)
-    bench.operator.lay_on_support(sample)
-    yielding = 1 + compliance * sample.modulus * sample.area / sample.thickness
-    deflections = sample.thickness * settings.strain * np.arange(1, settings.steps + 1) / settings.steps
-    positions = support - sample.thickness + deflections * yielding
-    if positions[-1] > bench.positioner.travel():
-        raise UnreachableError(
-            f"strain {settings.strain:g} of sample {sample.name!r} needs the positioner at {show(positions[-1], 'm')},"
-            f" which ends at {show(bench.positioner.travel(), 'm')}; ask for a smaller strain or raise the support"
-        )
-    loading = series.take(LOADING, positions)
-    unloading = series.take(UNLOADING, positions[::-1])
-    finish(bench, calibration)
-    area_u = AREA_U * sample.area
-    return ModulusResult(sample, compress(bare, loading, unloading, calibration, sample.area, area_u))
+        return Report(partial(print_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
 
 
-@dataclass
-class _Measurement:
-    """Points of one test, counted over its series."""
+def _series(points: Sequence[DisplaysPoint], name: str) -> Series:
+    own = [point for point in points if point.series == name]
+    return Series(np.array([point.position_m for point in own]), np.array([point.readings_mV for point in own]))
 
-    bench: Bench
-    calibration: LoadCellCalibration
-    record: Recorder
-    progress: Progress
-    total: int
-    done: int = 0
 
-    def press(self, force: float) -> tuple[float, float]:
+class Compressing:
+    """The probe on the bare support, then on the sample."""
+
+    def __init__(self, lab: Lab, test: ModulusTest) -> None:
+        """Raises UnreachableError, RangeError: the load cell does not tell the loads; nothing has moved."""
+        self._bench, self._calibration, self._test = lab.bench, lab.calibration, test
+        self._sample = sample = get_sample(test.sample)
+        self._pressed_bare: Sequence[tuple[float, float]] = ()  # position and load, lightly and hard
+        self._positions = np.empty(0)
+        resolution, force = self._calibration.resolution(), _force(sample, test.strain)
+        if force < LEAST_LOAD * resolution:
+            least = test.strain * LEAST_LOAD * resolution / force
+            raise UnreachableError(
+                f"strain {test.strain:g} of sample {sample.name!r} gives about {show(force, 'N', 3)}, below"
+                f" {LEAST_LOAD:g} steps of the strain indicator; ask for {least:.2g} or more"
+            )
+        if force > self._calibration.greatest_N and not test.extrapolate:
+            self._calibration.check_range(force)
+        withdraw(self._bench)
+        check_zero(self._bench, self._calibration)
+
+    def arrange(self, step: CompressionStep) -> None:
+        positions = self._on_support() if step.series == BARE_SUPPORT else self._on_sample()
+        self._positions = np.round(positions / POSITION_STEP) * POSITION_STEP
+
+    def take(self, step: CompressionStep) -> Taken[DisplaysPoint]:
+        position = float(self._positions[step.number - 1])
+        what = f"{step.series}, {1e3 * position:.3f} mm"
+        shown = carry_out(self._bench, what, partial(self._pressed, position))
+        mean = math.fsum(shown) / len(shown)
+        return Taken(DisplaysPoint(step.series, position, mean, tuple(shown), self._bench.incidents.new()))
+
+    def end(self) -> None:
+        finish(self._bench, self._calibration)
+
+    def _on_support(self) -> np.ndarray:
+        """Positions [m] on the bare support, between two forces that tell where it is and how much the bench yields."""
+        self._bench.operator.lay_on_support(None)
+        self._pressed_bare = (first, _), (last, _) = [self._press(share * self._bench.force_limit) for share in BARE]
+        return np.linspace(first, last, self._test.steps)
+
+    def _on_sample(self) -> np.ndarray:
+        """Positions [m] on the sample, in equal steps of strain. Raises UnreachableError: beyond the travel."""
+        bench, sample, strain, steps = self._bench, self._sample, self._test.strain, self._test.steps
+        (first, light), (last, heavy) = self._pressed_bare
+        compliance = (last - first) / (heavy - light)
+        support = first - light * compliance
+        withdraw(bench)
+        bench.operator.lay_on_support(sample)
+        yielding = 1 + compliance * sample.modulus * sample.area / sample.thickness
+        deflections = sample.thickness * strain * np.arange(1, steps + 1) / steps
+        positions = support - sample.thickness + deflections * yielding
+        if positions[-1] > bench.positioner.travel():
+            raise UnreachableError(
+                f"strain {strain:g} of sample {sample.name!r} needs the positioner at {show(positions[-1], 'm')},"
+                f" which ends at {show(bench.positioner.travel(), 'm')}; ask for a smaller strain or raise the support"
+            )
+        return positions
+
+    def _press(self, force: float) -> tuple[float, float]:
         """Position [m] and load [N] where the probe presses with about this force [N]."""
         what = f"preload of {show(force, 'N')} on the bare support"
-        load = carry_out(self.bench, what, lambda: preload(self.bench, self.calibration, force))
-        return self.bench.positioner.position(), load
-
-    def take(self, series: str, positions: Floats) -> Series:
-        """Displays at each of the positions [m], one after the other."""
-        positions, displays = np.round(positions / POSITION_STEP) * POSITION_STEP, []
-        for position in positions:
-            what = f"{series}, {1e3 * position:.3f} mm"
-            self.progress(self.done, self.total, what)
-            shown = carry_out(self.bench, what, partial(self._pressed, float(position)))
-            displays.append(shown)
-            point = {
-                "series": series,
-                "position_m": float(position),
-                "reading_mV": math.fsum(shown) / len(shown),
-                "readings_mV": shown,
-                "incidents": self.bench.incidents.new(),
-            }
-            self.record.point(point, {}, self.bench.clock.now_ns())
-            self.done += 1
-            self.progress(self.done, self.total, what)
-        return Series(positions, np.array(displays))
+        load = carry_out(self._bench, what, lambda: preload(self._bench, self._calibration, force))
+        return self._bench.positioner.position(), load
 
     def _pressed(self, position: float) -> list[float]:
         """Displays at a position [m]."""
-        self.bench.positioner.move(position)
-        self.bench.clock.wait(TRACK_SETTLING)
+        self._bench.positioner.move(position)
+        self._bench.clock.wait(TRACK_SETTLING)
         shown = []
         for number in range(DISPLAYS):
             if number:
-                self.bench.clock.wait(READING_INTERVAL)
-            reading = steady(self.bench, self._within_limit)
+                self._bench.clock.wait(READING_INTERVAL)
+            reading = steady(self._bench, self._within_limit)
             if not reading.valid:
-                name = self.bench.indicator.name
-                self.bench.positioner.home()
+                name = self._bench.indicator.name
+                self._bench.positioner.home()
                 raise DeviceError(f"{name}: no valid reading; check the bridge and the support", device=name)
             self._within_limit(reading.reading_mV)
             shown.append(reading.reading_mV)
@@ -219,10 +214,10 @@ class _Measurement:
 
     def _within_limit(self, reading_mV: float) -> None:
         """Raises SafetyError, with the probe home, where a display tells of more force than the bench may take."""
-        if not self.calibration.load(reading_mV)[0] <= self.bench.force_limit:
-            self.bench.positioner.home()
+        if not self._calibration.load(reading_mV)[0] <= self._bench.force_limit:
+            self._bench.positioner.home()
             raise SafetyError(
-                f"{reading_mV:g} mV is more than the bench's force limit of {self.bench.force_limit:g} N;"
+                f"{reading_mV:g} mV is more than the bench's force limit of {self._bench.force_limit:g} N;"
                 " the probe is home again. Ask for a smaller strain"
             )
 

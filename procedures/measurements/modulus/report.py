@@ -9,7 +9,7 @@ from palpate.instrument.quantity import show
 from palpate.instrument.thesis import COMPRESSION_TABLES, Table, read_table
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.modulus.procedure import ModulusResult
+from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, OUTSIDE, legend
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where

@@ -12,8 +12,8 @@ from palpate.instrument.findings.compression import LOADING
 from palpate.instrument.models.evidence import GIVEN
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import Cell, read_table
-from palpate.procedures.measurements.load_cell.procedure import LoadCellResult
-from palpate.procedures.measurements.modulus.procedure import ModulusResult
+from palpate.procedures.measurements.load_cell.result import LoadCellResult
+from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.reproduce.judging.rows import Group, Row, RowTable
 
 DIGIT_U = math.sqrt(2 / 3)  # mV: both readings are known to ±1 digit
@@ -23,7 +23,7 @@ WENT_IN = GIVEN.evidence(())  # load cell and rubbers are simulated by the thesi
 def calibration(found: LoadCellResult) -> RowTable:
     """Table 5.1: readings under dead weights, and the line through them."""
     table = read_table("5.1")
-    ours = {(p["direction"], round(p["load_gf"])): p["reading_mV"] for p in found.points if p["direction"] != "creep"}
+    ours = {(p.direction, round(p.load_gf)): p.reading_mV for p in found.points}
     rows = [
         Row(row, column, table.columns[column][index], ours[direction, round(float(row))], DIGIT_U, WENT_IN)
         for index, row in enumerate(table.rows)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.models.evidence import Evidence
 from palpate.procedures.measurements.loads.result import SweepResult
-from palpate.procedures.measurements.modulus.procedure import ModulusResult
+from palpate.procedures.measurements.modulus.result import ModulusResult
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,85 @@
+"""What a load-cell calibration reads and finds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.instrument.calibration.classification import Run
+from palpate.instrument.calibration.load_budget import load_budget
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.uncertainty.budget import Budget
+
+FILTER = 0.1  # s
+SETTLING = 1.0  # s
+CREEP_TIMES = (30.0, 300.0)  # s after the weight is on, ISO 376
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCellPoint:
+    """The mean of several displays under one weight. `direction` is "loading", "unloading", or says what else it is."""
+
+    position_deg: float
+    run: int
+    direction: str
+    load_gf: float
+    load_N: float
+    reading_mV: float
+    readings_mV: tuple[float, ...]
+    incidents: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCellResult:
+    calibration: LoadCellCalibration
+    points: Sequence[LoadCellPoint]
+
+    def summary(self) -> dict[str, Any]:
+        """Results under their public names. What has no unit is a fraction, linearity and reversibility of the span."""
+        c = self.calibration
+        return {
+            "sensitivity_mV_per_N": c.sensitivity_mV_per_N,
+            "sensitivity_u": c.sensitivity_u,
+            "zero_mV": c.zero_mV,
+            "zero_u": c.zero_u,
+            "curvature_mV_per_N2": c.curvature.mV_per_N2 if c.curvature else None,
+            "curvature_u": c.curvature.u if c.curvature else None,
+            "least_N": c.least_N,
+            "greatest_N": c.greatest_N,
+            "linearity": c.linearity,
+            "reversibility": c.reversibility,
+            "reversibility_of_reading": c.reversibility_of_reading,
+            "repeatability": c.repeatability,
+            "reproducibility": c.reproducibility,
+            "interpolation": c.interpolation,
+            "zero_return": c.zero_return,
+            "creep": c.creep,
+            "resolution": c.resolution_mV,
+            "resolution_N": c.resolution(),
+            "lower_limit_factor_N": c.lower_limit_factor_N,
+            "astm_e74": c.astm_e74.model_dump(),
+            "iso_376": c.iso_376.model_dump(),
+            "expires": c.expires,
+        }
+
+    @property
+    def budgets(self) -> tuple[Budget, ...]:
+        """Of the least load, that in the middle, and the greatest."""
+        c = self.calibration
+        return tuple(load_budget(c, load) for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N))
+
+
+def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[Run]:
+    """The runs up and down of so many loads, with their zeros before and after."""
+    length = 2 * loads + 2
+    for start in range(0, len(points) - length + 1, length):
+        before, *weighed, after = points[start : start + length]
+        mean = [point.reading_mV for point in weighed]
+        displays = [point.readings_mV for point in weighed]
+        scatter = float(np.sqrt(np.var(displays, axis=1, ddof=1).mean()))
+        loading, unloading = np.array(mean[:loads]), np.array(mean[loads:][::-1])
+        zeros = before.reading_mV, after.reading_mV
+        yield Run(before.position_deg, loading, unloading, *zeros, len(displays[0]), scatter)
