@@ -14,7 +14,9 @@ __all__ = ["Chamber", "Exciter", "LoadIndicator", "Positioner", "ProbeStage", "S
 
 
 class LoadIndicator(Protocol):
-    """Reads the load cell."""
+    """Reads the load cell. `resolution_mV`: step of its display, as it was at the last reading."""
+
+    resolution_mV: float
 
     def read(self) -> Any: ...
     def track(self, time_constant: float) -> None: ...

@@ -1,5 +1,87 @@
 """Palpate: drivers, simulators and procedures for a bench that tests piezoelectric tactile sensors.
 
+    import palpate
+    with palpate.open_bench(scene="thesis_single", seed=3) as bench:
+        sweep = palpate.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0))
+        done = palpate.run(sweep, bench, out="first")
+    print(done.run.table())  # a DataFrame
+
+What `__all__` names is public and stays; a name is imported when it is first used. Modules below `palpate.` are ours to
+change.
+
 The folders `drivers`, `instrument`, `simulators` and `procedures` stand at the top of the repository. Symbolic links in
 this package give them import names of their own (`palpate.drivers`), which do not collide with folders of a laboratory.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from palpate.instrument.errors import (
+        BenchError,
+        ConfigError,
+        EstimateError,
+        PalpateError,
+        RangeError,
+        RecordError,
+        UnknownName,
+        UsageError,
+    )
+    from palpate.instrument.sensor.designs import get_design
+    from palpate.instrument.sensor.sample import get_sample
+    from palpate.procedures.engine.plan import Plan, Step
+    from palpate.procedures.engine.procedure import Finished, Found, Loads, Procedure, Report, Taken, Work
+    from palpate.procedures.engine.replay import replay
+    from palpate.procedures.engine.resume import resume
+    from palpate.procedures.engine.run import plan, run
+    from palpate.procedures.lab.lab import Lab, Target
+    from palpate.procedures.lab.open import OpenBench, open_bench
+    from palpate.procedures.measurements.films.procedure import FilmSeries
+    from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
+    from palpate.procedures.measurements.loaded import Loaded
+    from palpate.procedures.measurements.loads.procedure import LoadSweep
+    from palpate.procedures.measurements.modulus.procedure import ModulusTest
+    from palpate.procedures.measurements.pressed import Pressed
+    from palpate.procedures.records.record import Recorder
+    from palpate.procedures.records.run import Run, read
+
+_PLACES = {
+    "instrument.errors": "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName"
+    " UsageError",
+    "instrument.sensor.designs": "get_design",
+    "instrument.sensor.sample": "get_sample",
+    "procedures.engine.plan": "Plan Step",
+    "procedures.engine.procedure": "Finished Found Loads Procedure Report Taken Work",
+    "procedures.engine.replay": "replay",
+    "procedures.engine.resume": "resume",
+    "procedures.engine.run": "plan run",
+    "procedures.lab.lab": "Lab Target",
+    "procedures.lab.open": "OpenBench open_bench",
+    "procedures.measurements.films.procedure": "FilmSeries",
+    "procedures.measurements.load_cell.procedure": "LoadCellSeries",
+    "procedures.measurements.loaded": "Loaded",
+    "procedures.measurements.loads.procedure": "LoadSweep",
+    "procedures.measurements.modulus.procedure": "ModulusTest",
+    "procedures.measurements.pressed": "Pressed",
+    "procedures.records.record": "Recorder",
+    "procedures.records.run": "Run read",
+}
+
+__all__ = [
+    "BenchError", "ConfigError", "EstimateError", "FilmSeries", "Finished", "Found", "Lab", "LoadCellSeries",
+    "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan", "Pressed", "Procedure",
+    "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken", "Target", "UnknownName", "UsageError",
+    "Work", "get_design", "get_sample", "open_bench", "plan", "read", "replay", "resume", "run",
+]  # fmt: skip
+
+if not TYPE_CHECKING:  # else a type checker would accept any name
+
+    def __getattr__(name):
+        from importlib import import_module
+
+        for module, names in _PLACES.items():
+            if name in names.split():
+                found = globals()[name] = getattr(import_module(f"{__name__}.{module}"), name)
+                return found
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,11 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 
 from palpate.instrument.errors import PalpateError
-from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.progress import Progress
-from palpate.procedures.engine.run import open_and_run
+from palpate.procedures.engine.known import class_of
+from palpate.procedures.engine.procedure import Finished, P, Procedure, R, Result, S
+from palpate.procedures.engine.progress import Progress, silent
+from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.open import Chosen
+
+
+def replay(log: str | Path, out: str | Path | None = None, *, progress: Progress = silent) -> Finished[Result]:
+    """Do the run of a log again: the drivers hear what they heard then. No device, nobody and no time is needed.
+
+    Args:
+        log: the .pcapng file of a log, or the CAN file beside it.
+        out: folder of the new run; None: a new one in the store.
+
+    Raises:
+        UsageError: its procedure is not known. ConfigError: it is damaged, or of another palpate.
+    """
+    logged = LoggedRun(Path(log))
+    procedure = class_of(logged.run, "replayed").recorded(logged.run)
+    return concluded(procedure, do_again(procedure, logged, None if out is None else Path(out), progress))
 
 
 def do_again(procedure: Procedure[S, P, R], logged: LoggedRun, out: Path | None, progress: Progress) -> Finished[R]:

@@ -3,17 +3,88 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 from palpate.instrument.errors import UsageError
+from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.progress import Progress
-from palpate.procedures.engine.run import open_and_run
+from palpate.procedures.engine.progress import Progress, silent
+from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.open import Chosen, choose
+from palpate.procedures.lab.store import store
 from palpate.procedures.records.record import put_file
 from palpate.procedures.records.resumed import Resumed, header_of
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.pause import Pause
+from palpate.procedures.records.run_list import find_run
+from palpate.procedures.steps.pause import NOBODY, Pause
+
+if TYPE_CHECKING:
+    from palpate.procedures.engine.procedure import Result
+
+
+@overload
+def resume(
+    run: str | Path,
+    kind: None = None,
+    *,
+    bench: str | Path | None = None,
+    accept_change: bool = False,
+    progress: Progress = silent,
+    pause: Pause = NOBODY,
+) -> Finished[Result]: ...
+@overload
+def resume(
+    run: str | Path,
+    kind: type[Procedure[S, P, R]],
+    *,
+    bench: str | Path | None = None,
+    accept_change: bool = False,
+    progress: Progress = silent,
+    pause: Pause = NOBODY,
+) -> Finished[R]: ...
+def resume(
+    run: str | Path,
+    kind: type[Procedure[S, P, R]] | None = None,
+    *,
+    bench: str | Path | None = None,
+    accept_change: bool = False,
+    progress: Progress = silent,
+    pause: Pause = NOBODY,
+) -> Finished[R] | Finished[Result]:
+    """Go on with a run that was killed, stopped or failed. No finished point is lost or stored twice.
+
+    Args:
+        run: its folder, or its name in the store.
+        kind: class of its procedure; None: the one of that name, ours or of an installed package.
+        bench: bench file of a real bench; None: the run's own.
+        accept_change: go on although the bench has changed; the record says how.
+
+    Raises:
+        UnknownName: no such run. UsageError: it is complete, or of another procedure or bench.
+        RecordError: it is damaged. And as `run`.
+    """
+    found, file = Run.open(find_run(str(run), store())), None if bench is None else Path(bench)
+    if kind is None:
+        return _resumed(class_of(found, "resumed"), found, file, accept_change, progress, pause)
+    return _resumed(kind, found, file, accept_change, progress, pause)
+
+
+def _resumed(
+    kind: type[Procedure[S, P, R]], run: Run, bench: Path | None, accept_change: bool, progress: Progress, pause: Pause
+) -> Finished[R]:
+    if run.procedure != kind.name:
+        raise UsageError(f"{run.folder} is of procedure {run.procedure!r}, not {kind.name!r}; name its class")
+    procedure = begun(run, kind, bench)
+    done = go_on(
+        procedure,
+        run,
+        bench=bench,
+        accept_change=accept_change,
+        assume_mounted=False,
+        progress=progress,
+        pause=pause,
+    )
+    return concluded(procedure, done)
 
 
 def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Procedure[S, P, R]:

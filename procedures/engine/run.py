@@ -63,6 +63,11 @@ def run(
     refuse(procedure, bench.target)
     with result_folder(None if out is None else Path(out), procedure.name, datetime.now(UTC)) as folder:
         done = record_run(procedure, bench, folder, progress, pause)
+    return concluded(procedure, done)
+
+
+def concluded(procedure: Procedure[S, P, R], done: Finished[R]) -> Finished[R]:
+    """A finished run whose calibration is kept. Raises EstimateError: nothing can be concluded from it."""
     procedure.keep(done)
     procedure.judge(done.result)
     return done

@@ -131,6 +131,11 @@ class Run:
         return frame
 
 
+def read(folder: str | Path) -> Run:
+    """The run in a folder. Raises RecordError: there is none, or it is damaged."""
+    return Run.open(Path(folder))
+
+
 def is_run(folder: Path) -> bool:
     """Whether a folder holds a run or what is left of one; not if its writer was killed before the run had begun."""
     return _is_there(folder / format3.DATABASE) or _has_record(folder)

@@ -1,0 +1,35 @@
+"""A procedure of one's own, in twenty lines: hold a preload and read the load falling."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import palpate
+
+
+@dataclass(frozen=True)
+class Reading:
+    time_s: float
+    load_N: float
+
+
+@dataclass(frozen=True)
+class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.Found[Reading]]):
+    name, point = "relaxation", Reading
+    sample: str = "2"
+    force: float = 2.0  # N
+    readings: int = 4
+
+    def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:
+        return palpate.Plan(self.name, [palpate.Step(None, 5.0, None)] * self.readings)
+
+    def begin(self, lab: palpate.Lab, record: palpate.Recorder) -> "Holding":
+        return Holding(lab, self.sample, self.force)
+
+    def evaluate(self, points: Sequence[Reading], lab: palpate.Lab) -> palpate.Found[Reading]:
+        return palpate.Found(points, {"relaxed": 1 - points[-1].load_N / points[0].load_N})
+
+
+class Holding(palpate.Pressed):
+    def take(self, step: palpate.Step) -> palpate.Taken[Reading]:
+        self.bench.clock.wait(step.seconds)
+        return palpate.Taken(Reading(self.bench.clock.now_ns() / 1e9, self.load()))

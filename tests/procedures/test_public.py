@@ -1,0 +1,169 @@
+"""What `import palpate` gives stays as it is: names, signatures, and a script outside that uses them."""
+
+from __future__ import annotations
+
+import inspect
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import palpate
+from tests.examples.relaxation import Relaxation
+
+OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
+SOFT = """
+name = "soft tissue"
+purpose = "A sample that relaxes under a preload."
+design = "single"
+model = "experiment"
+[effects.viscoelastic]
+material = "soft_tissue"
+[effects.load_cell]
+sensitivity = "10.306 mV/N"
+zero = "1.81 mV"
+noise = "0.3 mV"
+decimals = 2
+"""
+SIGNATURES = {
+    "open_bench": "scene bench seed model log operator assume_mounted",
+    "plan": "procedure bench",
+    "read": "folder",
+    "replay": "log out progress",
+    "resume": "run kind bench accept_change progress pause",
+    "run": "procedure bench out progress pause",
+    "LoadSweep": "samples loads dwell frequency tolerance extrapolate",
+    "LoadCellSeries": "loads runs positions degree creep valid_days",
+    "FilmSeries": "loads frequencies dwell valid_days extrapolate",
+    "ModulusTest": "sample strain steps extrapolate",
+    "Taken": "point waveforms error",
+    "Step": "dwell_s seconds force_ratio_u what group",
+    "Lab": "bench design calibration films run started",
+}
+
+
+def test_the_public_names_and_their_parameters_stay() -> None:
+    for name in palpate.__all__:
+        assert getattr(palpate, name).__name__ == name
+    assert sorted(palpate.__all__) == sorted(" ".join(palpate._PLACES.values()).split())
+    found = {name: " ".join(inspect.signature(getattr(palpate, name)).parameters) for name in SIGNATURES}
+    assert found == SIGNATURES
+    with pytest.raises(AttributeError, match="has no attribute 'open_bank'"):
+        palpate.open_bank  # noqa: B018
+
+
+def test_the_name_alone_imports_nothing() -> None:
+    code = "import sys, palpate; assert palpate.__all__; assert not {'numpy', 'click', 'pydantic'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_simulated_sweep_is_a_table_in_five_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with palpate.open_bench(scene="thesis_single", seed=3) as bench:
+        sweep = palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2)
+        assert palpate.plan(sweep, bench).seconds > 0
+        done = palpate.run(sweep, bench, out="first")
+    table = done.run.table()
+    assert list(table["load_N"]) == [2.0, 3.0]
+    assert table["simulated"].all()
+    assert done.result.softness_order == ["1"]
+
+
+def test_it_takes_twenty_lines() -> None:
+    body = OUTSIDE.read_text(encoding="utf-8").partition("import palpate\n")[2]
+    assert len([line for line in body.splitlines() if line.strip()]) <= 20
+
+
+def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    held = Relaxation(readings=2)
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with palpate.open_bench(scene="ideal") as bench:
+        first, second = (palpate.run(held, bench, out=name) for name in ("first", "second"))
+        assert first.folder != second.folder
+        assert len(second.run.points()) == 2
+        with pytest.raises(palpate.UsageError, match="already holds a run"):
+            palpate.run(held, bench, out="first")
+        with pytest.raises(KeyboardInterrupt):
+            palpate.run(held, bench, out="third", progress=stop)
+        assert not bench.bench.driving
+        with pytest.raises(palpate.UsageError, match="it was closed when a run on it failed; open it anew"):
+            palpate.run(held, bench, out="fourth")
+    assert palpate.read("third").status == "stopped"
+
+
+@pytest.fixture
+def soft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("soft.toml").write_text(SOFT, encoding="utf-8")
+    return "soft.toml"
+
+
+def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(soft: str) -> None:
+    with palpate.open_bench(scene=soft) as bench:
+        whole = palpate.run(Relaxation(), bench, out="whole")
+    assert 0.02 < float(str(whole.result.values["relaxed"])) < 0.9
+    loads = [point.load_N for point in whole.result.points]
+    assert loads[-1] < loads[0] < 2.2
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene=soft) as bench:
+        palpate.run(Relaxation(), bench, out="cut", progress=stop)
+    assert len(palpate.read("cut").points()) == 2
+    with pytest.raises(palpate.UsageError, match="'relaxation' cannot be resumed"):
+        palpate.resume("cut")
+    again = palpate.resume("cut", Relaxation)
+    assert again.run.digest() == whole.run.digest()
+    assert again.result.summary() == whole.result.summary()
+
+
+@pytest.mark.slow
+def test_a_procedure_of_ones_own_that_was_killed_goes_on(soft: str, tmp_path: Path) -> None:
+    shutil.copy(OUTSIDE, tmp_path)
+    script = f"""
+import os, palpate, relaxation
+def kill(done, total, what):
+    if done == 2: os.kill(os.getpid(), {int(signal.SIGKILL)})
+with palpate.open_bench(scene={soft!r}) as bench:
+    palpate.run(relaxation.Relaxation(), bench, out="cut", progress=kill)
+"""
+    assert subprocess.run([sys.executable, "-c", script], cwd=tmp_path).returncode == -signal.SIGKILL
+    assert palpate.read("cut").status == "running"
+    done = palpate.resume("cut", Relaxation)
+    with palpate.open_bench(scene=soft) as bench:
+        whole = palpate.run(Relaxation(), bench, out="whole")
+    assert done.run.digest() == whole.run.digest()
+
+
+@pytest.mark.slow
+def test_a_script_outside_passes_the_strictest_type_check(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(OUTSIDE.read_text() + CHECKED, encoding="utf-8")
+    cache = Path(__file__).parents[2] / ".mypy_cache"
+    command = [sys.executable, "-m", "mypy", "--strict", f"--cache-dir={cache}", "--config-file=", str(script)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    last = len(script.read_text(encoding="utf-8").splitlines())
+    wrong = f'{script.name}:{last}: error: Module has no attribute "open_bank"  [attr-defined]'
+    assert done.stdout.splitlines()[:-1] == [wrong], done.stdout
+
+
+CHECKED = """
+
+with palpate.open_bench(scene="thesis_single") as bench:
+    done: palpate.Finished[palpate.Found[Reading]] = palpate.run(Relaxation(), bench)
+    order: list[str] = palpate.run(palpate.LoadSweep(), bench).result.softness_order
+    loads: list[float] = [point.load_N for point in palpate.resume("first", Relaxation).result.points]
+palpate.open_bank
+"""
