@@ -38,11 +38,13 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench, open_bench
     from palpate.procedures.measurements.films.procedure import FilmSeries
+    from palpate.procedures.measurements.frequency.procedure import FrequencySweep
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
     from palpate.procedures.measurements.loaded import Loaded
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
     from palpate.procedures.measurements.pressed import Pressed
+    from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
     from palpate.procedures.records.record import Recorder
     from palpate.procedures.records.run import Run, read
 
@@ -59,20 +61,22 @@ _PLACES = {
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench open_bench",
     "procedures.measurements.films.procedure": "FilmSeries",
+    "procedures.measurements.frequency.procedure": "FrequencySweep",
     "procedures.measurements.load_cell.procedure": "LoadCellSeries",
     "procedures.measurements.loaded": "Loaded",
     "procedures.measurements.loads.procedure": "LoadSweep",
     "procedures.measurements.modulus.procedure": "ModulusTest",
     "procedures.measurements.pressed": "Pressed",
+    "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.record": "Recorder",
     "procedures.records.run": "Run read",
 }
 
 __all__ = [
-    "BenchError", "ConfigError", "EstimateError", "FilmSeries", "Finished", "Found", "Lab", "LoadCellSeries",
-    "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan", "Pressed", "Procedure",
-    "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken", "Target", "UnknownName", "UsageError",
-    "Work", "get_design", "get_sample", "open_bench", "plan", "read", "replay", "resume", "run",
+    "BenchError", "ConfigError", "EstimateError", "FilmSeries", "Finished", "Found", "FrequencySweep", "Lab",
+    "LoadCellSeries", "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan", "Pressed",
+    "Procedure", "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken", "Target",
+    "TemperatureSweep", "UnknownName", "UsageError", "Work", "get_design", "get_sample", "open_bench", "plan", "read", "replay", "resume", "run",
 ]  # fmt: skip
 
 if not TYPE_CHECKING:  # else a type checker would accept any name

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 GROUP = "palpate.procedures"
 SHIPPED = {
+    "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
     "sweep-frequency": "palpate.procedures.measurements.frequency.procedure:FrequencySweep",
     "sweep-temperature": "palpate.procedures.measurements.temperature.procedure:TemperatureSweep",
-    "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
     "calibrate-load-cell": "palpate.procedures.measurements.load_cell.procedure:LoadCellSeries",
     "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
     "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",
