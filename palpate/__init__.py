@@ -76,7 +76,8 @@ __all__ = [
     "BenchError", "ConfigError", "EstimateError", "FilmSeries", "Finished", "Found", "FrequencySweep", "Lab",
     "LoadCellSeries", "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan", "Pressed",
     "Procedure", "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken", "Target",
-    "TemperatureSweep", "UnknownName", "UsageError", "Work", "get_design", "get_sample", "open_bench", "plan", "read", "replay", "resume", "run",
+    "TemperatureSweep", "UnknownName", "UsageError", "Work", "get_design", "get_sample",
+    "open_bench", "plan", "read", "replay", "resume", "run",
 ]  # fmt: skip
 
 if not TYPE_CHECKING:  # else a type checker would accept any name
