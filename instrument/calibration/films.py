@@ -185,7 +185,7 @@ def calibrate_films(
     count = own.sum(axis=1)
     mean = np.where(own, ratio, 0.0).sum(axis=1) / count
     deviation = np.where(own, ratio - mean[:, np.newaxis], 0.0) / np.sqrt(count * (count - 1.0))[:, np.newaxis]
-    common = mean * _common(load_cell, load)
+    common = mean * load_cell.mean_curve_u(load)
     covariance = deviation @ deviation.T + np.outer(common, common)
     u = np.sqrt(np.diagonal(covariance))
     for film, value, value_u in zip(design.films, mean, u, strict=True):
@@ -224,14 +224,6 @@ def calibrate_films(
         **origin,
     }
     return check(fields, FilmCalibration, "film calibration")
-
-
-def _common(load_cell: LoadCellCalibration, load: Floats) -> float:
-    """Relative standard uncertainty of a mean over these loads [N] by the load cell's calibration.
-
-    One curve turned all readings into loads, so its errors do not average out.
-    """
-    return math.fsum(load_cell.curve_u(float(value)) / float(value) for value in load) / load.size
 
 
 def _crosstalk(design: Design, readings: Sequence[FilmReading], ratio: Floats, mean: Floats) -> tuple[Floats, Floats]:

@@ -153,6 +153,19 @@ class LoadCellCalibration(Hashed):
         variance = max(float(powers @ covariance @ powers), 0.0)
         return math.sqrt(variance) / (self.sensitivity_mV_per_N + 2 * bend * load_N)
 
+    def mean_curve_u(self, loads: npt.NDArray[np.float64]) -> float:
+        """Relative standard uncertainty of a mean over loads (n,) [N] by the curve, which is the same at all of them.
+
+        Each load counts with its relative error. The errors do not average out, but those of the zero weigh more at
+        small loads than at large ones.
+        """
+        bend = 0.0 if self.curvature is None else self.curvature.mV_per_N2
+        covariance = self._covariance()
+        powers = loads[:, np.newaxis] ** np.arange(len(covariance))
+        slope = (self.sensitivity_mV_per_N + 2 * bend * loads) * loads
+        mean = (powers / slope[:, np.newaxis]).mean(axis=0)
+        return math.sqrt(max(float(mean @ covariance @ mean), 0.0))
+
     def reading_u(self, displays: int = 1) -> float:
         """Standard uncertainty [mV] of the mean of some displayed values.
 

@@ -101,15 +101,20 @@ def compress(
                 " support; the pad must be the softer: check which of them was under the probe"
             )
     pad = _Pad(support.position, lines[LOADING].position)
+    known = float(calibration.degrees_of_freedom or math.inf)
     inputs = (
         *support.inputs(),
         *lines[LOADING].inputs(),
-        Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N),
-        Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N),
+        Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N, known),
+        Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N, known),
         Input("area", area, area_u),
         Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contacts, each rounded to a step
     )
-    related = {("sensitivity", "zero"): calibration.covariance / (calibration.sensitivity_u * calibration.zero_u)}
+    related = {
+        ("sensitivity", "zero"): calibration.covariance / (calibration.sensitivity_u * calibration.zero_u),
+        **support.related(),
+        **lines[LOADING].related(),
+    }
 
     def found(
         name: str,
@@ -149,6 +154,8 @@ def compress(
         for index, load in enumerate(line.loads)
     ]
     each = [up.shares(index, f"{LOADING} load {index}") for index in range(len(up.loads))]
+    # The loads of the unloading line have one scatter, too, and the line itself is not among these inputs.
+    each += [{(f"{UNLOADING} load 0", f"{UNLOADING} load {k}"): 0.0} for k in range(1, len(lines[UNLOADING].loads))]
     furthest = Input("load", float(up.loads[last]), up.scatter, up.degrees_of_freedom, "A")
     return Compression(
         tangent=found("tangent modulus", "Pa", lambda v: pad.modulus(v, LOADING)),

@@ -101,6 +101,10 @@ class LoadLine:
             (load, f"{self.name} slope"): float(away[index] / np.linalg.norm(away)),
         }
 
+    def related(self) -> Correlations:
+        """Slope and mean are uncorrelated, but the one scatter of the line gives both uncertainties."""
+        return {(f"{self.name} slope", f"{self.name} mean"): 0.0}
+
     def inputs(self) -> tuple[Input, Input]:
         mean_u = self.scatter / math.sqrt(len(self.loads))
         return (

@@ -75,6 +75,8 @@ class Budget:
         value: value in `unit`.
         components: the uncertain inputs, each with a name of its own.
         correlations: correlation coefficients of two inputs by their names, −1 to 1; all other pairs are independent.
+            A coefficient of 0 says that the two are uncorrelated, but that one estimate of scatter gave both
+            uncertainties: they share its degrees of freedom.
 
     Raises:
         EstimateError: a value is not finite, two components share a name, a correlation names an unknown input, or the
@@ -101,7 +103,7 @@ class Budget:
     def degrees_of_freedom(self) -> float:
         """Effective degrees of freedom, by Welch and Satterthwaite (JCGM 100, G.4.1).
 
-        Correlated inputs count as one input, with the fewest degrees of freedom among them.
+        Inputs that `correlations` connects count as one input, with the fewest degrees of freedom among them.
         """
         total = self.u
         if total == 0:
@@ -217,10 +219,9 @@ def groups(names: Sequence[str], correlations: Correlations) -> list[list[int]]:
     An independent input is a group of its own.
     """
     found = [{name} for name in names]
-    for pair, coefficient in correlations.items():
-        if coefficient != 0:
-            joined = set().union(*(group for group in found if group & set(pair)))
-            found = [group for group in found if not group & set(pair)] + [joined]
+    for pair in correlations:
+        joined = set().union(*(group for group in found if group & set(pair)))
+        found = [group for group in found if not group & set(pair)] + [joined]
     return [[i for i, name in enumerate(names) if name in group] for group in found]
 
 
