@@ -61,9 +61,7 @@ class PcapngWriter:
         self._positions: dict[str, list[int]] = {}  # in both streams of a connection
         self._hash = hashlib.sha256()
         self._last_ns = 0
-        self._block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + _options({APPLICATION: HASHED}))
-        for kind in LINK_TYPES.values():
-            self._block(INTERFACE, struct.pack("<HHI", kind, 0, 0) + _options({RESOLUTION: bytes([NANOSECONDS])}))
+        self._put(BEGINNING)
 
     def end(self) -> None:
         """Write the last note, after which nothing may follow."""
@@ -74,7 +72,7 @@ class PcapngWriter:
         data = self._header(packet) + packet.data
         head = struct.pack("<IIIII", packet.link, packet.time_ns >> 32, packet.time_ns & 0xFFFFFFFF, *2 * [len(data)])
         flags = struct.pack("<I", OUTBOUND if packet.sent else INBOUND)
-        self._block(PACKET, head + _padded(data) + _options({COMMENT: packet.who.encode(), FLAGS: flags}))
+        self._put(_block(PACKET, head + _padded(data) + _options({COMMENT: packet.who.encode(), FLAGS: flags})))
 
     def _header(self, packet: Packet) -> bytes:
         match packet.link:
@@ -87,11 +85,9 @@ class PcapngWriter:
             case Link.NOTE:
                 return NOTE_HEADER
 
-    def _block(self, kind: int, body: bytes) -> None:
-        size = 12 + len(body)
-        block = struct.pack("<II", kind, size) + body + struct.pack("<I", size)
-        self._file.write(block)
-        self._hash.update(block)
+    def _put(self, data: bytes) -> None:
+        self._file.write(data)
+        self._hash.update(data)
 
     def _tcp(self, packet: Packet) -> bytes:
         positions = self._positions.setdefault(packet.who, [1, 1])
@@ -130,6 +126,24 @@ def _options(values: dict[int, bytes]) -> bytes:
     return b"".join(given) + bytes(4)
 
 
+def _block(kind: int, body: bytes) -> bytes:
+    size = 12 + len(body)
+    return struct.pack("<II", kind, size) + body + struct.pack("<I", size)
+
+
+def _beginning(options: bytes) -> bytes:
+    """Section and interfaces: the same bytes in every file."""
+    section = _block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + options)
+    nanoseconds = _options({RESOLUTION: bytes([NANOSECONDS])})
+    return section + b"".join(
+        _block(INTERFACE, struct.pack("<HHI", kind, 0, 0) + nanoseconds) for kind in LINK_TYPES.values()
+    )
+
+
+BEGINNING = _beginning(_options({APPLICATION: HASHED}))
+EARLIER = _beginning(b"")  # of a version that wrote no hash
+
+
 def read_pcapng(path: Path) -> Iterator[Packet]:
     """Packets of a file that `PcapngWriter` wrote.
 
@@ -140,6 +154,9 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
     data = path.read_bytes()
     if struct.unpack_from("<I4xI", data.ljust(12)) != (SECTION, BYTE_ORDER):
         raise ValueError("no capture file of palpate")
+    # Else one wrong bit could make of a file that was cut off one of the version without a hash.
+    if not data.startswith((BEGINNING, EARLIER)):
+        raise ValueError("its beginning is not as it was written")
     at = 0
     while at < len(data):
         kind, size = struct.unpack_from("<II", data.ljust(at + 8, b"\0"), at)

@@ -53,7 +53,7 @@ def closed_port() -> int:
         ("strain_indicator", {"unit": 9}, "unit 9: no valid answer"),
         ("can", {"nodes": (9,)}, "sensor node 9 at virtual:"),
         ("can", {"interface": "nosuch"}, "CAN bus nosuch:"),
-        ("strain_indicator", {"unit": 2}, "identifies itself as Palpate MP-1"),
+        ("positioner", {"unit": 9}, "unit 9: no valid answer"),
     ],
 )
 def test_an_absent_device_is_named(
@@ -64,6 +64,15 @@ def test_an_absent_device_is_named(
     said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={part: section})))
     assert said.status == 1
     assert message in said.complaint
+    assert nothing_in_runs()
+
+
+def test_two_devices_of_one_number_on_a_line_are_refused(palpate: Palpate, lab: str, sim: SimulatedBench) -> None:
+    section = sim.description.strain_indicator.model_copy(update={"unit": sim.description.positioner.unit})
+    said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={"strain_indicator": section})))
+    assert (said.status, said.complaint) == (
+        2, "lab.toml: strain_indicator and positioner are both number 2 on line; correct one",
+    )  # fmt: skip
     assert nothing_in_runs()
 
 

@@ -106,7 +106,7 @@ def test_what_is_no_log_is_named(palpate: Palpate, content: bytes | None) -> Non
 
 @pytest.mark.parametrize(
     ("header", "names"),
-    [("{}", "bench"), ('{"bench": "", "procedure": 1}', "signal_generator"), ("[]", "run"), ("{", "run")],
+    [("{}", "bench"), ('{"bench": "", "procedure": 1}', "name"), ("[]", "run"), ("{", "run")],
 )
 def test_a_log_of_another_palpate_is_named(palpate: Palpate, header: str, names: str) -> None:
     with LOG.open("wb") as file:
