@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from queue import SimpleQueue
 
 import can
 import pytest
@@ -64,17 +65,19 @@ def test_rubbish_on_multicast_ends_nothing(wish: Wish) -> None:
 
 
 def test_benches_side_by_side_on_multicast_do_not_hear_each_other(wish: Wish) -> None:
-    heard: list[int] = []
+    heard: SimpleQueue[int] = SimpleQueue()  # its thread may tell of an answer after who asked has it
     with serving(wish) as one, serving(wish) as other:
         link = CanLink(one.description.can)
-        link.tap(lambda _sent, frame: heard.append(frame.arbitration_id))
+        link.tap(lambda _sent, frame: heard.put(frame.arbitration_id))
         link.open()
         with plain_bus(other.description.can.channel) as of_theirs, plain_bus(one.description.can.channel) as of_own:
             assert _Answers(of_theirs).ask(0x601, "40 00 10 00 00 00 00 00", 0x581).startswith("430010")
             assert _Answers(of_own).ask(0x601, "40 00 20 00 00 00 00 00", 0x581).startswith("430020")
         link.upload("it", link.add_node(1), 0x2000, 0)
+        found = sorted(heard.get(timeout=10) for _ in range(4))
         link.close()
-    assert sorted(heard) == [0x581, 0x581, 0x601, 0x601]
+    assert found == [0x581, 0x581, 0x601, 0x601]
+    assert heard.empty()
 
 
 class _Answers:
