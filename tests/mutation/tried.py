@@ -9,9 +9,9 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import select
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -27,7 +27,6 @@ LIBRARIES = (
 # Rewritten assertions would make the code of modules, too, by a way of its own.
 PYTEST = ("-n0", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "--assert=plain", "-m", "not slow")
 KILLED, SURVIVED, ENDLESS = "killed", "survived", "timed out"
-POLL = 0.01  # s
 
 
 def import_libraries() -> None:
@@ -57,18 +56,14 @@ def in_child(work: Callable[[], int], seconds: float) -> int | None:
         finally:
             sys.stdout.flush()
             os._exit(status)
-    end = time.monotonic() + seconds
-    while True:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            with suppress(ProcessLookupError):
-                os.killpg(child, signal.SIGKILL)  # what it has left running
-            return os.waitstatus_to_exitcode(status)
-        if time.monotonic() > end:
-            _kill(child)
-            os.waitpid(child, 0)
-            return None
-        time.sleep(POLL)  # noqa: TID251
+    ended = os.pidfd_open(child)  # readable once the child has ended
+    try:
+        in_time = bool(select.select([ended], [], [], seconds)[0])
+    finally:
+        os.close(ended)
+    _kill(child)  # what it has left running, too
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status) if in_time else None
 
 
 def _kill(child: int) -> None:
