@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.loaded import Loaded
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
+    from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.measurements.pressed import Pressed
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
     from palpate.procedures.records.record import Recorder
@@ -66,6 +67,7 @@ _PLACES = {
     "procedures.measurements.loaded": "Loaded",
     "procedures.measurements.loads.procedure": "LoadSweep",
     "procedures.measurements.modulus.procedure": "ModulusTest",
+    "procedures.measurements.position.procedure": "PositionSweep",
     "procedures.measurements.pressed": "Pressed",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.record": "Recorder",
@@ -74,9 +76,9 @@ _PLACES = {
 
 __all__ = [
     "BenchError", "ConfigError", "EstimateError", "FilmSeries", "Finished", "Found", "FrequencySweep", "Lab",
-    "LoadCellSeries", "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan", "Pressed",
-    "Procedure", "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken", "Target",
-    "TemperatureSweep", "UnknownName", "UsageError", "Work", "get_design", "get_sample",
+    "LoadCellSeries", "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan",
+    "PositionSweep", "Pressed", "Procedure", "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken",
+    "Target", "TemperatureSweep", "UnknownName", "UsageError", "Work", "get_design", "get_sample",
     "open_bench", "plan", "read", "replay", "resume", "run",
 ]  # fmt: skip
 

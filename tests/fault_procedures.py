@@ -21,7 +21,7 @@ from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.modulus.result import NAMES
-from palpate.procedures.measurements.position import procedure as position_sweep
+from palpate.procedures.measurements.position.procedure import PositionSweep
 from palpate.procedures.measurements.softness import procedure as softness
 from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 from palpate.procedures.measurements.temperature.result import TemperaturePoint
@@ -72,8 +72,8 @@ def _sweep_loads(bench: Bench, record: Recorder) -> Found:
 
 
 def _sweep_position(bench: Bench, record: Recorder) -> Found:
-    settings = position_sweep.PositionSettings((8e-3, 14e-3), SAMPLE, 2.0, DWELL, FREQUENCY)
-    result = position_sweep.run(bench, get_design("common_base"), THESIS_LOAD_CELL, settings, record, silent)
+    sweep = PositionSweep((8e-3, 14e-3), SAMPLE, 2.0, DWELL, FREQUENCY)
+    result = conduct(sweep, Lab(bench, get_design("common_base"), THESIS_LOAD_CELL), record)
     found = {f"place {i}": Value(p.found_mm, p.found_u, p.valid) for i, p in enumerate(result.points)}
     for i, p in enumerate(result.points):
         share, u = max((p.share_left, p.share_left_u), (p.share_right, p.share_right_u))  # the other is hardly one

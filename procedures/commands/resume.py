@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 
 def unconverted() -> dict[str, Callable[[], Procedure[Any, Any]]]:
     """The procedures that `engine/known.py` does not have yet, by the name in their header."""
-    from palpate.procedures.commands.sweeps import of_position
-
     return {
-        "sweep-position": of_position,
         "characterise": of_characterise,
         "softness": of_softness,
     }

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
-
 import click
 
 from palpate.procedures.commands.options import (
@@ -19,10 +16,6 @@ from palpate.procedures.commands.options import (
     load_option,
     sample_option,
 )
-from palpate.procedures.showing.terminal import say
-
-if TYPE_CHECKING:
-    from palpate.procedures.engine.unconverted import Procedure
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
@@ -200,11 +193,11 @@ def position(
     Simulated on the scene thesis_common_base where none is named. Table A2.7 stands beside, with its doubts.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.sweeps import of_position
-    from palpate.procedures.measurements.position import procedure as position_sweep
+    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.steps.checks import parse_steps
 
-    settings = position_sweep.PositionSettings(
+    asked = PositionSweep(
         parse_steps(positions, "m", "positions", "0 mm:24 mm:2 mm"),
         sample,
         parse(load, "N"),
@@ -212,40 +205,4 @@ def position(
         parse(frequency, "Hz"),
         extrapolate,
     )
-    choice = choice.simulated_on("thesis_common_base")
-    _sweep(of_position(), position_sweep, settings, choice, output, dry_run, None)
-
-
-def _sweep(
-    conducted: Procedure[Any, Any],
-    planned: ModuleType,
-    settings: Any,
-    choice: Choice,
-    output: Output,
-    dry_run: bool,
-    model: str | None,
-) -> None:
-    """Plan a sweep by `planned`, or conduct it."""
-    from datetime import UTC, datetime
-
-    from palpate.procedures.commands.measure import chosen_by
-    from palpate.procedures.engine.unconverted import conduct, refuse
-    from palpate.procedures.lab.keys import keyboard
-    from palpate.procedures.lab.session import places
-    from palpate.procedures.showing.plan import print_plan
-
-    if dry_run:
-        target = chosen_by(choice, model).target
-        doubt = refuse(conducted, settings, target)
-        with places(choice.out, choice.log, planned.PROCEDURE, datetime.now(UTC)):
-            pass  # nothing is left of them
-        plan = planned.plan(settings, target.design)
-        if output.as_json:
-            output.json(plan.summary())
-        elif output.for_people:
-            print_plan(plan)
-        if doubt and not output.quiet:
-            say(f"palpate: note: {doubt}", err=True)
-        return
-    with keyboard() as pause:
-        conduct(conducted, settings, choice, output, model=model, pause=pause)
+    (plan if dry_run else measure)(asked, choice.simulated_on("thesis_common_base"), output)

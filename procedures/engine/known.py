@@ -19,6 +19,7 @@ SHIPPED = {
     "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
     "sweep-frequency": "palpate.procedures.measurements.frequency.procedure:FrequencySweep",
     "sweep-temperature": "palpate.procedures.measurements.temperature.procedure:TemperatureSweep",
+    "sweep-position": "palpate.procedures.measurements.position.procedure:PositionSweep",
     "calibrate-load-cell": "palpate.procedures.measurements.load_cell.procedure:LoadCellSeries",
     "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
     "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",

@@ -8,7 +8,7 @@ from pathlib import Path
 from palpate.instrument.models.influence import ERROR
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.position.procedure import DOUBT, PositionResult
+from palpate.procedures.measurements.position.result import DOUBT, PositionResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import legend, verdict
 from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where

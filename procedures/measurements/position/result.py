@@ -1,0 +1,75 @@
+"""What a position sweep measures and finds: shares of the force, and the place and size that the films tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from palpate.instrument.uncertainty.budget import Budget
+
+DOUBT = (
+    "Table A2.7 prints neither the object nor the shape of its load, and its force hardly depends on the place of a"
+    " load beside a tooth, which an elastic object's does: it is shown beside, not to be met"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PositionPoint:
+    """A load at a place: forces peak to peak, shares of the whole force, and place and size found by the films alone.
+
+    Attributes:
+        model_share_left, model_share_right: by the table of the solid model.
+        thesis_share_left, thesis_share_right: of Table A2.7, None where it has no such place.
+        found_mm: with `found_u`, and `found_low_mm` to `found_high_mm`, a 95 % interval.
+        found_force_N: by the base film.
+    """
+
+    position_mm: float
+    load_measured_N: float
+    load_measured_u: float
+    force_left_N: float
+    force_right_N: float
+    share_left: float
+    share_left_u: float
+    share_right: float
+    share_right_u: float
+    model_share_left: float
+    model_share_right: float
+    thesis_share_left: float | None
+    thesis_share_right: float | None
+    found_mm: float
+    found_u: float
+    found_low_mm: float
+    found_high_mm: float
+    found_force_N: float
+    found_force_u: float
+    valid: bool
+    settling_s: float
+    attempts: int
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PositionResult:
+    """`rms_mm`: of the found places from the set ones; `inside`: share of them within their interval; None: none."""
+
+    points: list[PositionPoint]
+    rms_mm: float | None
+    inside: float | None
+    budgets: tuple[Budget, ...] = ()
+
+    def summary(self) -> dict[str, Any]:
+        """The result without its points, under public names."""
+        return {"position_rms_mm": self.rms_mm, "inside_interval": self.inside, "thesis_doubt": DOUBT}
+
+
+def evaluate(points: Sequence[PositionPoint]) -> PositionResult:
+    """How far the found places are from the set ones, by the valid points."""
+    valid = [point for point in points if point.valid]
+    if not valid:
+        return PositionResult(list(points), None, None)
+    squares = math.fsum((p.found_mm - p.position_mm) ** 2 for p in valid)
+    inside = sum(p.found_low_mm <= p.position_mm <= p.found_high_mm for p in valid)
+    return PositionResult(list(points), math.sqrt(squares / len(valid)), inside / len(valid))
