@@ -18,6 +18,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from palpate.instrument.calibration.files import read_calibration, read_film_calibration
+    from palpate.instrument.calibration.films import FilmCalibration
+    from palpate.instrument.calibration.load_cell import LoadCellCalibration
     from palpate.instrument.errors import (
         BenchError,
         ConfigError,
@@ -28,7 +31,10 @@ if TYPE_CHECKING:
         UnknownName,
         UsageError,
     )
+    from palpate.instrument.models.response import response
+    from palpate.instrument.models.table import Response
     from palpate.instrument.sensor.designs import get_design
+    from palpate.instrument.sensor.load import Load
     from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.engine.plan import Plan, Step
     from palpate.procedures.engine.procedure import Finished, Found, Loads, Procedure, Report, Taken, Work
@@ -46,13 +52,20 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.measurements.pressed import Pressed
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+    from palpate.procedures.records.export import as_dataset
     from palpate.procedures.records.record import Recorder
     from palpate.procedures.records.run import Run, read
 
 _PLACES = {
+    "instrument.calibration.files": "read_calibration read_film_calibration",
+    "instrument.calibration.films": "FilmCalibration",
+    "instrument.calibration.load_cell": "LoadCellCalibration",
     "instrument.errors": "BenchError ConfigError EstimateError PalpateError RangeError RecordError UnknownName"
     " UsageError",
+    "instrument.models.response": "response",
+    "instrument.models.table": "Response",
     "instrument.sensor.designs": "get_design",
+    "instrument.sensor.load": "Load",
     "instrument.sensor.sample": "get_sample",
     "procedures.engine.plan": "Plan Step",
     "procedures.engine.procedure": "Finished Found Loads Procedure Report Taken Work",
@@ -70,17 +83,60 @@ _PLACES = {
     "procedures.measurements.position.procedure": "PositionSweep",
     "procedures.measurements.pressed": "Pressed",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
+    "procedures.records.export": "as_dataset",
     "procedures.records.record": "Recorder",
     "procedures.records.run": "Run read",
 }
 
 __all__ = [
-    "BenchError", "ConfigError", "EstimateError", "FilmSeries", "Finished", "Found", "FrequencySweep", "Lab",
-    "LoadCellSeries", "LoadSweep", "Loaded", "Loads", "ModulusTest", "OpenBench", "PalpateError", "Plan",
-    "PositionSweep", "Pressed", "Procedure", "RangeError", "RecordError", "Recorder", "Report", "Run", "Step", "Taken",
-    "Target", "TemperatureSweep", "UnknownName", "UsageError", "Work", "get_design", "get_sample",
-    "open_bench", "plan", "read", "replay", "resume", "run",
-]  # fmt: skip
+    "BenchError",
+    "ConfigError",
+    "EstimateError",
+    "FilmCalibration",
+    "FilmSeries",
+    "Finished",
+    "Found",
+    "FrequencySweep",
+    "Lab",
+    "Load",
+    "LoadCellCalibration",
+    "LoadCellSeries",
+    "LoadSweep",
+    "Loaded",
+    "Loads",
+    "ModulusTest",
+    "OpenBench",
+    "PalpateError",
+    "Plan",
+    "PositionSweep",
+    "Pressed",
+    "Procedure",
+    "RangeError",
+    "RecordError",
+    "Recorder",
+    "Report",
+    "Response",
+    "Run",
+    "Step",
+    "Taken",
+    "Target",
+    "TemperatureSweep",
+    "UnknownName",
+    "UsageError",
+    "Work",
+    "as_dataset",
+    "get_design",
+    "get_sample",
+    "open_bench",
+    "plan",
+    "read",
+    "read_calibration",
+    "read_film_calibration",
+    "replay",
+    "response",
+    "resume",
+    "run",
+]
 
 if not TYPE_CHECKING:  # else a type checker would accept any name
 

@@ -120,6 +120,7 @@ class Report:
 class Finished(Generic[R]):
     """A run that was taken to its end, and what was found."""
 
+    procedure: Procedure[Any, Any, R]
     result: R
     session: Session
     outcome: Outcome
@@ -138,6 +139,11 @@ class Finished(Generic[R]):
     def run(self) -> Run:
         """The run as it is on disk. Raises RecordError."""
         return Run.open(self.folder)
+
+    def plot(self) -> Path | None:
+        """Draw the result into the run's folder; returns the file, or None: the procedure draws nothing."""
+        report = self.procedure.report(self.result, self.session.lab)
+        return None if report is None else report.draw(self.folder)
 
 
 @dataclass(frozen=True)

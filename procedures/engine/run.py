@@ -120,4 +120,4 @@ def record_run(
         result = conduct(procedure, session.lab, session.record, progress, pause)
         outcome = session.outcome()
         session.record.finish("complete", {**result.summary(), "bench_seconds": outcome["bench_seconds"]})
-    return Finished(result, session, outcome)
+    return Finished(procedure, result, session, outcome)
