@@ -21,14 +21,14 @@ from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger, role_of
 from palpate.drivers.safe_end import held, taken
 from palpate.drivers.usual import UsualDevices
 from palpate.drivers.watched_clock import WatchedClock
+from palpate.instrument.additions import load
 from palpate.instrument.bench import description as files
 from palpate.instrument.bench.description import BenchDescription, Listed, SerialLine
-from palpate.instrument.bench.kinds import Role, load
+from palpate.instrument.bench.kinds import Role
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import (
     BenchError,
     BenchInUse,
-    ConfigError,
     DeviceError,
     LinkError,
     SettingsLost,
@@ -85,10 +85,7 @@ class Bench(UsualDevices):
         """The drivers of devices that have none yet. Raises ConfigError."""
         for each in listed:
             if each.name not in self._devices:
-                try:
-                    driver = load(each.kind.driver)
-                except (ImportError, AttributeError) as error:
-                    raise ConfigError(f"device {each.name}: its driver cannot be loaded: {error}") from error
+                driver = load(each.kind.driver, f"driver of {each.name}")
                 self._devices[each.name] = driver.at(Place(self.links[each.link], each.unit, each.settings, clock))
 
     def _driven(self) -> Exciter | None:

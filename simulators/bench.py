@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
+from palpate.instrument.additions import load
 from palpate.instrument.bench.description import (
     CAN,
     LINE,
@@ -20,10 +21,9 @@ from palpate.instrument.bench.description import (
     SerialLine,
     TcpAddress,
 )
-from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role, load
+from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import check
-from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
@@ -116,10 +116,7 @@ class SimulatedBench:
                 unit = self._addresses[name] = 1 + sum(each.links[0] == link for each in self._kinds.values())
             place = wire.Place(self.clock, self.rig, unit, serial, settings, self._find, self._samples)
         assert kind.simulator is not None
-        try:
-            self.devices[name] = load(kind.simulator).at(place)
-        except (ImportError, AttributeError) as error:
-            raise ConfigError(f"device {name}: its simulator cannot be loaded: {error}") from error
+        self.devices[name] = load(kind.simulator, f"simulator of {name}").at(place)
         self._kinds[name] = kind
         if link == "canopen":
             self.can.add(self.devices[name])

@@ -20,6 +20,7 @@ from palpate.instrument.bench.kinds import (
     IndicatorSettings,
     NoSettings,
     Role,
+    check_identities,
     device_kind,
 )
 from palpate.instrument.bench.serial_line import FASTEST
@@ -197,6 +198,7 @@ class BenchDescription(Config):
             if problems:
                 raise ConfigError("\n".join(problems))
             _check_places(self.links, self.devices)
+            check_identities(each.kind for each in self.devices)
             for role in get_args(Role):
                 if role != "sensor_node" and len(several := self.filling(role)) > 1:
                     names = " and ".join(each.name for each in several)

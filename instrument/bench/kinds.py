@@ -8,23 +8,20 @@ acme-oven = "acme_oven:KIND"
 
 from __future__ import annotations
 
-import importlib
-from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import entry_points
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
+from palpate.instrument.additions import addition, additions, load_addition, unusable
 from palpate.instrument.config import Config
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Amperes, Volts
 
-GROUP = "palpate.devices"
+GROUP, WHAT = "palpate.devices", "kind of device"
 LinkKind = Literal["modbus-tcp", "modbus-rtu", "canopen"]
 
 Role = Literal[
@@ -100,58 +97,41 @@ def device_kind(name: str) -> DeviceKind:
     """A kind by its name.
 
     Raises:
-        UnknownName: there is none of that name. ConfigError: an installed package's kinds cannot be used.
+        UnknownName: there is none of that name. ConfigError: the package that adds it cannot be used.
     """
     if name in KINDS:
         return KINDS[name]
-    outside = outside_kinds()
-    if name not in outside:
-        raise UnknownName("kind of device", name, (*KINDS, *outside))
-    return outside[name]
+    found = addition(GROUP, WHAT, name)
+    if found is None:
+        raise UnknownName(WHAT, name, (*KINDS, *additions(GROUP)))
+    kind = load_addition(found, WHAT)
+    if not isinstance(kind, DeviceKind) or kind.name != name:
+        raise unusable(found, WHAT, f"is no DeviceKind whose contract is called {name!r}")
+    check_identities([*KINDS.values(), kind])
+    return kind
 
 
 def all_kinds() -> list[DeviceKind]:
-    """This package's kinds, then those of installed packages, by name. Raises ConfigError as `device_kind`."""
-    return [*KINDS.values(), *outside_kinds().values()]
+    """This package's kinds, then those of installed packages, by name.
 
-
-@cache
-def outside_kinds() -> Mapping[str, DeviceKind]:
-    """Kinds of installed packages by name, in the order of names.
-
-    Raises ConfigError: one cannot be loaded or is no kind, a name stands twice, or two identify themselves alike, so
-    that a driver could not tell which of them answers.
+    Raises ConfigError: one cannot be used, has the name of another, or identifies itself as another does.
     """
-    entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
-    twice = [name for name, count in Counter([*KINDS, *(entry.name for entry in entries)]).items() if count > 1]
-    if twice:
-        raise ConfigError(f"kind of device {twice[0]!r}: two packages have it; uninstall one, or give it another name")
-    found = {entry.name: _loaded(entry.name, entry.value) for entry in entries}
+    if taken := [name for name in additions(GROUP) if name in KINDS]:
+        origin = additions(GROUP)[taken[0]][0].origin
+        raise ConfigError(f"{WHAT} {taken[0]!r} of {origin}: palpate has one of that name; uninstall that package")
+    found = [*KINDS.values(), *(device_kind(name) for name in additions(GROUP))]
+    check_identities(found)
+    return found
+
+
+def check_identities(kinds: Iterable[DeviceKind]) -> None:
+    """Raises ConfigError: two kinds identify themselves alike, so that no driver can tell which of them answers."""
     known: dict[tuple[str, ...], str] = {}
-    for kind in (*KINDS.values(), *found.values()):
+    for kind in kinds:
         identity = kind.contract.identity
         alike = (kind.contract.bus, identity.vendor, identity.product)
-        if alike in known:
+        if known.setdefault(alike, kind.name) != kind.name:
             raise ConfigError(
                 f"kinds of device {known[alike]!r} and {kind.name!r} both identify themselves as {identity.vendor} "
                 f"{identity.product}; give one another product in its contract"
             )
-        known[alike] = kind.name
-    return found
-
-
-def _loaded(name: str, value: str) -> DeviceKind:
-    where = f"kind of device {name!r} ({value})"
-    try:
-        kind = load(value)
-    except Exception as error:  # whatever a package does when it is imported
-        raise ConfigError(f"{where}: cannot be loaded: {error}; mend its package, or uninstall it") from error
-    if not isinstance(kind, DeviceKind) or kind.name != name:
-        raise ConfigError(f"{where}: is no DeviceKind whose contract is called {name!r}; mend its package")
-    return kind
-
-
-def load(reference: str) -> Any:
-    """What stands at "module:name". Raises ImportError, AttributeError."""
-    module, _, name = reference.partition(":")
-    return getattr(importlib.import_module(module), name)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from palpate.instrument.errors import ConfigError, UsageError
+from palpate.instrument.additions import Addition, addition, additions, load_addition, unusable
+from palpate.instrument.errors import UnknownName, UsageError
 from palpate.procedures.engine.plan import Step
 from palpate.procedures.engine.procedure import Procedure, Result
 from palpate.procedures.records.run import Run
@@ -14,7 +13,7 @@ from palpate.procedures.records.run import Run
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-GROUP = "palpate.procedures"
+GROUP, WHAT = "palpate.procedures", "procedure"
 SHIPPED = {
     "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
     "sweep-frequency": "palpate.procedures.measurements.frequency.procedure:FrequencySweep",
@@ -26,18 +25,22 @@ SHIPPED = {
 }
 
 
-def known() -> dict[str, str]:
-    """Where the class of each procedure stands, as "module:Class": ours, then those of installed packages.
+def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result]]:
+    """The class of a procedure by its name: one of ours, or of an installed package.
 
-    Raises ConfigError: two of them have one name.
+    Raises:
+        UnknownName: there is none of that name. ConfigError: the package that adds it cannot be used.
     """
-    found = dict(SHIPPED)
-    for entry in entry_points(group=GROUP):
-        if entry.name in found:
-            raise ConfigError(
-                f"two procedures are named {entry.name!r}: {found[entry.name]}, {entry.value}; remove one"
-            )
-        found[entry.name] = entry.value
+    added = addition(GROUP, WHAT, name)
+    if name in SHIPPED:
+        if added is not None:
+            raise unusable(added, WHAT, "palpate has one of that name")
+        added = Addition(name, SHIPPED[name], "palpate", "")
+    if added is None:
+        raise UnknownName(WHAT, name, (*SHIPPED, *additions(GROUP)))
+    found = load_addition(added, WHAT)
+    if not (isinstance(found, type) and issubclass(found, Procedure) and getattr(found, "name", None) == name):
+        raise unusable(added, WHAT, f"is no Procedure that is called {name!r}")
     return found
 
 
@@ -45,13 +48,10 @@ def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Res
     """The class of the procedure of a run, which shall be "resumed" or "replayed".
 
     Raises:
-        UsageError: no procedure of that name is known. ConfigError: it is none, or the name is there twice.
+        UsageError: no procedure of that name is known. ConfigError: the package that adds it cannot be used.
     """
-    places = known()
-    if run.procedure not in places:
-        raise UsageError(f"{run.folder}: {run.procedure!r} cannot be {done}; valid: {', '.join(places)}")
-    module, _, name = places[run.procedure].partition(":")
-    found = vars(import_module(module)).get(name)
-    if not (isinstance(found, type) and issubclass(found, Procedure)):
-        raise ConfigError(f"{places[run.procedure]} is no procedure; mend the entry point of its package")
-    return found
+    try:
+        return procedure_class(run.procedure)
+    except UnknownName:
+        valid = ", ".join((*SHIPPED, *additions(GROUP)))
+        raise UsageError(f"{run.folder}: {run.procedure!r} cannot be {done}; valid: {valid}") from None

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from palpate.instrument.additions import load
 from palpate.instrument.bench.description import CAN, LINE
-from palpate.instrument.bench.kinds import KINDS, DeviceKind, load
+from palpate.instrument.bench.kinds import KINDS, DeviceKind
 from palpate.simulators.guests import Guest
 
 
@@ -44,7 +45,7 @@ class Struck:
             return target == self.name or (self.kind is not None and target in (self.kind.name, self.kind.links[0]))
         if target is HasSettings:
             return any(field.access == "rw" and field.type != "text" for field in self.kind.contract.fields)
-        simulator = load(self.kind.simulator or "")
+        simulator = load(self.kind.simulator or "", f"simulator of {self.name}")
         return bool(getattr(simulator, "readings", ())) if target is Reads else issubclass(simulator, Trips)
 
 

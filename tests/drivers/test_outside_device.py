@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
-from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.roles import Chamber, Positioner
+from palpate.instrument import additions as modules
 from palpate.instrument.bench import kinds
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
@@ -35,10 +35,10 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
     """The oven, as if its package were installed."""
     entries = [ENTRY]
     monkeypatch.syspath_prepend(str(OVEN))
-    monkeypatch.setattr(kinds, "entry_points", lambda group: entries)
-    kinds.outside_kinds.cache_clear()
+    monkeypatch.setattr(modules, "entry_points", lambda group: entries)
+    modules.additions.cache_clear()
     yield entries
-    kinds.outside_kinds.cache_clear()
+    modules.additions.cache_clear()
 
 
 @pytest.fixture
@@ -107,24 +107,6 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
                 bench.role(Chamber)
             with pytest.raises(UnknownName, match="unknown device of this bench 'oven'"):
                 bench.device("oven")
-
-
-def test_two_packages_cannot_share_a_name_or_an_identity(
-    installed: list[EntryPoint], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    installed.append(ENTRY)
-    with pytest.raises(ConfigError, match="kind of device 'acme-oven': two packages have it"):
-        kinds.device_kind("acme-oven")
-    import acme_oven  # type: ignore[import-not-found]
-
-    twin = replace(acme_oven.KIND, contract=replace(acme_oven.CONTRACT, name="other-oven"))
-    monkeypatch.setattr(acme_oven, "TWIN", twin, raising=False)
-    installed[1] = EntryPoint("other-oven", "acme_oven:TWIN", kinds.GROUP)
-    with pytest.raises(ConfigError, match="'acme-oven' and 'other-oven' both identify themselves as Acme OV-60"):
-        kinds.device_kind("acme-oven")
-    installed[1] = EntryPoint("third-oven", "no_such_module:KIND", kinds.GROUP)
-    with pytest.raises(ConfigError, match=r"kind of device 'third-oven' .*cannot be loaded: No module named"):
-        kinds.device_kind("acme-oven")
 
 
 WRONG = {

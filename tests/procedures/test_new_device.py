@@ -15,6 +15,7 @@ import palpate.procedures
 import palpate.simulators.devices
 import palpate.simulators.effects
 import palpate.testing
+from palpate.instrument import additions as modules
 from palpate.instrument.bench import kinds
 from palpate.instrument.errors import UsageError
 from palpate.procedures.templates.new_device import BUSES, FILES, new_device, new_package
@@ -88,10 +89,10 @@ def test_a_package_passes_as_it_stands(
     *_, test = new_package(name, bus, tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / name))
     entries = [EntryPoint(name.replace("_", "-"), f"{name}:KIND", kinds.GROUP)]
-    monkeypatch.setattr(kinds, "entry_points", lambda group: entries)
-    kinds.outside_kinds.cache_clear()
+    monkeypatch.setattr(modules, "entry_points", lambda group: entries)
+    modules.additions.cache_clear()
     assert conform(pytester, test).parseoutcomes() == {"passed": passed}
-    kinds.outside_kinds.cache_clear()
+    modules.additions.cache_clear()
 
 
 def test_a_package_is_written_into_a_folder_of_its_own_and_over_nothing(palpate: Palpate) -> None:

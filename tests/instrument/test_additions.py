@@ -1,0 +1,141 @@
+"""What installed packages add: a broken one is named, and hinders nobody who does not ask for it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from palpate.instrument.additions import addition, additions
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.kinds import all_kinds, device_kind
+from palpate.instrument.config import check
+from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.procedures.engine.known import procedure_class
+from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+
+Install = Callable[..., None]
+
+OVEN = """
+from palpate.instrument.bench.kinds import DeviceKind
+from palpate.instrument.contracts.contract import Contract, Identity, probe
+CONTRACT = Contract("{name}", "oven", "modbus", Identity("Acme", "{product}", "1.0"), (probe(0),))
+KIND = DeviceKind(CONTRACT, ("modbus-tcp",), "nowhere:Driver", "{module}:Simulated")
+from palpate.simulators.wire.device import SimulatedDevice
+class Simulated(SimulatedDevice):
+    contract = CONTRACT
+"""
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Puts a package where Python looks for installed ones: a module and what it says of its entry points."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def installed(package: str, group: str, entries: dict[str, str], **modules: str) -> None:
+        about = tmp_path / f"{package}-1.2.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
+        lines = [f"[{group}]", *(f"{name} = {place}" for name, place in entries.items())]
+        (about / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
+        for module, text in modules.items():
+            (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
+        importlib.invalidate_caches()
+        additions.cache_clear()
+
+    additions.cache_clear()
+    yield installed
+    additions.cache_clear()
+
+
+def test_an_addition_knows_the_package_it_comes_from_and_its_version(install: Install) -> None:
+    install("acme", "palpate.tests", {"thing": "acme_thing:THING"})
+    found = addition("palpate.tests", "thing", "thing")
+    assert found is not None
+    assert (found.place, found.origin) == ("acme_thing:THING", "acme 1.2")
+    assert addition("palpate.tests", "thing", "another") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("import no_such_module", "ModuleNotFoundError: No module named 'no_such_module'"),
+        ("def broken(:", "SyntaxError: "),
+        ("raise SystemExit(3)", "SystemExit: 3"),
+        ("raise ValueError('what a day')", "ValueError: what a day"),
+        ("", "AttributeError: module .* has no attribute 'KIND'"),
+    ],
+)
+def test_a_package_that_cannot_be_imported_is_named_and_hinders_no_other(
+    text: str, why: str, install: Install, tmp_path: Path
+) -> None:
+    module = f"broken_{tmp_path.name[-1]}{len(text)}"  # of its own: what was imported once stays
+    install("broken", "palpate.devices", {"broken-oven": f"{module}:KIND"}, **{module: text})
+    good = f"good_{module}"
+    install(
+        "good",
+        "palpate.devices",
+        {"good-oven": f"{good}:KIND"},
+        **{good: OVEN.format(name="good-oven", product="GO", module=good)},
+    )
+    assert device_kind("good-oven").name == "good-oven"
+    with pytest.raises(ConfigError, match=rf"^kind of device 'broken-oven' of broken 1.2 \({module}:KIND\): .*{why}"):
+        device_kind("broken-oven")
+    with pytest.raises(UnknownName, match=r"did you mean 'good-oven'.*broken-oven"):
+        device_kind("good-ovne")
+
+
+def test_two_packages_with_one_name_are_both_named_and_hinder_no_other(install: Install) -> None:
+    install("first", "palpate.devices", {"twin-oven": "twin_a:KIND"})
+    install(
+        "second",
+        "palpate.devices",
+        {"twin-oven": "twin_b:KIND", "own-oven": "own_oven:KIND"},
+        own_oven=OVEN.format(name="own-oven", product="OO", module="own_oven"),
+    )
+    with pytest.raises(ConfigError, match=r"^kind of device 'twin-oven': first 1.2 and second 1.2 both have one; unin"):
+        device_kind("twin-oven")
+    assert device_kind("own-oven").name == "own-oven"
+    assert device_kind("positioner").name == "positioner"
+
+
+def test_a_name_of_ours_cannot_be_taken(install: Install) -> None:
+    install("rogue", "palpate.devices", {"positioner": "rogue:KIND"})
+    assert device_kind("positioner").driver.startswith("palpate.")
+    with pytest.raises(ConfigError, match=r"^kind of device 'positioner' of rogue 1.2: palpate has one of that name"):
+        all_kinds()
+    install("rogues", "palpate.procedures", {"sweep-loads": "rogue:Sweep"})
+    with pytest.raises(ConfigError, match=r"^procedure 'sweep-loads' of rogues 1.2 .*palpate has one of that name"):
+        procedure_class("sweep-loads")
+
+
+def test_what_is_no_kind_and_what_is_no_procedure_is_refused(install: Install) -> None:
+    install("lost", "palpate.devices", {"lost-oven": "lost_thing:THING"}, lost_thing="THING = 3\nclass Odd: ...")
+    install("losttoo", "palpate.procedures", {"lost": "lost_thing:THING", "odd": "lost_thing:Odd"})
+    with pytest.raises(
+        ConfigError, match=r"'lost-oven' of lost 1.2 .*is no DeviceKind whose contract is called 'lost-"
+    ):
+        device_kind("lost-oven")
+    for name in ("lost", "odd"):
+        with pytest.raises(ConfigError, match=rf"procedure '{name}' of losttoo 1.2 .*is no Procedure that is called"):
+            procedure_class(name)
+    assert procedure_class("sweep-loads") is LoadSweep
+
+
+def test_two_devices_that_identify_themselves_alike_cannot_be_on_one_bench(install: Install, scene: Scene) -> None:
+    for name in ("one", "two"):
+        module = f"alike_{name}"
+        text = OVEN.format(name=f"{name}-oven", product="SAME", module=module)
+        install(name, "palpate.devices", {f"{name}-oven": f"{module}:KIND"}, **{module: text})
+    alike = "kinds of device 'one-oven' and 'two-oven' both identify themselves as Acme SAME; give one another product"
+    with SimulatedBench(scene.with_devices({"a": {"kind": "one-oven"}})) as sim:
+        tables = sim.description.model_dump(mode="json", exclude_none=True)
+    tables["device"]["b"] = {**tables["device"]["a"], "kind": "two-oven", "unit": 2}
+    with pytest.raises(ConfigError, match=alike):
+        check(tables, BenchDescription, "bench.toml")
+    with pytest.raises(ConfigError, match=alike):
+        all_kinds()
