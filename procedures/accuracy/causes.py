@@ -11,7 +11,7 @@ from palpate.instrument.models.validation import SIGN, Validation, measured_desi
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy import readings, stiffening, what_if
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.solutions import Solutions
 
 # All rubber as in 5.3, and as the calibration of Table 5.1 would have it; least and greatest load of 5.4 [N].

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.procedures.console.terminal import console
 from palpate.procedures.records.run import storing
 from palpate.procedures.showing.figure import MARKERS
-from palpate.procedures.showing.terminal import console
 
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
 

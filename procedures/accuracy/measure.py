@@ -25,7 +25,7 @@ from palpate.procedures.accuracy.elements import by_interval, element_prices, er
 from palpate.procedures.accuracy.machine import seconds_of, this_machine
 from palpate.procedures.accuracy.meshes import MODULI, TIMED, side_by_side, solve_all
 from palpate.procedures.accuracy.references import truth_of
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 
 Array = NDArray[np.float64]
 

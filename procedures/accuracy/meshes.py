@@ -21,7 +21,7 @@ from palpate.instrument.models.stored.surface import has_many_teeth
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 
 PROCESSES = 2
 Apply = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]

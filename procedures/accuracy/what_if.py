@@ -19,7 +19,7 @@ from palpate.instrument.models.validation import Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.film_material import FilmMaterial
 from palpate.instrument.sensor.sample import SAMPLES, Sample
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.solutions import Solutions
 
 STORED = Path(__file__).with_name("what_if.json")

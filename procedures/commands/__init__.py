@@ -26,7 +26,7 @@ from palpate.procedures.commands.softness import softness
 from palpate.procedures.commands.study import study
 from palpate.procedures.commands.sweep import sweep
 from palpate.procedures.commands.test import test
-from palpate.procedures.showing.terminal import give_up, say
+from palpate.procedures.console.terminal import give_up, say
 
 ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # by exit status
 MOST_FILES = 128  # open at once; a served bench with all its clients has about 100

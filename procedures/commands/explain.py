@@ -89,7 +89,7 @@ def explain(
 
 
 def _print(scene: Scene, answer: Plan, tolerance: float) -> None:
-    from palpate.procedures.showing.terminal import console
+    from palpate.procedures.console.terminal import console
 
     out = console()
     out.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)

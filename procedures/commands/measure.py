@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from palpate.instrument.errors import PalpateError, RecordError
 from palpate.procedures.commands.options import Choice, Output
+from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import open_and_run, refuse
 from palpate.procedures.lab import keys
 from palpate.procedures.lab.open import Chosen, choose
 from palpate.procedures.lab.session import Outcome, places
 from palpate.procedures.showing.points import print_points
-from palpate.procedures.showing.terminal import say
 from palpate.procedures.steps.pause import NOBODY
 
 if TYPE_CHECKING:

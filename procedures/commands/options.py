@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+import os
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import click
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.engine.progress import Progress, silent
-from palpate.procedures.showing.terminal import Spoken, console, say
+from palpate.procedures.console.progress import Progress, bar, silent
+from palpate.procedures.console.terminal import say
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-_bars: list[Any] = []  # that are on the terminal now
+F = TypeVar("F", bound=Callable[..., object])
 
 
 class Command(click.Command):
@@ -93,7 +91,9 @@ def budget_option(command: F) -> F:
 class _FileName(click.Path):
     """A path that is given: "" would be the current folder."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | bytes | os.PathLike[str]:
         if not value:
             self.fail("the name is empty; leave the option out, or name a file or folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -174,7 +174,7 @@ class Output:
     def for_people(self) -> bool:
         return not self.as_json and not self.quiet
 
-    def json(self, value: dict[str, Any]) -> None:
+    def json(self, value: Mapping[str, object]) -> None:
         """The one object on stdout."""
         click.echo(json.dumps(value, indent=2, allow_nan=False))
 
@@ -182,37 +182,6 @@ class Output:
         if self.for_people:
             say(text)
 
-    @contextmanager
-    def progress(self, first: str = "opening the bench") -> Iterator[Progress]:
+    def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
         """A progress bar on stderr, where someone can see it."""
-        shown = console(file=Spoken())
-        if self.quiet or not shown.is_terminal:
-            yield silent
-            return
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
-
-        columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-        with ExitStack() as stack:
-            bar = stack.enter_context(Bar(*columns, console=shown))
-            _bars.append(bar)
-            stack.callback(_bars.remove, bar)
-            task = bar.add_task(first, total=None)
-
-            def report(done: int, total: int, what: str) -> None:
-                bar.update(task, completed=done, total=total, description=what)
-
-            yield report
-
-
-@contextmanager
-def without_bar() -> Iterator[None]:
-    """Inside, no progress bar writes over what is typed."""
-    stopped = list(_bars)
-    for bar in stopped:
-        bar.stop()
-    try:
-        yield
-    finally:
-        for bar in stopped:
-            bar.start()
+        return nullcontext(silent) if self.quiet else bar(first)

@@ -27,9 +27,10 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     from palpate.instrument.models import validation as kept
     from palpate.procedures.accuracy import what_if
     from palpate.procedures.accuracy.causes import Causes
+    from palpate.procedures.accuracy.causes_report import print_causes
     from palpate.procedures.accuracy.keep import keep
-    from palpate.procedures.accuracy.validation_report import print_causes, print_validation
     from palpate.procedures.reproduce.solutions import Solutions
+    from palpate.procedures.showing.validation import print_validation
 
     output = Output(as_json, quiet)
     designs = kept.measured_designs()

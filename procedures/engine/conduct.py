@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.procedure import P, Procedure, R, S
-from palpate.procedures.engine.progress import Progress, silent
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here

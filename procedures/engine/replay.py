@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from palpate.instrument.errors import PalpateError
+from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, Result, S
-from palpate.procedures.engine.progress import Progress, silent
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.open import Chosen

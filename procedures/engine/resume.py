@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from palpate.instrument.errors import UsageError
+from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.known import class_of
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.progress import Progress, silent
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.open import Chosen, choose
 from palpate.procedures.lab.store import store

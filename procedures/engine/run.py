@@ -6,17 +6,17 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
+from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.progress import Progress, silent
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.open import Chosen, OpenBench, opened
 from palpate.procedures.lab.session import places, recording
 from palpate.procedures.lab.store import result_folder
-from palpate.procedures.records.resumed import PausedAgain, Resumed
-from palpate.procedures.steps.pause import NOBODY, Pause
+from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
 
 def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = True) -> str:

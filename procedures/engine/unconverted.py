@@ -10,14 +10,14 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from palpate.procedures.commands.measure import after
 from palpate.procedures.commands.options import Choice, Output
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.open import Calibrating, Chosen, choose, opened
 from palpate.procedures.lab.session import Outcome, Session, places, recording
-from palpate.procedures.records.resumed import PausedAgain, Resumed
-from palpate.procedures.steps.pause import NOBODY, Pause
+from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
 
 class Result(Protocol):

@@ -10,7 +10,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from palpate.procedures.showing.terminal import say
+from palpate.procedures.console.terminal import say
 from palpate.procedures.steps.pause import NOBODY, Pause
 
 KEY = b"p"

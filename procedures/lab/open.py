@@ -18,12 +18,12 @@ from palpate.instrument.bench.operator import Operator
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.calibrations import films_of, load_cell_of
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, ConsoleOperator, Mounting, assume, check_somebody
 from palpate.procedures.records.resumed import Resumed
-from palpate.procedures.showing.terminal import say
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.scenes.scene import Scene

@@ -11,8 +11,8 @@ from typing import Literal, get_args
 from palpate.instrument.errors import BenchError, UsageError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample
-from palpate.procedures.commands.options import without_bar
-from palpate.procedures.showing.terminal import say
+from palpate.procedures.console.progress import without_bar
+from palpate.procedures.console.terminal import say
 
 Ask = Callable[[str, str], None]
 """Has something done that is said in a sentence, and confirmed by a word."""

@@ -16,6 +16,7 @@ from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.arithmetic import arithmetic
+from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.lab.open import Calibrating, OpenBench
 from palpate.procedures.lab.operator import Mounting, weaker
@@ -24,7 +25,6 @@ from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder, put_file
 from palpate.procedures.records.resumed import Resumed
-from palpate.procedures.showing.terminal import say
 
 
 class Outcome(TypedDict):

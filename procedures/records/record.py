@@ -36,6 +36,7 @@ from palpate.procedures.records.record_file import (
 from palpate.procedures.records.run import is_run, reading_record, storing
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
+PAUSED = "paused"  # kind of the event that a pause begins with
 
 T = TypeVar("T")
 

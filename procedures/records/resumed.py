@@ -17,15 +17,13 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from palpate.drivers.bench import Bench
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.arithmetic import ALIKE, alike, same_arithmetic
 from palpate.procedures.records.check import check
 from palpate.procedures.records.encoding import Waveforms, as_json, encoded
-from palpate.procedures.records.record import Recorder, begin
+from palpate.procedures.records.record import PAUSED, Recorder, begin
 from palpate.procedures.records.record_file import event_frame, header_frame, point_frames, status_frame
 from palpate.procedures.records.run import Run, reading, storing
-from palpate.procedures.steps.pause import PAUSED, Pause
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED = "continued", "changed"
@@ -204,22 +202,6 @@ class Resumed(Recorder):
 
 def _largest(samples: np.ndarray) -> float:
     return float(np.abs(samples[np.isfinite(samples)]).max(initial=0.0))
-
-
-class PausedAgain:
-    """A `Pause` for replayed runs: it pauses for no time where the run was paused, else where somebody asks."""
-
-    def __init__(self, record: Resumed, bench: Bench, pause: Pause) -> None:
-        self._record, self._bench, self._pause = record, bench, pause
-        self._before = False
-
-    def asked(self) -> bool:
-        self._before = self._record.paused(self._bench.clock.now_ns())
-        return self._before or self._pause.asked()
-
-    def wait(self) -> None:
-        if not self._before:
-            self._pause.wait()
 
 
 def header_of(run: Run) -> Mapping[str, Any]:

@@ -22,7 +22,7 @@ from palpate.instrument.models.parameters import RoundParameters, SolidParameter
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import Table
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.solutions import Solutions
 
 Array = NDArray[np.float64]

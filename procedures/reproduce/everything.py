@@ -13,8 +13,8 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.engine.progress import Progress
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep

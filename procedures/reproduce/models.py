@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from palpate.instrument.errors import UnknownName
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
 from palpate.procedures.reproduce.curves import RINGS, Case, Curves
 from palpate.procedures.reproduce.figures import experiments, ratios

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.quantity import show
-from palpate.procedures.accuracy.validation_report import brief, lines
 from palpate.procedures.showing.marks import NO_VALUE, legend
 from palpate.procedures.showing.text import new_table, number, print_all, short, stamped
+from palpate.procedures.showing.validation import brief, lines
 
 if TYPE_CHECKING:
     from palpate.instrument.models.prices.price_list import PriceList

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from palpate.procedures.showing.terminal import console
+from palpate.procedures.console.terminal import console
 
 
 def print_list(scenes: Sequence[dict[str, Any]]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.procedures.showing.terminal import console
+from palpate.procedures.console.terminal import console
 
 if TYPE_CHECKING:
     from rich.table import Table

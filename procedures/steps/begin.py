@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_loads, preload_for
 from palpate.procedures.steps.film_point import FilmPoint

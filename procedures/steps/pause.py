@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from palpate.drivers.bench import Bench
-from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record import PAUSED, Recorder
+
+if TYPE_CHECKING:
+    from palpate.procedures.records.resumed import Resumed
 
 
 class Pause(Protocol):
@@ -28,8 +31,23 @@ class Nobody:
         raise AssertionError("nobody has asked for a pause")
 
 
-PAUSED = "paused"  # kind of the event
 NOBODY: Pause = Nobody()
+
+
+class PausedAgain:
+    """A `Pause` for replayed runs: it pauses for no time where the run was paused, else where somebody asks."""
+
+    def __init__(self, record: Resumed, bench: Bench, pause: Pause) -> None:
+        self._record, self._bench, self._pause = record, bench, pause
+        self._before = False
+
+    def asked(self) -> bool:
+        self._before = self._record.paused(self._bench.clock.now_ns())
+        return self._before or self._pause.asked()
+
+    def wait(self) -> None:
+        if not self._before:
+            self._pause.wait()
 
 
 def pause_here(pause: Pause, bench: Bench, record: Recorder) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 
 from palpate.instrument.errors import BenchError, PalpateError
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.study.description import Study, Value
 from palpate.procedures.study.store import Outcome, Store

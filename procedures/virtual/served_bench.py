@@ -18,8 +18,8 @@ from palpate.instrument.bench.description import LINE, BenchDescription
 from palpate.instrument.errors import BenchError, PalpateError
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands.options import Output
+from palpate.procedures.console.terminal import console, say
 from palpate.procedures.records.run import storing
-from palpate.procedures.showing.terminal import console, say
 from palpate.procedures.virtual.person import Person, Traffic, status
 from palpate.simulators.bench import Place, SimulatedBench
 from palpate.simulators.scenes.scene import Scene

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.commands import palpate as root
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, outputs

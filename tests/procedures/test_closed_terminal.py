@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from palpate.procedures.commands.options import Output
+from palpate.procedures.console.terminal import Spoken
 from palpate.procedures.lab.keys import Keyboard, keyboard
 from palpate.procedures.records.run import Run
-from palpate.procedures.showing.terminal import Spoken
 
 PALPATE = str(Path(sys.executable).with_name("palpate"))
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.check import check
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE, RECORD

@@ -23,7 +23,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.commands.options import Output
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.person import Person, Traffic, status

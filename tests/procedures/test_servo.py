@@ -16,7 +16,7 @@ from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps import films
 from palpate.procedures.steps.films import SHORT_RECORD

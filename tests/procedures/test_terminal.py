@@ -15,7 +15,7 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
 from palpate.instrument.bench.description import TcpAddress
 from palpate.instrument.errors import LinkError
-from palpate.procedures.showing.terminal import clean, console
+from palpate.procedures.console.terminal import clean, console
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 EVIL = "evil\x1b[31m\x07\x08\r\x9b2J\u202e"

@@ -11,7 +11,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.measurements.characterise.characteristics import (
     HOLDING,
     LEAST_DRIFT_POINTS,

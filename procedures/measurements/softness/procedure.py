@@ -21,7 +21,7 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.engine.progress import Progress
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.begin import Points, begin
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for

@@ -1,0 +1,58 @@
+"""How a long job tells how far it is, and a bar on the terminal that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from palpate.procedures.console.terminal import Spoken, console
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+Progress = Callable[[int, int, str], None]
+"""Is called with the points that are done, the points in all, and what is done now."""
+
+_bars: list[Bar] = []  # that are on the terminal now
+
+
+def silent(_done: int, _total: int, _what: str) -> None:
+    """Hears of progress and does nothing."""
+
+
+@contextmanager
+def bar(first: str) -> Iterator[Progress]:
+    """A progress bar on stderr, where someone can see it. `first` is what it says is done at the beginning."""
+    shown = console(file=Spoken())
+    if not shown.is_terminal:
+        yield silent
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+    with Bar(*columns, console=shown) as drawn:
+        task = drawn.add_task(first, total=None)
+
+        def report(done: int, total: int, what: str) -> None:
+            drawn.update(task, completed=done, total=total, description=what)
+
+        _bars.append(drawn)
+        try:
+            yield report
+        finally:
+            _bars.remove(drawn)
+
+
+@contextmanager
+def without_bar() -> Iterator[None]:
+    """Inside, no progress bar writes over what is typed."""
+    stopped = list(_bars)
+    for each in stopped:
+        each.stop()
+    try:
+        yield
+    finally:
+        for each in stopped:
+            each.start()
