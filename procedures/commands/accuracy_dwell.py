@@ -3,21 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands.explain import asked, question_options
+from palpate.procedures.commands.explain import question_options
 from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, output_options
-
-if TYPE_CHECKING:
-    from palpate.procedures.accuracy.dwell import DwellPrices
-    from palpate.simulators.planning.plan import Question
-
-DEFAULT_SCENE = "thesis_single"
-RECORD, SHORT_RECORD = 400.0, 40.0  # s; the short one where each transition of a scene must be found
-SAMPLES_PER_CYCLE = 25
-MOST_SAMPLES = 10_000_000
 
 
 @click.command(
@@ -25,7 +15,7 @@ MOST_SAMPLES = 10_000_000
     epilog="Examples:\n\n  palpate accuracy dwell\n\n  palpate accuracy dwell --scene noisy_lab --load '1.5 N'"
     "\n\n  palpate accuracy dwell --estimator 'least squares' --dwell '0.5 s, 5 s' --json",
 )
-@click.option("--scene", metavar="NAME|FILE", default=DEFAULT_SCENE, show_default=True, help="Scene to simulate.")
+@click.option("--scene", metavar="NAME|FILE", default="thesis_single", show_default=True, help="Scene to simulate.")
 @question_options
 @click.option("--dwell", help="Dwells, with commas (default: 0.1 s to 10 s, what is a cycle or more).")
 @click.option("--estimator", multiple=True, help="Such as 'least squares'; again for more (default: all).")
@@ -53,6 +43,8 @@ def dwell_command(
     """
     from palpate.instrument.errors import EstimateError
     from palpate.instrument.quantity import parse
+    from palpate.procedures.virtual.dwell import SAMPLES_PER_CYCLE, price
+    from palpate.procedures.virtual.explained import asked
 
     output = Output(as_json, quiet)
     question = asked(sample, load, frequency)
@@ -76,39 +68,3 @@ def dwell_command(
         print_dwell(prices, title, plot)
     if prices.saturated:
         raise EstimateError(f"scene {scene}: a film is over-ranged, so no figure is of use; take a smaller --load")
-
-
-def price(
-    scene: str,
-    seed: int | None,
-    question: Question,
-    rate: float,
-    dwells: tuple[float, ...] | None = None,
-    estimators: tuple[str, ...] = (),
-) -> DwellPrices:
-    """Simulate the record and measure it. Raises UsageError before anything is simulated."""
-    from dataclasses import replace
-
-    from palpate.instrument.errors import RangeError
-    from palpate.instrument.signals.estimators import ESTIMATORS
-    from palpate.procedures.accuracy.dwell import DWELLS, FEWEST, check, measure
-    from palpate.simulators.planning.long_record import is_followed, long_record
-    from palpate.simulators.planning.settle import read_scene
-
-    chosen = read_scene(scene)
-    if seed is not None:
-        chosen = chosen.with_seed(seed)
-    names = estimators or tuple(ESTIMATORS)
-    check(dwells or (1 / question.frequency,), names, question.frequency, rate, float("inf"))
-    duration = SHORT_RECORD if is_followed(chosen, question) else RECORD
-    if dwells is None:
-        cycle = 1 / question.frequency
-        dwells = tuple(d for d in DWELLS if cycle * (1 - 1e-9) <= d <= duration / FEWEST) or (cycle, 10 * cycle)
-    duration = max(duration, FEWEST * max(dwells))
-    if not duration * rate <= MOST_SAMPLES:
-        raise RangeError(
-            f"a record of {duration:g} s at {rate:g} Hz has more than {MOST_SAMPLES:,} samples; take a shorter dwell"
-            " or a lower rate"
-        )
-    record = long_record(chosen, replace(question, dwell=duration), rate)
-    return measure(record, question.frequency, dwells, names)

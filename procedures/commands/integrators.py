@@ -22,24 +22,16 @@ def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
     output over its greatest value, against a matrix exponential in extended precision. Beside it a Bouc-Wen operator,
     whose hysteresis is stiff under steps of x, in 3 cycles of the sine.
     """
-    import itertools
-    from dataclasses import asdict
-
-    from palpate.procedures.accuracy.integrators import plot_integrators, print_integrators
-    from palpate.simulators.linear import bouc_wen
-    from palpate.simulators.linear.integrators import DURATION, STATES, STIFFNESS, compare
+    from palpate.procedures.virtual.integrators import measure, plot_integrators, print_integrators, task
 
     output = Output(as_json, quiet)
     make_folder(out)
-    rows = []
     with output.progress() as progress:
-        for done in itertools.chain(compare(), bouc_wen.compare()):
-            rows.append(asdict(done))
-            progress(len(rows), 0, done.method)
-    title = f"{STATES} states, stiffness ratio {STIFFNESS:.0e}, {DURATION:g} s record"
+        rows = measure(progress)
+    done = task()
+    title = f"{done['states']} states, stiffness ratio {done['stiffness_ratio']:.0e}, {done['duration_s']:g} s record"
     plot = None if out is None else plot_integrators(rows, title, out)
     if output.as_json:
-        head = {"states": STATES, "stiffness_ratio": STIFFNESS, "duration_s": DURATION}
-        output.json({**head, "methods": rows, "plot": None if plot is None else str(plot)})
+        output.json({**done, "methods": rows, "plot": None if plot is None else str(plot)})
     elif output.for_people:
         print_integrators(rows, title, plot)

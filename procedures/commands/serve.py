@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options
+
+if TYPE_CHECKING:
+    from palpate.instrument.bench.description import BenchDescription
 
 
 @click.command(
@@ -56,29 +61,17 @@ def serve(
     gives one, clear PLACE [KIND] or clear all takes it away, faults lists them. One without at, transaction or
     probability begins at once and lasts until it is cleared. quit ends it.
     """
-    from palpate.instrument.errors import RangeError, UsageError
-    from palpate.instrument.quantity import parse
-    from palpate.instrument.sensor.sample import get_sample, parse_samples
     from palpate.procedures.virtual.served_bench import Wish, serve_until_told
-    from palpate.simulators.bench import Place
-    from palpate.simulators.planning.settle import read_scene
 
-    if not 0.001 <= speed <= 1000:
-        raise RangeError(f"--speed {speed:g} is outside 0.001 to 1000")
-    pause = None if step is None else parse(step, "s")
-    if pause is not None and not 0 < pause <= 3600:
-        raise RangeError(f"--step {step} is outside 0 to 1 h")
-    if line is not None and (line.exists() or line.is_symlink()):
-        raise UsageError(f"--line {line} exists already; give another name")
-    interface, _, channel = can.partition(":")
-    chosen = read_scene(scene)
-    wish = Wish(
-        scene=chosen if seed is None else chosen.with_seed(seed),
-        place=Place(listen, port or 0, interface, channel or None),
-        line=line,
-        speed=speed,
-        step=pause,
-        samples=tuple(get_sample(name) for name in parse_samples(samples)) if samples is not None else (),
-        out=out,
+    output = Output(as_json, quiet)
+    wish = Wish.asked(
+        scene, seed=seed, listen=listen, port=port, can=can, line=line, speed=speed, step=step, samples=samples, out=out
     )
-    serve_until_told(wish, Output(as_json, quiet), status)
+
+    def announce(bench: BenchDescription) -> None:
+        if as_json:
+            output.json(wish.summary(bench))
+        output.line(bench.to_toml() if out is None else f"{out}: palpate sweep loads --bench {out}")
+        sys.stdout.flush()
+
+    serve_until_told(wish, announce, status and output.for_people)

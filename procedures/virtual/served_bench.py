@@ -12,16 +12,18 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import Self
 
 from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.description import LINE, BenchDescription
-from palpate.instrument.errors import BenchError, PalpateError
-from palpate.instrument.sensor.sample import Sample
-from palpate.procedures.commands.options import Output
+from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
+from palpate.instrument.quantity import parse
+from palpate.instrument.sensor.sample import Sample, get_sample, parse_samples
 from palpate.procedures.console.terminal import console, say
 from palpate.procedures.records.run import storing
 from palpate.procedures.virtual.person import Person, Traffic, status
 from palpate.simulators.bench import Place, SimulatedBench
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.pace import Pacer
 
@@ -49,6 +51,45 @@ class Wish:
     step: float | None
     samples: tuple[Sample, ...]
     out: Path | None
+
+    @classmethod
+    def asked(
+        cls,
+        scene: str,
+        *,
+        seed: int | None,
+        listen: str,
+        port: int | None,
+        can: str,
+        line: Path | None,
+        speed: float,
+        step: str | None,
+        samples: str | None,
+        out: Path | None,
+    ) -> Self:
+        """What texts ask for. Raises UsageError, RangeError, ConfigError, UnknownName: it cannot be served."""
+        if not 0.001 <= speed <= 1000:
+            raise RangeError(f"--speed {speed:g} is outside 0.001 to 1000")
+        pause = None if step is None else parse(step, "s")
+        if pause is not None and not 0 < pause <= 3600:
+            raise RangeError(f"--step {step} is outside 0 to 1 h")
+        if line is not None and (line.exists() or line.is_symlink()):
+            raise UsageError(f"--line {line} exists already; give another name")
+        interface, _, channel = can.partition(":")
+        place = Place(listen, port or 0, interface, channel or None)
+        chosen = read_scene(scene)
+        held = () if samples is None else tuple(get_sample(name) for name in parse_samples(samples))
+        return cls(chosen if seed is None else chosen.with_seed(seed), place, line, speed, pause, held, out)
+
+    def summary(self, description: BenchDescription) -> dict[str, object]:
+        """What is served, under public names."""
+        return {
+            "scene": self.scene.name,
+            "seed": self.scene.seed,
+            "speed": self.speed if self.step is None else 0.0,
+            "bench_file": None if self.out is None else str(self.out),
+            "bench": description.model_dump(mode="json"),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,39 +128,21 @@ def serving(wish: Wish) -> Iterator[Served]:
         yield Served(sim, description, pacer, failures)
 
 
-def serve_until_told(wish: Wish, output: Output, shows_status: bool) -> None:
-    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit".
+def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], shows_status: bool) -> None:
+    """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit"; `announce` is told once by what description clients find it.
 
     Raises:
         BenchError: as `serving`; or the scene failed while it was served. RecordError: as `serving`.
     """
     with taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
-        _announce(wish, served.description, output)
-        look = stack.enter_context(_page(served)) if shows_status and output.for_people else _unseen
+        announce(served.description)
+        look = stack.enter_context(_page(served)) if shows_status else _unseen
         _attend(served, wish.step, look, [sys.stdin.fileno()] if sys.stdin is not None else [])
 
 
 def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
     named = {} if wish.line is None else {LINE: {"port": str(wish.line.absolute())}}
     return sim.description.moved(named)
-
-
-def _announce(wish: Wish, description: BenchDescription, output: Output) -> None:
-    if output.as_json:
-        output.json(
-            {
-                "scene": wish.scene.name,
-                "seed": wish.scene.seed,
-                "speed": wish.speed if wish.step is None else 0.0,
-                "bench_file": str(wish.out) if wish.out is not None else None,
-                "bench": description.model_dump(mode="json"),
-            }
-        )
-    else:
-        output.line(
-            description.to_toml() if wish.out is None else f"{wish.out}: palpate sweep loads --bench {wish.out}"
-        )
-    sys.stdout.flush()
 
 
 def _attend(served: Served, step: float | None, look: Callable[[], None], typed: Sequence[int]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats
 from palpate.procedures.accuracy.dwell import COHERENT, SCATTER, DwellPrices, Point, measure
-from palpate.procedures.commands import accuracy_dwell
+from palpate.procedures.virtual import dwell
 from tests.procedures.conftest import Palpate
 
 FREQUENCY, RATE = 10.0, 250.0
@@ -95,7 +95,7 @@ def test_a_silent_film_gives_no_prices() -> None:
 def test_the_command_gives_a_table_a_plot_and_json(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(accuracy_dwell, "RECORD", 60.0)
+    monkeypatch.setattr(dwell, "RECORD", 60.0)
     said = palpate(*COMMAND, "--dwell", "0.2 s, 2 s", "--json", "--out", str(tmp_path / "new")).object
     assert set(said) == {
         "simulated", "scene", "sample", "load_N", "frequency_Hz", "sample_rate_Hz", "points", "floor", "floor_u",
@@ -140,6 +140,6 @@ def test_what_gives_no_estimate_is_refused(palpate: Palpate, options: tuple[str,
 def test_a_plot_that_cannot_be_kept_is_told_before_anything_is_measured(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(accuracy_dwell, "price", None)
+    monkeypatch.setattr(dwell, "price", None)
     said = palpate("accuracy", "dwell", "--out", __file__)
     assert said.status == 1 and "cannot write" in said.err

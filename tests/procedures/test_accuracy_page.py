@@ -10,7 +10,7 @@ from palpate.instrument.models.prices.price_list import stored
 from palpate.procedures.accuracy import arithmetic, page
 from palpate.procedures.accuracy.arithmetic import ArithmeticPrice
 from palpate.procedures.accuracy.page import Way, cheapest
-from palpate.procedures.commands import accuracy_dwell
+from palpate.procedures.virtual import dwell
 from palpate.simulators.linear import integrators
 from tests.procedures.conftest import Palpate
 
@@ -19,7 +19,7 @@ from tests.procedures.conftest import Palpate
 def records_are_short_and_times_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arithmetic, "seconds_of", lambda call: 1e-3)
     monkeypatch.setattr(arithmetic, "STEPS", 200_000)
-    monkeypatch.setattr(accuracy_dwell, "RECORD", 40.0)
+    monkeypatch.setattr(dwell, "RECORD", 40.0)
     monkeypatch.setattr(integrators, "DURATION", 0.1)
     monkeypatch.setattr(integrators, "TOLERANCES", {})
 

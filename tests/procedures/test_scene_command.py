@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.showing import scene_plot
+from palpate.procedures.virtual import waveforms as scene_plot
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms

@@ -22,7 +22,6 @@ from rich.console import Console
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.commands.options import Output
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
@@ -250,7 +249,7 @@ def test_enter_moves_a_bench_on_whose_time_stands_still(wish: Wish, monkeypatch:
     passed: list[float] = []
     monkeypatch.setattr(VirtualClock, "wait", lambda _clock, duration: passed.append(duration))
     with typing("\n\nquit\n", monkeypatch):
-        serve_until_told(wish, Output(as_json=False, quiet=True), shows_status=False)
+        serve_until_told(wish, lambda _bench: None, shows_status=False)
     assert passed == [STANDING, STANDING]
 
 

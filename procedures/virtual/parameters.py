@@ -1,4 +1,4 @@
-"""Scenes for people."""
+"""What scenes there are, every parameter of one, and whether it can be simulated."""
 
 from __future__ import annotations
 
@@ -6,6 +6,45 @@ from collections.abc import Sequence
 from typing import Any
 
 from palpate.procedures.console.terminal import console
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.waveforms import waveforms
+from palpate.simulators.scenes.scene import Scene, shipped
+
+
+def all_shipped() -> list[dict[str, Any]]:
+    """What each scene that comes with palpate is for, under public names."""
+    return [_head(read_scene(name)) for name in shipped()]
+
+
+def parameters(scene: str) -> dict[str, Any]:
+    """Every parameter of a scene, under public names. Raises ConfigError, UnknownName: it is wrong."""
+    chosen = read_scene(scene)
+    return {
+        **_head(chosen),
+        "rig": chosen.rig.model_dump(mode="json"),
+        "parameters": {name: effect.model_dump(mode="json") for name, effect in chosen.effects.items()},
+    }
+
+
+def run_briefly(scene: str) -> dict[str, Any]:
+    """What a scene is, after it was simulated for a moment. Raises PalpateError: it cannot be simulated."""
+    chosen = read_scene(scene)
+    waveforms(chosen, Question(), periods=1)
+    return _head(chosen)
+
+
+def _head(scene: Scene) -> dict[str, Any]:
+    return {
+        "scene": scene.name,
+        "purpose": scene.purpose,
+        "design": scene.design.name,
+        "model": scene.model,
+        "parameter_set": scene.file.parameters,
+        "seed": scene.seed,
+        "nodes": scene.nodes,
+        "effects": list(scene.effects),
+    }
 
 
 def print_list(scenes: Sequence[dict[str, Any]]) -> None:

@@ -1,45 +1,42 @@
-"""Draws the waveforms at each stage of a scene's chain."""
+"""Finds and draws the waveforms at each stage of a scene's chain."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
+from palpate.procedures.lab.store import store
 from palpate.procedures.records.run import storing
+from palpate.procedures.showing import model_plot
 from palpate.procedures.showing.text import STAMP
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.waveforms import Waveforms, waveforms
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = npt.NDArray[np.float64]
 PLACES = ("under the tooth", "under the base")
 SEVERAL = ("under the teeth", "under the base")
 
 
-class Waveforms(Protocol):
-    """What `palpate.simulators.planning.waveforms` finds, and says what each is."""
+def plot(scene: str, question: Question, periods: int, what: str, out: Path | None) -> dict[str, Any]:
+    """Draw a scene's waveforms over some periods of the drive; under public names, what was drawn and where it is.
 
-    @property
-    def time(self) -> Floats: ...
-    @property
-    def coil(self) -> Floats: ...
-    @property
-    def force(self) -> Floats: ...
-    @property
-    def before(self) -> Floats: ...
-    @property
-    def films(self) -> Floats: ...
-    @property
-    def sample_time(self) -> Floats: ...
-    @property
-    def samples(self) -> Floats: ...
-    @property
-    def saturated(self) -> npt.NDArray[np.bool_]: ...
+    Args:
+        what: title of the picture behind the scene's name.
+        out: where it goes; None: a new file in the store.
+
+    Raises:
+        UsageError, RecordError: it cannot go there. ConfigError, UnknownName: the scene is wrong.
+    """
+    chosen = read_scene(scene)
+    file = model_plot.place("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
+    draw(chosen.design, waveforms(chosen, question, periods), f"scene {chosen.name}: {what}", file)
+    return {"scene": chosen.name, "sample": question.sample, "load_N": question.load, "file": str(file)}
 
 
 def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:

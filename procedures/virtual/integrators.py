@@ -1,16 +1,38 @@
-"""Table and work-precision diagram of ways to follow a stiff chain through time."""
+"""Measures ways to follow a stiff chain through time; their table and work-precision diagram."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from palpate.procedures.console.progress import Progress
 from palpate.procedures.console.terminal import console
 from palpate.procedures.records.run import storing
 from palpate.procedures.showing.figure import MARKERS
+from palpate.simulators.linear import bouc_wen, integrators
 
 Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
+
+
+def measure(progress: Progress) -> Rows:
+    """Each method at each setting, under public names."""
+    rows = []
+    for done in chain(integrators.compare(), bouc_wen.compare()):
+        rows.append(asdict(done))
+        progress(len(rows), 0, done.method)
+    return rows
+
+
+def task() -> dict[str, Any]:
+    """What each method does, under public names."""
+    return {
+        "states": integrators.STATES,
+        "stiffness_ratio": integrators.STIFFNESS,
+        "duration_s": integrators.DURATION,
+    }
 
 
 def print_integrators(rows: Rows, title: str, plot: Path | None) -> None:

@@ -1,0 +1,95 @@
+"""What a scene simulates and how, and what leaving the rest out can change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+from palpate.instrument.errors import ConfigError
+from palpate.instrument.quantity import parse
+from palpate.procedures.console.terminal import console
+from palpate.simulators.planning.plan import Plan, Question, plan
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def asked(sample: str, load: str, frequency: str, dwell: str = "1 s", *, steady: bool = False) -> Question:
+    """The question that texts ask of a scene. Raises QuantityError, RangeError, UnknownName."""
+    return Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"), steady)
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """A scene, how it answers a question, and the tolerance above which what it leaves out is marked."""
+
+    scene: Scene
+    answer: Plan
+    tolerance: float
+
+    @classmethod
+    def of(cls, name: str, question: Question, tolerance: float, *, strict: bool = False) -> Self:
+        """Explain the scene of a name or file. Raises ConfigError: it is wrong, or warns and `strict` is set."""
+        scene = read_scene(name)
+        answer = plan(scene, question)
+        if strict and answer.warnings:
+            raise ConfigError(f"scene {name!r}: {answer.warnings[0]}")
+        return cls(scene, answer, tolerance)
+
+    def summary(self) -> dict[str, Any]:
+        """Under public names."""
+        return {
+            "scene": self.scene.name,
+            "model": self.scene.model,
+            "parameter_set": self.scene.file.parameters,
+            "tolerance": self.tolerance,
+            **asdict(self.answer),
+            "faults": self.scene.file.fault or [],
+        }
+
+
+def print_explained(found: Explained) -> None:
+    """The path, the effects inside and outside, the settled state where it was asked for, and warnings."""
+    scene, answer, tolerance = found.scene, found.answer, found.tolerance
+    out = console()
+    out.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)
+    out.print(f"path: {answer.path}: {answer.why}", soft_wrap=True)
+    out.print(f"{answer.transitions:g} transitions a second, about {answer.seconds:.2g} s of computing")
+    inside = [
+        (e.name, e.kind, "yes" if e.cancels_in_ratio else "no", f"{1e3 * e.seconds:.2g}", e.why)
+        for e in answer.included
+    ]
+    out.print(_table("simulated", ("effect", "kind", "cancels in the ratio", "cost (ms)", "why"), inside))
+    outside = [
+        (e.name, e.kind, *("no limit *" if b is None else _marked(b, tolerance) for b in (e.force, e.ratio)))
+        for e in answer.omitted
+    ]
+    title = f"left out, and the most that it could change (* above {tolerance:g})"
+    out.print(_table(title, ("effect", "kind", "force", "ratio"), outside))
+    if answer.steady is not None:
+        films = [
+            (f.film, f"{1e3 * f.amplitude:.6g}", f"{f.phase:.4f}", "" if f.ratio is None else f"{f.ratio:.6g}")
+            for f in answer.steady.films
+        ]
+        title = f"settled, at {answer.steady.force:.6g} N peak to peak on the load cell"
+        out.print(_table(title, ("film", "amplitude (mV)", "phase (rad)", "force ratio"), films))
+    for fault in scene.file.fault or []:
+        out.print("fault: " + ", ".join(f"{key} {value}" for key, value in fault.items()), soft_wrap=True)
+    for warning in answer.warnings:
+        out.print(f"warning: {warning}", soft_wrap=True)
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    from rich.table import Table
+
+    table = Table(*columns, box=None, title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _marked(bound: float, tolerance: float) -> str:
+    return f"{bound:.1e}{' *' if bound > tolerance else ''}"
