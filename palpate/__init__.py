@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
     from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.measurements.pressed import Pressed
+    from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
     from palpate.procedures.records.export import as_dataset
     from palpate.procedures.records.record import Recorder
@@ -82,6 +83,7 @@ _PLACES = {
     "procedures.measurements.modulus.procedure": "ModulusTest",
     "procedures.measurements.position.procedure": "PositionSweep",
     "procedures.measurements.pressed": "Pressed",
+    "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.export": "as_dataset",
     "procedures.records.record": "Recorder",
@@ -117,6 +119,7 @@ __all__ = [
     "Report",
     "Response",
     "Run",
+    "SoftnessTest",
     "Step",
     "Taken",
     "Target",
@@ -136,6 +139,7 @@ __all__ = [
     "response",
     "resume",
     "run",
+    "unknown_object",
 ]
 
 if not TYPE_CHECKING:  # else a type checker would accept any name

@@ -22,7 +22,8 @@ from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
 from palpate.procedures.measurements.modulus.result import NAMES
 from palpate.procedures.measurements.position.procedure import PositionSweep
-from palpate.procedures.measurements.softness import procedure as softness
+from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.softness.result import SoftnessPoint
 from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 from palpate.procedures.measurements.temperature.result import TemperaturePoint
 from palpate.procedures.records.record import Recorder
@@ -52,7 +53,7 @@ def silent(_done: int, _total: int, _what: str) -> None:
 
 
 def _ratios(
-    points: Sequence[LoadPoint | softness.SoftnessPoint | TemperaturePoint],
+    points: Sequence[LoadPoint | SoftnessPoint | TemperaturePoint],
 ) -> Found:
     return {f"ratio {i}": Value(p.force_ratio, p.force_ratio_u, p.valid) for i, p in enumerate(points)}
 
@@ -116,8 +117,7 @@ def _test_modulus(bench: Bench, record: Recorder) -> Found:
 
 
 def _softness(bench: Bench, record: Recorder) -> Found:
-    settings = softness.SoftnessSettings((get_sample(SAMPLE),), LOADS[::2], DWELL, FREQUENCY, "experiment")
-    result = softness.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent)
+    result = conduct(SoftnessTest((get_sample(SAMPLE),), LOADS[::2], DWELL, FREQUENCY), _lab(bench), record)
     found = _ratios(result.points)
     for each in result.objects:
         if each.modulus_Pa is not None and each.low_Pa is not None and each.high_Pa is not None:

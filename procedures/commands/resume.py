@@ -10,7 +10,6 @@ import click
 
 from palpate.procedures.commands.characterise import of_characterise
 from palpate.procedures.commands.options import FILE_NAME, Choice, Command, Output, assume_option, output_options
-from palpate.procedures.commands.softness import of_softness
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
@@ -22,7 +21,6 @@ def unconverted() -> dict[str, Callable[[], Procedure[Any, Any]]]:
     """The procedures that `engine/known.py` does not have yet, by the name in their header."""
     return {
         "characterise": of_characterise,
-        "softness": of_softness,
     }
 
 

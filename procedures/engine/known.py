@@ -22,6 +22,7 @@ SHIPPED = {
     "calibrate-load-cell": "palpate.procedures.measurements.load_cell.procedure:LoadCellSeries",
     "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
     "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",
+    "softness": "palpate.procedures.measurements.softness.procedure:SoftnessTest",
 }
 
 

@@ -46,6 +46,8 @@ SIGNATURES = {
     "LoadCellSeries": "loads runs positions degree creep valid_days",
     "FilmSeries": "loads frequencies dwell valid_days extrapolate",
     "ModulusTest": "sample strain steps extrapolate",
+    "SoftnessTest": "objects loads dwell frequency model",
+    "unknown_object": "design thickness modulus",
     "Taken": "point waveforms error",
     "Step": "dwell_s seconds force_ratio_u what group",
     "Lab": "bench design calibration films run started",

@@ -21,7 +21,7 @@ from palpate.procedures.engine.known import SHIPPED, class_of
 from palpate.procedures.lab import keys, operator
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint
-from palpate.procedures.measurements.softness.procedure import SoftnessSettings
+from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import HEAD_FILE
@@ -128,8 +128,8 @@ def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
     assert {name for name, procedure in found.items() if procedure.continues} == {"sweep-loads", "sweep-frequency"}
     loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, None, True)
     assert settings_from(LoadSweep, loads) == loads
-    unknown = SoftnessSettings((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
-    assert settings_from(SoftnessSettings, unknown) == unknown
+    unknown = SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
+    assert settings_from(SoftnessTest, unknown) == unknown
 
 
 def settings_from(kind: type[Any], settings: Any) -> Any:

@@ -10,19 +10,16 @@ import pytest
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.foundation.springs import ratio_of_modulus
+from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.measurements.softness import procedure as softness
-from palpate.procedures.measurements.softness.procedure import (
-    SoftnessPoint,
-    SoftnessResult,
-    SoftnessSettings,
-    default_model,
-)
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
+from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate, price_of
 from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")
-SETTINGS = SoftnessSettings((get_sample("1"),), (2.0, 3.0), dwell=1.0, frequency=10.0, model="column")
+COLUMN = Question(SINGLE.name, "column", settings={"sensed_thickness": 3e-3})
 QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
 
 
@@ -33,7 +30,7 @@ def found(*ratios: tuple[str, float, float], flags: tuple[str, ...] = ()) -> Sof
         for name, ratio, u in ratios
         for load in (2.0, 3.0)
     ]
-    return softness.evaluate(points, SETTINGS, SINGLE)
+    return evaluate(points, SINGLE, COLUMN)
 
 
 def test_the_modulus_is_that_of_the_model_and_the_interval_covers_it() -> None:
@@ -67,7 +64,7 @@ def test_a_saturated_film_is_said_and_gives_no_modulus() -> None:
 
 def test_model_and_price_are_named() -> None:
     assert found(("a", 0.2, 0.005)).price.startswith("model 'column' (closed form): error of the ratio at most")
-    assert "no price" in softness.price_of(SINGLE, "experiment")
+    assert "no price" in price_of(SINGLE, "experiment")
     assert default_model(SINGLE) == "experiment"
 
 
@@ -117,4 +114,9 @@ def test_what_cannot_be_measured_is_one_error_before_anything_moves(
 def test_objects_of_several_thicknesses_are_refused() -> None:
     thick = replace(get_sample("2"), thickness=5e-3)
     with pytest.raises(RangeError, match="objects of several thicknesses need a ratio curve each"):
-        softness.check(replace(SETTINGS, objects=(get_sample("1"), thick)), SINGLE, 10.0)
+        SoftnessTest((get_sample("1"), thick)).check(Target(SINGLE, 10.0, nodes=1))
+
+
+def test_a_sensor_of_more_films_than_the_nodes_take_is_refused() -> None:
+    with pytest.raises(RangeError, match="17 films"):
+        SoftnessTest((get_sample("1"),)).check(Target(get_design("array_16"), 10.0, nodes=4))

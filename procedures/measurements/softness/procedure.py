@@ -2,115 +2,142 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.findings.mean_ratio import apart, mean_ratio
-from palpate.instrument.findings.object_modulus import COVERAGE, estimate
-from palpate.instrument.models.prices.price_list import stored
+from palpate.instrument.findings.object_modulus import estimate
 from palpate.instrument.models.ratio import Question
+from palpate.instrument.models.response import response
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.sample import Sample
-from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.console.progress import Progress
+from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.procedures.engine.plan import Plan, Step, point_seconds
+from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, begin
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
-from palpate.procedures.steps.film_point import CLIPPED, measure
-from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, finish, press
+from palpate.procedures.showing.marks import check_some_valid
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.films import check_nodes
 
-PROCEDURE = "softness"
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
 
 
 @dataclass(frozen=True, slots=True)
-class SoftnessSettings:
-    """What to measure: objects, loads in N peak to peak, dwell in s, frequency in Hz; and the model that answers."""
+class TouchStep(Step):
+    """`number` of the object, from 0."""
+
+    number: int
+    load_N: float
+
+
+@dataclass(frozen=True)
+class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
+    """Objects to be mounted in this order, loads in N peak to peak, dwell in s, frequency in Hz.
+
+    `model` is the name of the model that turns force ratios into moduli.
+    """
+
+    name = "softness"
+    point = SoftnessPoint
 
     objects: tuple[Sample, ...]
-    loads: tuple[float, ...]
-    dwell: float
-    frequency: float
-    model: str
+    loads: tuple[float, ...] = (2.0, 3.0, 4.0)
+    dwell: float = 1.0
+    frequency: float = 10.0
+    model: str = "experiment"
+
+    def check(self, target: Target) -> None:
+        """Refuse what cannot be done, before any device is spoken to.
+
+        Raises:
+            RangeError: no object, one named twice, or objects of several thicknesses; a load beyond the force limit, a
+                frequency or dwell that gives no estimate; a model that does not answer for this sensor, or that of the
+                simulated bench, which does not answer for one of the objects; too few sensor nodes.
+            UnknownName: an unknown model.
+        """
+        names = [each.name for each in self.objects]
+        if not names or len(set(names)) < len(names):
+            raise RangeError(f"objects {names}: name one at least, each once")
+        if len({each.thickness for each in self.objects}) > 1:
+            raise RangeError("objects of several thicknesses need a ratio curve each; measure them apart")
+        check_nodes(target.design, target.nodes)
+        check_force(self.loads, target.force_limit)
+        check_frequency(self.frequency)
+        check_time(self.dwell, self.frequency)
+        question = self._question(target.design)
+        if self.model not in SLOW:
+            estimate(question, [0.5], None)
+        if target.model is not None and target.model not in SLOW:
+            for each in self.objects:
+                response(target.design, Load(1.0, each), target.model)
+
+    def loads_to_tell(self) -> Loads:
+        return Loads(self.loads)
+
+    def plan(self, target: Target) -> Plan[TouchStep]:
+        """Every load on every object."""
+        scatter = target.design.ratio_scatter
+        return Plan(self.name, [self._step(n, load, scatter) for n in range(len(self.objects)) for load in self.loads])
+
+    def _step(self, number: int, load: float, scatter: float) -> TouchStep:
+        seconds = point_seconds(self.frequency, self.dwell, first=load == self.loads[0])
+        name = self.objects[number].name
+        what, group = f"{name}, {show(load, 'N')}", f"mount {name}"
+        return TouchStep(self.dwell, seconds, scatter, number, load, what=what, group=group)
+
+    def begin(self, lab: Lab, record: Recorder) -> Touching:
+        return Touching(lab, record, self)
+
+    def evaluate(self, points: Sequence[SoftnessPoint], lab: Lab) -> SoftnessResult:
+        return evaluate(points, lab.design, self._question(lab.design))
+
+    def _question(self, design: Design) -> Question:
+        return Question(design.name, self.model, settings={"sensed_thickness": self.objects[0].thickness})
+
+    def report(self, result: SoftnessResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.softness.report import plot_softness, print_softness
+
+        return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
+
+    def judge(self, result: SoftnessResult) -> None:
+        check_some_valid(result.points)
 
 
-@dataclass(frozen=True, slots=True)
-class SoftnessPoint:
-    """One object under one load, peak to peak. Not `valid`: `flags` say why. Uncertainties as of `LoadPoint`."""
+class Touching(Loaded):
+    """The sensor on one object after the other."""
 
-    object: str
-    load_N: float
-    load_measured_N: float
-    load_measured_u: float
-    force_ratio: float
-    force_ratio_u: float
-    noise_u: float
-    valid: bool
-    flags: tuple[str, ...]
-    calibration_u: float = 0.0
-    pickup_u: float = 0.0
-    degrees_of_freedom: float | None = None
+    def __init__(self, lab: Lab, record: Recorder, test: SoftnessTest) -> None:
+        super().__init__(lab, record, test.loads, test.frequency, [each.name for each in test.objects])
+        self._test = test
 
+    def arrange(self, step: TouchStep) -> None:
+        self.press(self._test.objects[step.number])
 
-@dataclass(frozen=True, slots=True)
-class Softness:
-    """An object: mean force ratio over its valid loads, and the modulus by the model [Pa].
-
-    `modulus_Pa` is None where only a bound is known, `low_Pa` and `high_Pa` where there is none; `kind` is "interval",
-    "at least", "at most" or "any". `model_error`: what the interval allows for the model, as a ratio; None: not priced.
-    `saturated`: of a film in some load. Without a valid load all but the name is None.
-    """
-
-    object: str
-    valid_points: int
-    saturated: bool
-    force_ratio: float | None = None
-    force_ratio_u: float | None = None
-    modulus_Pa: float | None = None
-    low_Pa: float | None = None
-    high_Pa: float | None = None
-    sensitivity: float | None = None
-    kind: str | None = None
-    note: str = ""
-    model_error: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class SoftnessResult:
-    """`alike`: neighbours in the order, hard to soft, that the ratios do not tell apart by 95 %.
-
-    `budgets`: of each mean ratio, and, linear, of each modulus that is known; its interval is not linear.
-    """
-
-    points: list[SoftnessPoint]
-    objects: list[Softness]
-    softness_order: list[str]
-    alike: list[tuple[str, str]]
-    model: str
-    price: str
-    budgets: list[Budget]
-
-    def summary(self) -> dict[str, Any]:
-        """Results under their public names."""
-        return {
-            "objects": [asdict(each) for each in self.objects],
-            "softness_order": self.softness_order,
-            "alike": [list(pair) for pair in self.alike],
-            "coverage": COVERAGE,
-            "answered_by": self.model,
-            "price": self.price,
-            "budgets": [budget.summary() for budget in self.budgets],
-        }
+    def take(self, step: TouchStep) -> Taken[SoftnessPoint]:
+        design = self.lab.design
+        measured = self.measured(step.load_N, step.what, self._test.dwell)
+        forces = film_forces(design, measured.fit)
+        point = SoftnessPoint(
+            object=self._test.objects[step.number].name,
+            load_N=step.load_N,
+            load_measured_N=measured.load_N,
+            load_measured_u=measured.load_u,
+            force_ratio=forces.force_ratio,
+            force_ratio_u=forces.force_ratio_u,
+            noise_u=forces.noise_u,
+            valid=measured.valid,
+            flags=measured.flags,
+            calibration_u=forces.calibration_u,
+            pickup_u=forces.pickup_u,
+            degrees_of_freedom=forces.degrees_of_freedom,
+        )
+        return Taken(point, measured.waveforms(design))
 
 
 def default_model(design: Design) -> str:
@@ -118,117 +145,19 @@ def default_model(design: Design) -> str:
     return "experiment" if design.thesis_force_ratio else "auto"
 
 
-def check(settings: SoftnessSettings, design: Design, force_limit: float) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
+def unknown_object(design: Design, thickness: float = 3e-3, modulus: float | None = None) -> Sample:
+    """An object that is none of the rubber samples, as large as they are.
+
+    Args:
+        design: of the sensor.
+        thickness: thickness of the object [m].
+        modulus: Young modulus [Pa], for a simulated bench; None: a real object has its own, and it is what is sought.
 
     Raises:
-        RangeError: no object or one named twice, objects of several thicknesses, a load beyond the force limit in N, a
-            frequency or dwell that gives no estimate, or a model that does not answer for this sensor.
-        UnknownName: an unknown model.
+        RangeError: a thickness or modulus that is not above zero.
     """
-    names = [each.name for each in settings.objects]
-    if not names or len(set(names)) < len(names):
-        raise RangeError(f"objects {names}: name one at least, each once")
-    if len({each.thickness for each in settings.objects}) > 1:
-        raise RangeError("objects of several thicknesses need a ratio curve each; measure them apart")
-    check_force(settings.loads, force_limit)
-    check_frequency(settings.frequency)
-    check_time(settings.dwell, settings.frequency)
-    question = _question(settings, design)
-    if settings.model not in SLOW:
-        estimate(question, [0.5], None)
-
-
-def run(
-    bench: Bench,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: SoftnessSettings,
-    record: Recorder,
-    progress: Progress,
-) -> SoftnessResult:
-    """Measure each object under each load. Each point is durable before `progress` hears of it.
-
-    Raises:
-        RangeError, UnknownName: as `check`, or a load outside the calibrated range; the outputs have stayed off.
-        UnreachableError: a load too small for the indicator, or one that the bench cannot reach.
-        SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
-    """
-    check(settings, design, bench.force_limit)
-    films = begin(
-        bench, design, calibration, settings.loads, settings.frequency, [each.name for each in settings.objects]
-    )
-    points = Points[SoftnessPoint](films, record, progress, len(settings.objects) * len(settings.loads))
-    for sample in settings.objects:
-        points.tell(f"mount {sample.name}")
-        preloaded = press(bench, calibration, sample, preload_for(settings.loads))
-        servo = LoadServo(bench, calibration, settings.frequency, preloaded)
-        for load in settings.loads:
-            what = f"{sample.name}, {show(load, 'N')}"
-            points.tell(what)
-            carry_out(bench, what, partial(servo.set, load))
-            measured = measure(films, servo, load, settings.dwell, record, what)
-            forces = film_forces(design, measured.fit)
-            point = SoftnessPoint(
-                sample.name, load, measured.load_N, measured.load_u, forces.force_ratio, forces.force_ratio_u,
-                forces.noise_u, measured.valid, measured.flags, forces.calibration_u, forces.pickup_u,
-                forces.degrees_of_freedom,
-            )  # fmt: skip
-            points.keep(point, measured, what)
-    finish(bench, calibration)
-    return evaluate(points.taken, settings, design)
-
-
-def evaluate(points: Sequence[SoftnessPoint], settings: SoftnessSettings, design: Design) -> SoftnessResult:
-    """Moduli by the mean ratio over the valid loads, and the objects from hard to soft."""
-    means: dict[str, Budget] = {}
-    found: dict[str, Softness] = {}
-    for name in dict.fromkeys(point.object for point in points):
-        own = [point for point in points if point.object == name]
-        valid = [point for point in own if point.valid]
-        found[name] = Softness(name, len(valid), any(CLIPPED in point.flags for point in own))
-        if valid:
-            means[name] = mean_ratio(f"force ratio of {name}", valid, design.film_freedom)
-    model = settings.model
-    if means:
-        ratios, uncertainties, freedom = zip(
-            *((mean.value, mean.u, mean.degrees_of_freedom) for mean in means.values()), strict=True
-        )
-        rows = estimate(_question(settings, design), ratios, uncertainties, freedom)
-        for name, row in zip(means, rows, strict=True):
-            model = row.pop("model")
-            found[name] = Softness(name, found[name].valid_points, found[name].saturated, **row)
-    order = sorted(means, key=lambda name: means[name].value, reverse=True)
-    alike = [pair for pair in itertools.pairwise(order) if not apart(means[pair[0]], means[pair[1]])]
-    budgets = [budget for name, mean in means.items() for budget in _budgets(found[name], mean)]
-    return SoftnessResult(list(points), list(found.values()), order, alike, model, price_of(design, model), budgets)
-
-
-def _budgets(each: Softness, mean: Budget) -> Iterator[Budget]:
-    """Of the mean ratio; and of the modulus where it is known, with what the model may be wrong by."""
-    yield mean
-    if each.modulus_Pa is None or each.sensitivity is None:
-        return
-    slope = each.sensitivity * each.modulus_Pa / mean.value
-    # The model's error is a bound: a rectangle of that half width.
-    model = Component("model", (each.model_error or 0.0) / math.sqrt(3), slope)
-    parts = tuple(replace(part, sensitivity=slope) for part in mean.components)
-    yield Budget(f"modulus of {each.object}", each.modulus_Pa, "Pa", (*parts, model))
-
-
-def price_of(design: Design, model: str) -> str:
-    """What the price list says of the model's error for this design, in a sentence."""
-    known = [
-        (promise, price)
-        for price in stored().prices
-        if price.design == design.name and price.model == model and (promise := price.promise(slice(None))) is not None
-    ]
-    if not known:
-        return f"model {model!r} has no price for design {design.name!r}: its own error is not known"
-    error, price = min(known, key=lambda each: each[0])
-    return f"model {model!r} ({price.refinement}): error of the ratio at most {error:.1e} by the price list"
-
-
-def _question(settings: SoftnessSettings, design: Design) -> Question:
-    thickness = settings.objects[0].thickness
-    return Question(design.name, settings.model, settings={"sensed_thickness": thickness})
+    sample = get_sample("1")
+    # A number must stand where a modulus is sought: it is that of the sensor's ring.
+    known = design.ring.material.modulus if modulus is None else modulus
+    name = "unknown" if modulus is None else show(modulus, "Pa")
+    return Sample(name, "unknown", known, thickness, sample.area, sample.poisson, "unknown")

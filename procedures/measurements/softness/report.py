@@ -7,7 +7,7 @@ from pathlib import Path
 from palpate.instrument.findings.modulus_of_ratio import AT_LEAST, AT_MOST, INTERVAL
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.softness.procedure import Softness, SoftnessResult
+from palpate.procedures.measurements.softness.result import Softness, SoftnessResult
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.marks import MARKS, legend
 from palpate.procedures.showing.text import STAMP, new_table, number, print_all, stamped, where
