@@ -19,7 +19,6 @@ from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger, role_of
 from palpate.drivers.safe_end import held, taken
-from palpate.drivers.usual import UsualDevices
 from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.additions import load
 from palpate.instrument.bench import description as files
@@ -45,7 +44,7 @@ ENDINGS = (signal.SIGINT, *TERMINATIONS)
 T = TypeVar("T")
 
 
-class Bench(UsualDevices):
+class Bench:
     """All devices of a bench, as a context manager.
 
     On entry every device is opened and identified, the guard of what drives first, and its outputs go to zero. On every

@@ -55,7 +55,10 @@ class _Readable:
 
 
 class Setting(_Readable):
-    """A field of a Modbus device of the bench, such as `Setting(bench, bench.generator, "frequency")`. Movable."""
+    """A field of a Modbus device of the bench, which can be set.
+
+    Such as `Setting(bench, bench.device("signal_generator"), "frequency")`.
+    """
 
     def __init__(self, bench: Bench, device: ModbusDevice, field: str) -> None:
         name = f"{device.contract.name}_{field}"

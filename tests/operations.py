@@ -40,10 +40,10 @@ def operations(scene: Scene) -> Counter[str]:
     try:
         with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
             bench.attend(lambda *_: None)
-            bench.generator.sine(10.0, 0.1)
+            bench.device("signal_generator").sine(10.0, 0.1)
             carry_out(bench, "driving", bench.drive)
-            carry_out(bench, "films", lambda: bench.nodes[0].acquire(0.2))
-            carry_out(bench, "load", bench.indicator.read)
+            carry_out(bench, "films", lambda: bench.device("sensor_node_1").acquire(0.2))
+            carry_out(bench, "load", bench.device("strain_indicator").read)
     finally:
         sys.setprofile(None)
         threading.setprofile(None)

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from palpate.drivers.devices.device import Device
+from palpate.drivers.devices.shaker_amplifier import AmplifierState
+from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 
 QUIET = 10.0, 0.0  # Hz, V: a sine of no amplitude
 
@@ -41,10 +43,14 @@ class Exciter(ABC):
     Attributes:
         guard: its device that has the watchdog.
         members: its devices, the guard first, which is opened before all other devices of a bench.
+        largest: greatest amplitude of its sine [V].
+        unit: of its effort.
     """
 
     guard: Guard
     members: tuple[Device, ...]
+    largest: float = LARGEST_PEAK
+    unit: str = "A"
 
     @abstractmethod
     def sine(self, frequency: float, amplitude: float) -> None:
@@ -67,8 +73,12 @@ class Exciter(ABC):
         """Each way to switch it off, the safest first."""
 
     @abstractmethod
+    def check(self) -> object:
+        """Look at it. Raises SafetyError: it has tripped, or is about to."""
+
+    @abstractmethod
     def effort(self) -> float:
-        """Peak of what it drives with now, in the unit of its limit. Raises SafetyError: it has tripped."""
+        """Peak of what it drives with now. Raises as `check`."""
 
     @abstractmethod
     def effort_limit(self) -> float:
@@ -113,9 +123,13 @@ class Amplified(Exciter):
     def means(self) -> list[Callable[[], object]]:
         return [self.guard.disable, lambda: self._source.output(False), lambda: self._source.sine(*QUIET)]
 
+    def check(self) -> AmplifierState:
+        state: AmplifierState = self.guard.check()
+        return state
+
     def effort(self) -> float:
         """Of the output current [A]."""
-        return math.sqrt(2) * float(self.guard.check().current)
+        return math.sqrt(2) * self.check().current
 
     def effort_limit(self) -> float:
         """Of the output current [A]."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -58,6 +58,7 @@ class SensorNode(CanopenDevice):
 
     contract = CONTRACT
     orders = frozenset({"sync_cob_id"})  # starts and stops SYNC
+    ranges: ClassVar[Mapping[str, float]] = {name: RANGE_VOLTS[raw] for name, raw in sensor_node.RANGES.items()}  # V
 
     @classmethod
     def at(cls, place: Place) -> Self:
@@ -143,9 +144,17 @@ class SensorNode(CanopenDevice):
         for channel in range(1, CHANNELS + 1):
             self.set(f"reset_{channel}", 1)
 
+    def resolution(self, channel: int) -> float:
+        """Step of a channel's converter (1 to 4) on the range that is set [V]."""
+        return float(self._volts_per_count[channel - 1])
+
     def acquire(self, duration: float) -> Recording:
         """Sample for `duration` s; this node produces SYNC. See `acquire`."""
         return acquire([self], duration)[0]
+
+    def acquire_with(self, others: Sequence[SensorNode], duration: float) -> list[Recording]:
+        """Sample for `duration` s with `others` at once; this node produces SYNC. See `acquire`."""
+        return acquire([self, *others], duration)
 
     def arm(self, count: int = LARGEST_RECORDING) -> None:
         """Forget what came before and take `count` samples from the next SYNC on."""

@@ -59,6 +59,7 @@ class StrainIndicator(ModbusDevice):
         super().__init__(link, unit)
         self._clock = clock
         self._renewed: tuple[int, float] | None = None
+        self.gage_factor = math.nan  # until it is configured
         self.resolution_mV = math.nan
         """Step of the display, as it was at the last reading."""
 
@@ -79,6 +80,7 @@ class StrainIndicator(ModbusDevice):
     def configure(self, gage_factor: float, full_scale_mV: float) -> None:
         """Set the gage factor and the reading in mV above which overload is flagged."""
         self.set(gage_factor=gage_factor, full_scale=full_scale_mV)
+        self.gage_factor = gage_factor
 
     def track(self, time_constant: float) -> None:
         """Follow the load through a one-pole filter of `time_constant` s."""

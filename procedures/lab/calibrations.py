@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.calibration.files import read_calibration, read_film_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
@@ -54,13 +55,13 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
     Raises:
         ConfigError: a real bench has none, or it is damaged, expired, or not of this device and gage factor.
     """
-    path = load_cell_path(bench.indicator.serial)
+    indicator = bench.role(LoadIndicator)
+    path = load_cell_path(indicator.serial)
     if not path.exists():
         if not bench.simulated:
             raise ConfigError(f"{path}: this bench's load cell has no calibration; run palpate calibrate load-cell")
         return THESIS_LOAD_CELL
-    gage_factor = bench.named(bench.indicator).settings.gage_factor
-    serial = bench.indicator.serial or "unknown"
+    serial, gage_factor = indicator.serial or "unknown", indicator.gage_factor
     return _checked(path, read_calibration(path), lambda c: c.check_use(serial, bench.simulated, gage_factor, today))
 
 
@@ -106,7 +107,7 @@ def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | Non
     Raises:
         ConfigError: it is damaged, expired, or not of this sensor.
     """
-    serial = bench.nodes[0].serial or "unknown"
+    serial = bench.role(SensorNode).serial or "unknown"
     path = films_path(serial, design.name)
     if not path.exists():
         return None

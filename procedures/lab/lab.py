@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
@@ -46,4 +47,4 @@ class Lab:
     @property
     def target(self) -> Target:
         """What procedures check their settings against."""
-        return Target(self.design, self.bench.force_limit, len(self.bench.nodes))
+        return Target(self.design, self.bench.force_limit, len(self.bench.all(SensorNode)))

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from palpate.drivers.roles import SampleChanger
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder
@@ -49,8 +50,8 @@ class Loaded:
             BenchError: the unloaded cell does not read its zero, or the bench could not.
         """
         check_loads(loads, lab.calibration, extrapolate)
-        if lab.bench.changer is not None:
-            lab.bench.changer.check_holds(samples)
+        if changer := lab.bench.maybe(SampleChanger):
+            changer.check_holds(samples)
         self.lab, self.record = lab, record
         self.preload = preload_for(loads)
         self.films = Films(lab.bench, lab.design, frequency, self.preload + max(loads) / 2)

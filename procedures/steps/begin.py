@@ -14,6 +14,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.roles import SampleChanger
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.console.progress import Progress
@@ -49,8 +50,8 @@ def begin(
         BenchError: the unloaded cell does not read its zero, or the bench could not.
     """
     check_loads(loads, calibration, extrapolate)
-    if bench.changer is not None:
-        bench.changer.check_holds(samples)
+    if changer := bench.maybe(SampleChanger):
+        changer.check_holds(samples)
     films = Films(bench, design, frequency, preload_for(loads) + max(loads) / 2)
     withdraw(bench)
     check_zero(bench, calibration)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from palpate.drivers.roles import Exciter
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.dwell import Dwell
@@ -136,7 +137,7 @@ def _attempt(
     heard = films.emergencies()
     record, duration, predicted_u = _recorded(films, dwell, short)
     reading = servo.read()
-    films.bench.amplifier.check()
+    films.bench.role(Exciter).check()
     measured, measured_u = servo.calibration.load(reading.reading_mV, READINGS)
     known = float(servo.calibration.degrees_of_freedom or math.inf)
     fit = films.fit(record)

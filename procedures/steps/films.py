@@ -10,16 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import SensorNode, acquire
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS, RANGES, place
-from palpate.instrument.errors import DeviceError, EstimateError, RangeError
+from palpate.drivers.roles import SensorNode
+from palpate.instrument.contracts.sensor_node import place
+from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.signals.sine_columns import sine_columns
 
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
-WIDE, SENSITIVE = RANGES
 SHORT_RECORD = 0.2  # s, and whole cycles, two or more
 NOISE_BENDS = 10.0  # standard deviations of a bend by white noise; by 1/f noise it has three times as many
 LONGER_RECORD = 1.0  # s, and whole cycles: before a dwell that is spoilt by what does not show in short records
@@ -120,17 +119,25 @@ class Films:
         """Set the sample rate, and ranges for forces up to `largest` N, peak.
 
         Raises:
-            RangeError: the bench has too few nodes; nothing is sent.
+            RangeError: the bench has too few nodes. ConfigError: they are of several kinds. Nothing is sent.
         """
-        check_nodes(design, len(bench.nodes))
+        nodes = bench.all(SensorNode)
+        check_nodes(design, len(nodes))
         self.bench, self.design, self.frequency = bench, design, frequency
-        self._nodes: list[SensorNode] = bench.nodes[: nodes_for(design)]
+        self._nodes = nodes[: nodes_for(design)]
+        if several := {type(node) for node in self._nodes} - {type(nodes[0])}:
+            raise ConfigError(
+                f"films are sampled together by nodes of one kind; the bench has {type(nodes[0]).__name__} and "
+                f'{several.pop().__name__}: write role = "sensor_node" below those of one kind in the bench file'
+            )
         self._places = [(node - 1, channel) for node, channel in (place(film.channel) for film in design.films)]
         self._ranges: dict[int, str] = {}
+        ranges = nodes[0].ranges
+        self._widest, finest = (choose(ranges, key=ranges.__getitem__) for choose in (max, min))
         self.set_frequency(frequency)
         for number, film in enumerate(design.films):
-            fits = HEADROOM * film.sensitivity * largest <= RANGE_VOLTS[RANGES[SENSITIVE]]
-            self._set_range(number, SENSITIVE if fits else WIDE)
+            fits = HEADROOM * film.sensitivity * largest <= ranges[finest]
+            self._set_range(number, finest if fits else self._widest)
 
     def set_frequency(self, frequency: float) -> None:
         """The drive's, in Hz: records are of 25 samples a cycle."""
@@ -145,12 +152,12 @@ class Films:
     def widen(self, record: FilmRecord) -> None:
         """Put the films that clipped on the wide range."""
         for film, clipped in enumerate(record.clipped):
-            if clipped.any() and self._ranges[film] != WIDE:
-                self._set_range(film, WIDE)
+            if clipped.any() and self._ranges[film] != self._widest:
+                self._set_range(film, self._widest)
 
     def acquire(self, duration: float) -> FilmRecord:
         """Record all films for `duration` s. Raises LinkError, DeviceError."""
-        recordings = acquire(self._nodes, duration)
+        recordings = self._nodes[0].acquire_with(self._nodes[1:], duration)
         first = recordings[0]
         return FilmRecord(
             first.rate,
@@ -161,8 +168,7 @@ class Films:
 
     def steps(self) -> Floats:
         """Steps of the converter (films,) V, on the ranges that are set."""
-        ranges = [self._ranges[film] for film in range(len(self.design.films))]
-        return np.array([RANGE_VOLTS[RANGES[range_]] / FULL_SCALE_COUNTS for range_ in ranges])
+        return np.array([self._nodes[node].resolution(channel) for node, channel in self._places])
 
     def emergencies(self) -> int:
         """How many the nodes have sent so far."""

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.strain_indicator import IndicatorReading
+from palpate.drivers.roles import Exciter, LoadIndicator, Positioner, Reading, SampleChanger
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 from palpate.instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample
@@ -30,7 +29,7 @@ FIRST_AMPLITUDE = 0.25  # V
 LARGEST_GROWTH = 3.0  # of the amplitude, in one servo step
 SERVO_STEPS = 10
 LOAD_TOLERANCE = 0.01  # of the load; never finer than 0.6 of the indicator's resolution
-CURRENT_RESERVE = 0.95  # of the current limit
+RESERVE = 0.95  # of the exciter's limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +40,20 @@ class IndicatorMean:
     valid: bool
 
 
-def steady(bench: Bench, watch: Callable[[float], None] = lambda _: None) -> IndicatorReading:
+def steady(bench: Bench, watch: Callable[[float], None] = lambda _: None) -> Reading:
     """The indicator's reading as soon as it is stable; the last one, where it is sick or never becomes stable.
 
     Args:
         watch: is called with each reading [mV] that is waited through, and raises where the force is too great.
     """
-    reading = bench.indicator.read()
+    indicator = bench.role(LoadIndicator)
+    reading = indicator.read()
     for _ in range(PATIENCE):
         if reading.stable or reading.sick:
             break
         watch(reading.reading_mV)
         bench.clock.wait(READING_INTERVAL)
-        reading = bench.indicator.read()
+        reading = indicator.read()
     return reading
 
 
@@ -101,17 +101,18 @@ def finish(bench: Bench, calibration: LoadCellCalibration) -> None:
 
 
 def _check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
-    bench.indicator.clear_tare()
-    bench.indicator.track(TRACK_FILTER)
+    indicator = bench.role(LoadIndicator)
+    indicator.clear_tare()
+    indicator.track(TRACK_FILTER)
     bench.clock.wait(TRACK_SETTLING)
     reading = read_indicator(bench)
     if not reading.valid:
-        name = bench.indicator.name
+        name = indicator.name
         raise DeviceError(f"{name}: no valid reading without load; let the bench come to rest, check it", device=name)
     allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV)
     if not abs(reading.reading_mV - calibration.zero_mV) <= allowed:
         raise BenchError(
-            f"{bench.indicator.name}: reads {reading.reading_mV:.4g} mV without load, the calibration "
+            f"{indicator.name}: reads {reading.reading_mV:.4g} mV without load, the calibration "
             f"({calibration.source}) says {calibration.zero_mV:.4g} ± {allowed:.2g} mV; take the load off, or run "
             "palpate calibrate load-cell"
         )
@@ -126,14 +127,15 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
         UnreachableError: the positioner's travel ends before.
         SafetyError: the force passes the bench's limit; the probe goes home.
     """
-    bench.indicator.track(TRACK_FILTER)
-    travel = bench.positioner.travel()
+    indicator, positioner = bench.role(LoadIndicator), bench.role(Positioner)
+    indicator.track(TRACK_FILTER)
+    travel = positioner.travel()
     position, load = 0.0, 0.0
 
     def within_limit(reading_mV: float) -> None:
         pressed = calibration.load(reading_mV)[0]
         if not pressed <= bench.force_limit:
-            bench.positioner.home()
+            positioner.home()
             raise SafetyError(f"preload of {pressed:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
 
     before: tuple[float, float] | None = None
@@ -146,11 +148,11 @@ def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> flo
             break
         before = (position, load) if load > CONTACT else None
         position += step
-        bench.positioner.move(position)
+        positioner.move(position)
         bench.clock.wait(TRACK_SETTLING)
         reading = read_indicator(bench, watch=within_limit)
         if not reading.valid:
-            name = bench.indicator.name
+            name = indicator.name
             raise DeviceError(f"{name}: no valid reading at {1e3 * position:.3f} mm; check the bridge", device=name)
         within_limit(reading.reading_mV)
         load = calibration.load(reading.reading_mV)[0]
@@ -178,7 +180,7 @@ def mount(bench: Bench, sample: Sample) -> None:
     Raises:
         UnknownName: the changer does not hold it. BenchError: it could not, or nobody does it.
     """
-    if bench.changer is None:
+    if bench.maybe(SampleChanger) is None:
         bench.operator.mount(sample)
     else:
         carry_out(bench, f"mounting of sample {sample.name}", lambda: bench.operator.mount(sample))
@@ -193,7 +195,7 @@ def lower(bench: Bench, calibration: LoadCellCalibration, force: float, onto: st
 
 def _withdraw(bench: Bench) -> None:
     bench.rest()
-    bench.positioner.home()
+    bench.role(Positioner).home()
 
 
 def window(frequency: float) -> float:
@@ -202,7 +204,7 @@ def window(frequency: float) -> float:
 
 
 class LoadServo:
-    """Sets peak-to-peak loads by the generator's amplitude, and learns the stack's response on the way."""
+    """Sets peak-to-peak loads by the exciter's amplitude, and learns the stack's response on the way."""
 
     def __init__(self, bench: Bench, calibration: LoadCellCalibration, frequency: float, preloaded: float) -> None:
         """`frequency` in Hz; `preloaded` is the static force in N, which counts towards the force limit."""
@@ -213,15 +215,16 @@ class LoadServo:
         self._window = window(frequency)
         self._amplitude = 0.0
         self._volts_per_newton: float | None = None
-        bench.indicator.peak_to_peak(self._window)
-        self._current_limit = bench.amplifier.get("current_limit")
+        self._exciter, self._indicator = bench.role(Exciter), bench.role(LoadIndicator)
+        self._indicator.peak_to_peak(self._window)
+        self._limit = self._exciter.effort_limit()
 
     def set(self, load: float) -> float:
         """Drive with `load` N peak to peak; returns the measured load.
 
         Raises:
             SafetyError: the force passes the bench's limit; the outputs are off before this is raised.
-            UnreachableError: generator or amplifier cannot give it, or it does not settle.
+            UnreachableError: the exciter cannot give it, or it does not settle.
         """
         tolerance = max(LOAD_TOLERANCE * load, 0.6 * self.calibration.resolution())
         measured = math.nan
@@ -239,7 +242,7 @@ class LoadServo:
 
     @property
     def amplitude(self) -> float:
-        """Of the generator, V, peak."""
+        """Of the exciter's sine [V], peak."""
         return self._amplitude
 
     def watch(self) -> None:
@@ -264,28 +267,28 @@ class LoadServo:
             self._check_reach(load, amplitude)
             if self._amplitude:
                 amplitude = min(amplitude, LARGEST_GROWTH * self._amplitude)
-        if amplitude > LARGEST_PEAK:
+        if amplitude > self._exciter.largest:
             raise UnreachableError(
                 f"{load:g} N peak to peak is not reached: no load appears at {show(self._amplitude, 'V')} from the "
-                "generator; check amplifier, shaker and mounting"
+                "exciter; check amplifier, shaker and mounting"
             )
         self._amplitude = amplitude
-        self._bench.generator.sine(self._frequency, amplitude)
+        self._exciter.sine(self._frequency, amplitude)
         self._bench.clock.wait(self._window + READING_INTERVAL)
 
     def _check_reach(self, load: float, amplitude: float) -> None:
-        if amplitude > LARGEST_PEAK:
+        if amplitude > self._exciter.largest:
             raise UnreachableError(
-                f"{load:g} N peak to peak needs {amplitude:.3g} V from the generator, which gives {LARGEST_PEAK:g} V; "
-                "ask for a smaller load or raise the amplifier's gain"
+                f"{load:g} N peak to peak needs {amplitude:.3g} V from the exciter, which gives "
+                f"{self._exciter.largest:g} V; ask for a smaller load or raise the amplifier's gain"
             )
         if not self._amplitude:
             return
-        current = math.sqrt(2) * self._bench.amplifier.check().current * amplitude / self._amplitude
-        if current > CURRENT_RESERVE * self._current_limit:
+        effort = self._exciter.effort() * amplitude / self._amplitude
+        if effort > RESERVE * self._limit:
             raise UnreachableError(
-                f"{load:g} N peak to peak needs {current:.3g} A from the amplifier, whose limit is "
-                f"{self._current_limit:g} A; ask for a smaller load or mount a stiffer sample"
+                f"{load:g} N peak to peak needs {effort:.3g} {self._exciter.unit} from the exciter, whose limit is "
+                f"{self._limit:g} {self._exciter.unit}; ask for a smaller load or mount a stiffer sample"
             )
 
     def _mean(self, count: int = READINGS) -> IndicatorMean:
@@ -299,7 +302,7 @@ class LoadServo:
         self._within_limit(reading.reading_mV)
         if not reading.valid:
             self._bench.rest()
-            name = self._bench.indicator.name
+            name = self._indicator.name
             raise DeviceError(
                 f"{name}: no valid reading while driving; outputs are off. Check the bridge and the mounting of the "
                 "sample",

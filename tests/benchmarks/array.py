@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.sensor_node import acquire
+from palpate.drivers.devices.sensor_node import SensorNode, acquire
 from palpate.instrument.contracts.sensor_node import bus_load
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bench import SimulatedBench
@@ -21,11 +21,11 @@ def measure() -> Iterator[Row]:
     scene = dataclasses.replace(read_scene("thesis_single"), nodes=NODES)
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.operator.mount(get_sample("1"))
-        bench.positioner.move(15e-3)
+        bench.device("positioner").move(15e-3)
         bench.drive()
-        bench.generator.sine(10.0, 1.0)
+        bench.device("signal_generator").sine(10.0, 1.0)
         start, worked = time.perf_counter(), time.process_time()
-        recordings = acquire(bench.nodes, SECONDS)  # raises where a counter is not continuous
+        recordings = acquire(bench.all(SensorNode), SECONDS)  # raises where a counter is not continuous
         wall, worked = time.perf_counter() - start, time.process_time() - worked
     expected = NODES * round(RATE * SECONDS)
     got = sum(r.time.size for r in recordings)

@@ -22,7 +22,7 @@ def measure() -> Iterator[Row]:
         raw = ModbusTcpClient(d.signal_generator.host, port=d.signal_generator.port, retries=0)
         raw.connect()
         with Bench(d, sim.clock, sim.operator) as bench:
-            generator, node = bench.generator, bench.nodes[0]
+            generator, node = bench.device("signal_generator"), bench.device("sensor_node_1")
             yield _row(
                 "generator read (Modbus TCP), driver / pymodbus",
                 *interleaved(
@@ -44,7 +44,9 @@ def measure() -> Iterator[Row]:
                 "node read (CANopen SDO), driver / canopen",
                 *interleaved(lambda: node.get("sync_period"), lambda: remote.sdo.upload(0x1006, 0), ROUNDS),
             )
-            driver_time, _ = interleaved(bench.indicator.read, bench.indicator.read, RTU_ROUNDS)
+            driver_time, _ = interleaved(
+                bench.device("strain_indicator").read, bench.device("strain_indicator").read, RTU_ROUNDS
+            )
         raw.close()
         # a serial port has one owner: the bare client has its turn when the driver has closed it
         serial = ModbusSerialClient(d.line.port, baudrate=d.line.baudrate, retries=0)

@@ -198,11 +198,11 @@ def _tshark(served: Served) -> tuple[str, list[str]]:
         clock = WallClock()
         bench = Bench(served.description, clock, served.sim.operator)
         with BusLog(bench, clock, log, datetime.now(UTC)), bench:
-            bench.positioner.move(1e-3)
-            bench.indicator.read()
-            bench.nodes[0].acquire(0.2)
+            bench.device("positioner").move(1e-3)
+            bench.device("strain_indicator").read()
+            bench.device("sensor_node_1").acquire(0.2)
             with suppress(BenchError):
-                bench.amplifier.link.transact("it", read_registers, 0x7000, 1, 1)
+                bench.device("shaker_amplifier").link.transact("it", read_registers, 0x7000, 1, 1)
         whole = log.with_suffix(".pcapng")
         packets = [packet for packet in read_pcapng(whole) if packet.link is not Link.NOTE]
         complaints = []

@@ -131,7 +131,7 @@ def _drive(bench: Bench, design: Design) -> Iterator[Row]:
         drift <= 3 * u,
     )
     bench.rest()
-    bench.positioner.home()
+    bench.device("positioner").home()
 
 
 def _memory() -> float:

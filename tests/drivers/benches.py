@@ -19,9 +19,13 @@ def driving(sim: SimulatedBench) -> bool:
 
 def drive(bench: Bench) -> None:
     bench.drive()
-    bench.generator.sine(10.0, 1.0)
+    bench.device("signal_generator").sine(10.0, 1.0)
 
 
 def is_closed(bench: Bench) -> bool:
-    modbus = (bench.generator.link, bench.amplifier.link, bench.indicator.link)
-    return not any(link._client.connected for link in modbus) and bench.nodes[0].link._network is None
+    modbus = (
+        bench.device("signal_generator").link,
+        bench.device("shaker_amplifier").link,
+        bench.device("strain_indicator").link,
+    )
+    return not any(link._client.connected for link in modbus) and bench.device("sensor_node_1").link._network is None

@@ -129,7 +129,7 @@ def test_the_output_drops_within_the_time_out_whenever_its_owner_dies_and_whoeve
 
 def test_while_it_is_owned_others_may_switch_it_off_and_nothing_else(bench: Bench, sim: SimulatedBench) -> None:
     drive(bench)
-    stranger = open_bench(sim).amplifier
+    stranger = open_bench(sim).device("shaker_amplifier")
     stranger.link.open()
     try:
         for write in (
@@ -152,20 +152,20 @@ def test_while_it_is_owned_others_may_switch_it_off_and_nothing_else(bench: Benc
 def test_an_amplifier_that_nobody_has_claimed_is_anybody_s_and_any_request_feeds_it(
     bench: Bench, sim: SimulatedBench
 ) -> None:
-    bench.amplifier.release()
-    bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=0.5)
-    bench.amplifier.enable()
+    bench.device("shaker_amplifier").release()
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=0.5)
+    bench.device("shaker_amplifier").enable()
     for _ in range(5):
         sim.clock.wait(0.4)
-        bench.amplifier.get("gain")
-    bench.amplifier.set(watchdog=0)
+        bench.device("shaker_amplifier").get("gain")
+    bench.device("shaker_amplifier").set(watchdog=0)
     sim.clock.wait(1000.0)
-    assert bench.amplifier.read().enabled
+    assert bench.device("shaker_amplifier").read().enabled
 
 
 def test_to_release_it_switches_it_off(bench: Bench, sim: SimulatedBench) -> None:
     drive(bench)
-    bench.amplifier.release()
+    bench.device("shaker_amplifier").release()
     assert (sim.amplifier.settings["enable"], sim.amplifier._owner.token) == (0.0, 0)
 
 
@@ -223,12 +223,12 @@ def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
         assert [f"waiting {WATCHDOG:g} s" in why for why in told] == [True]
         assert WATCHDOG <= 1e-9 * (sim.clock.now_ns() - died) <= 1.2 * WATCHDOG
         drive(second)
-        killed.amplifier.link.open()  # it was stopped, and goes on
-        with closing(killed.amplifier.link):
+        killed.device("shaker_amplifier").link.open()  # it was stopped, and goes on
+        with closing(killed.device("shaker_amplifier").link):
             with pytest.raises(BenchInUse, match="belongs to another program"):
                 killed.clock.wait(1.0)
             with pytest.raises(DeviceError, match="device busy"):
-                killed.amplifier.release()
+                killed.device("shaker_amplifier").release()
         assert sim.amplifier.settings["enable"]
     with suppress(BenchError):  # its links are closed
         killed.__exit__(None, None, None)
@@ -237,10 +237,10 @@ def test_a_program_that_was_killed_is_followed_within_the_watchdog_s_time(
 def test_an_amplifier_that_was_off_meanwhile_is_claimed_again_with_its_settings(
     bench: Bench, sim: SimulatedBench
 ) -> None:
-    bench.amplifier.set(gain=3.0)
+    bench.device("shaker_amplifier").set(gain=3.0)
     sim.amplifier.reset()
     with pytest.raises(SettingsLost, match="does not know this program any more"):
-        bench.amplifier.feed()
+        bench.device("shaker_amplifier").feed()
     bench.recover()
     assert sim.amplifier.settings["gain"] == 3.0
     drive(bench)
@@ -276,7 +276,9 @@ def test_an_amplifier_without_owners_is_refused_until_the_bench_file_says_so(
     description = sim.description.model_copy(update={"shaker_amplifier": amplifier})
     with open_bench(sim, description) as bench:
         assert len(bench.cautions) == 1
-        assert bench.cautions[0].startswith(f"{bench.amplifier.name}: any request feeds its watchdog, so that whoever")
+        assert bench.cautions[0].startswith(
+            f"{bench.device('shaker_amplifier').name}: any request feeds its watchdog, so that whoever"
+        )
         drive(bench)
         bench.clock.wait(10.0)
         assert sim.amplifier.settings["enable"]

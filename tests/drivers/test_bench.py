@@ -136,19 +136,24 @@ def test_devices_that_do_not_call_themselves_simulated_are_taken_for_real(
             del pdu.information[6]
         return pdu
 
-    for device in (bench.generator, bench.amplifier, bench.indicator, bench.positioner):
+    for device in (
+        bench.device("signal_generator"),
+        bench.device("shaker_amplifier"),
+        bench.device("strain_indicator"),
+        bench.device("positioner"),
+    ):
         monkeypatch.setattr(device.link._client.transaction, "trace_pdu", real)
         device.connect()
         assert not device.simulated
     assert bench.simulated
     read = sim.nodes[0].read
     monkeypatch.setattr(sim.nodes[0], "read", lambda f: "1.0" if f.name == "hardware_version" else read(f))
-    bench.nodes[0].connect()
+    bench.device("sensor_node_1").connect()
     assert not bench.simulated
 
 
 def test_mounting_a_sample_needs_the_probe_at_home(bench: Bench) -> None:
     bench.operator.mount(SAMPLES["2"])
-    bench.positioner.move(5e-3)
+    bench.device("positioner").move(5e-3)
     with pytest.raises(BenchError, match="stands at 5 mm: move it home"):
         bench.operator.mount(SAMPLES["3"])

@@ -62,7 +62,7 @@ def test_outputs_are_off_after_a_signal(
 
 
 @ENDING
-@pytest.mark.parametrize("name", ["amplifier", "generator"])
+@pytest.mark.parametrize("name", ["shaker_amplifier", "signal_generator"])
 def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
     number: signal.Signals,
     raised: type[BaseException],
@@ -70,7 +70,7 @@ def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
     sim: SimulatedBench,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    simulated = getattr(sim, name)
+    simulated = sim.devices[name]
 
     def kill() -> None:
         monkeypatch.undo()
@@ -80,7 +80,7 @@ def test_outputs_are_off_after_a_signal_in_the_middle_of_a_request(
         drive(bench)
         monkeypatch.setattr(simulated, "requested", kill)
         for _ in range(REQUESTS):
-            getattr(bench, name).get("probe")
+            bench.device(name).get("probe")
     assert not driving(sim)
 
 
@@ -159,7 +159,7 @@ def test_an_error_of_any_kind_does_not_stop_the_shutdown(sim: SimulatedBench, mo
     bench = open_bench(sim)
     with pytest.raises(BenchError, match=r"could not all be switched off: .*a defect"), bench:
         drive(bench)
-        monkeypatch.setattr(bench.amplifier, "disable", broken)
+        monkeypatch.setattr(bench.device("shaker_amplifier"), "disable", broken)
     assert sim.generator.settings["output"] == sim.generator.settings["amplitude"] == 0.0
 
 
@@ -169,8 +169,8 @@ def test_the_amplifier_is_off_though_the_generator_is_gone(
     bench = open_bench(sim)
     with pytest.raises(BenchError, match=r"could not all be switched off: .*nothing answers at"), bench:
         drive(bench)
-        bench.generator.link.close()
-        monkeypatch.setattr(bench.generator.link._client, "connect", lambda: False)
+        bench.device("signal_generator").link.close()
+        monkeypatch.setattr(bench.device("signal_generator").link._client, "connect", lambda: False)
     assert sim.amplifier.settings["enable"] == 0.0
 
 
@@ -180,4 +180,4 @@ def test_rest_switches_everything_off_and_stops_watching(bench: Bench, sim: Simu
     assert not driving(sim)
     sim.clock.wait(10.0)
     bench.clock.wait(10.0)
-    assert bench.amplifier.read().faults_latched == frozenset()
+    assert bench.device("shaker_amplifier").read().faults_latched == frozenset()

@@ -43,14 +43,19 @@ class Ticking:
 def used(bench: Bench) -> list[Any]:
     """What is heard of all devices, over all links; one of them refuses."""
     with bench:
-        node = bench.nodes[0]
-        bench.generator.sine(12.5, 0.5)
-        bench.positioner.move(1e-3)
+        node = bench.device("sensor_node_1")
+        bench.device("signal_generator").sine(12.5, 0.5)
+        bench.device("positioner").move(1e-3)
         recording = node.acquire(0.02)
         voltage = recording.voltage.tobytes()
         with pytest.raises(DeviceError) as refused:
             node.link.upload("it", node._node, 0x5000, 0)
-        heard = [voltage, bench.generator.read(), bench.indicator.read(), bench.positioner.position()]
+        heard = [
+            voltage,
+            bench.device("signal_generator").read(),
+            bench.device("strain_indicator").read(),
+            bench.device("positioner").position(),
+        ]
         return [*heard, str(refused.value), node.notices(), node.serial, bench.clock.now_ns()]
 
 
@@ -93,12 +98,12 @@ def test_over_multicast_too_each_frame_that_was_sent_stands_once_where_it_was_se
 def test_a_request_that_was_not_answered_is_not_answered(sim: SimulatedBench, log: Path) -> None:
     def use(bench: Bench) -> float:
         with bench:
-            bench.positioner.unit = 9  # nobody's on that line
+            bench.device("positioner").unit = 9  # nobody's on that line
             with pytest.raises(LinkTimeout):
-                bench.positioner.position()
-            bench.positioner.unit = 2
-            bench.positioner.move(1e-3)
-            return bench.positioner.position()
+                bench.device("positioner").position()
+            bench.device("positioner").unit = 2
+            bench.device("positioner").move(1e-3)
+            return bench.device("positioner").position()
 
     assert logged(sim, log, use, hasty(sim.description)) == replayed(sim, log, use) == 1e-3
 
@@ -117,10 +122,10 @@ def test_signs_of_life_to_the_watchdog_may_come_at_other_times_than_in_the_log(
             bench.drive()
             for gain, count in enumerate(beats):
                 for _ in range(count):
-                    bench.amplifier.live()
-                bench.amplifier.set(gain=gain)
+                    bench.device("shaker_amplifier").live()
+                bench.device("shaker_amplifier").set(gain=gain)
                 bench.clock.wait(1.5)
-                heard += [bench.amplifier.read(), bench.clock.now_ns()]
+                heard += [bench.device("shaker_amplifier").read(), bench.clock.now_ns()]
         return heard
 
     heard = logged(sim, log, lambda bench: use(bench, 0, 3, 1))
@@ -142,7 +147,7 @@ def test_what_the_log_does_not_hold_at_that_place_is_an_error_that_names_it(sim:
 
     def other(bench: Bench) -> None:
         with bench:
-            bench.generator.sine(12.6, 0.5)
+            bench.device("signal_generator").sine(12.6, 0.5)
 
     asked = "asked is 'signal_generator <- write frequency = 12.6 Hz, .*the log goes on with .*frequency = 12.5 Hz"
     with pytest.raises(ConfigError, match=asked):

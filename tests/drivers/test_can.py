@@ -32,7 +32,7 @@ def test_a_failing_adapter_is_a_link_error(bench: Bench, sim: SimulatedBench, mo
     def unplugged(*_: object, **__: object) -> None:
         raise can.CanOperationError("adapter unplugged")
 
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     monkeypatch.setattr(node.link.network.bus, "send", unplugged)
     with pytest.raises(LinkError, match=r"sensor node 1 .* failed: adapter unplugged"):
         node.get("probe")
@@ -63,7 +63,7 @@ def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
 def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     sdo: Any = node._node.sdo
 
     looks = iter([0.0])  # before the request is sent
@@ -83,7 +83,7 @@ def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
 def test_a_node_that_answers_what_nobody_asked_is_a_link_error(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     with sim.clock.lock, impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
         node.get("probe")
     for _ in range(20):
@@ -93,14 +93,14 @@ def test_a_node_that_answers_what_nobody_asked_is_a_link_error(
 
 
 def test_an_object_of_another_size_is_not_used(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     monkeypatch.setattr(node._node.sdo, "upload", lambda *_: b"\x00\x00")
     with pytest.raises(DeviceError, match="probe came with 2 bytes where 4 belong; not used"):
         node.get("probe")
 
 
 def test_threads_take_turns_on_a_bus(bench: Bench) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     wanted = ["probe", "heartbeat", "vendor", "sync_period"]
     with ThreadPoolExecutor(len(wanted)) as pool:
         answers = list(pool.map(lambda name: {node.get(name) for _ in range(50)}, wanted))

@@ -14,7 +14,7 @@ from palpate.simulators.bench import SimulatedBench
 
 def drive(bench: Bench) -> None:
     bench.drive()
-    bench.generator.sine(10.0, 1.0)
+    bench.device("signal_generator").sine(10.0, 1.0)
 
 
 def test_a_long_wait_feeds_the_watchdog(bench: Bench, sim: SimulatedBench) -> None:
@@ -34,9 +34,9 @@ def test_a_dead_cable_drops_the_output_by_the_watchdog(bench: Bench, sim: Simula
 
 
 def test_a_trip_ends_a_wait_within_half_the_watchdog(bench: Bench, sim: SimulatedBench) -> None:
-    bench.amplifier.configure(gain=2.0, current_limit=0.5, watchdog=2.0)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=0.5, watchdog=2.0)
     bench.drive()
-    bench.generator.sine(10.0, 1.0)
+    bench.device("signal_generator").sine(10.0, 1.0)
     before = sim.clock.now_ns()
     with pytest.raises(SafetyError, match=r"shaker amplifier .* tripped on over_current.*clear the faults"):
         bench.clock.wait(10.0)

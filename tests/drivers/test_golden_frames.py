@@ -83,14 +83,14 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 
 @pytest.fixture
 def pair(bench: Bench, sim: SimulatedBench, device: str) -> tuple[ModbusDevice, SimulatedDevice]:
-    assert bench.changer is not None
+    assert bench.device("sample_changer") is not None
     assert sim.changer is not None
     pairs: dict[str, tuple[ModbusDevice, SimulatedDevice]] = {
-        "sample_changer": (bench.changer, sim.changer),
-        "signal_generator": (bench.generator, sim.generator),
-        "shaker_amplifier": (bench.amplifier, sim.amplifier),
-        "strain_indicator": (bench.indicator, sim.indicator),
-        "positioner": (bench.positioner, sim.positioner),
+        "sample_changer": (bench.device("sample_changer"), sim.changer),
+        "signal_generator": (bench.device("signal_generator"), sim.generator),
+        "shaker_amplifier": (bench.device("shaker_amplifier"), sim.amplifier),
+        "strain_indicator": (bench.device("strain_indicator"), sim.indicator),
+        "positioner": (bench.device("positioner"), sim.positioner),
     }
     return pairs[device]
 
@@ -171,7 +171,7 @@ def test_driver_and_simulator_exchange_the_golden_frames_of_all_registers(
 def test_the_owner_of_the_amplifier_writes_the_golden_orders(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    amplifier, golden = bench.amplifier, GOLDEN["shaker_amplifier"]["owner"]
+    amplifier, golden = bench.device("shaker_amplifier"), GOLDEN["shaker_amplifier"]["owner"]
     amplifier.release()
     monkeypatch.setattr(sim.amplifier, "_owner", Owner())  # which begins with the golden ticket
     wire = listen(amplifier.link, monkeypatch)
@@ -220,7 +220,7 @@ def test_the_contract_gives_the_golden_frame_of_an_object(name: str) -> None:
 def test_a_driver_writes_the_golden_frames_of_all_objects(node_bench: Bench, listener: can.BusABC) -> None:
     for name in (name for name in NUMBERS if NODE[name].access != "ro"):
         golden = NODE_FRAMES[name]
-        node_bench.nodes[0].set(name, golden["value"])
+        node_bench.device("sensor_node_1").set(name, golden["value"])
         written = bits(golden["write"])
         assert transfers(listener, 1) == ([written], [b"\x60" + written[1:4] + bytes(4)]), name
 
@@ -236,7 +236,7 @@ def test_a_node_answers_with_the_golden_frames_of_all_objects(
         else:
             shared = node.id if name in ("tpdo1_cob_id", "tpdo2_cob_id", "emergency_cob_id") else 0
             node.settings[name] = physical(field, golden["value"]) - shared
-        number = node_bench.nodes[0].get(name)
+        number = node_bench.device("sensor_node_1").get(name)
         if "write" in golden:
             written = bits(golden["write"])
             request, response = b"\x40" + written[1:4] + bytes(4), bytes([UPLOAD_OF_DOWNLOAD[written[0]]]) + written[1:]
@@ -250,7 +250,7 @@ def test_a_text_travels_in_the_golden_segments(node_bench: Bench, listener: can.
     """Twice, as segments do not say whose they are."""
     for name in TEXTS:
         golden = NODE_FRAMES[name]
-        assert node_bench.nodes[0]._text(NODE[name].address) == golden["text"]
+        assert node_bench.device("sensor_node_1")._text(NODE[name].address) == golden["text"]
         segments = tuple(2 * [bits(text) for text in golden[way]] for way in ("requests", "responses"))
         assert transfers(listener, 1) == segments, name
 
@@ -258,7 +258,7 @@ def test_a_text_travels_in_the_golden_segments(node_bench: Bench, listener: can.
 def test_samples_travel_as_the_golden_process_data_objects(
     node_bench: Bench, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    golden, driver = GOLDEN["sensor_node"]["pdo"], node_bench.nodes[0]
+    golden, driver = GOLDEN["sensor_node"]["pdo"], node_bench.device("sensor_node_1")
     saturated = golden["stamp"]["values"]["saturation"]
     volts = [
         volt + (f"channel_{channel}" in saturated) * np.sign(volt)

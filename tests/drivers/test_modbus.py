@@ -84,38 +84,38 @@ def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
 
 def test_a_late_reply_of_any_length_is_listened_to_in_pieces(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A slow line delivers a long reply byte by byte."""
-    line = bench.positioner.link
+    line = bench.device("positioner").link
     with impatient(line), monkeypatch.context() as patch, pytest.raises(LinkTimeout):
         receive(line, patch, lambda _: b"")
-        bench.positioner.get("position")
+        bench.device("positioner").get("position")
     pieces = [b"\x02"] * (LARGEST_FRAME - 1) + [b""]
     with monkeypatch.context() as patch:
         patch.setattr(line._client, "recv", lambda _size: pieces.pop(0))
         line.open()
     assert pieces == []
-    assert bench.positioner.get("probe") == PROBE
+    assert bench.device("positioner").get("probe") == PROBE
 
 
 def test_a_line_that_never_falls_silent_is_a_link_error(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    line = bench.positioner.link
+    line = bench.device("positioner").link
     with impatient(line), sim.clock.lock, pytest.raises(LinkTimeout):
-        bench.positioner.get("position")
+        bench.device("positioner").get("position")
     with impatient(line):
         with monkeypatch.context() as patch:
             patch.setattr(line._client, "recv", lambda _size: b"\xff" * 10)
             with pytest.raises(LinkError, match="does not fall silent; look for a device that babbles"):
-                bench.positioner.get("position")
+                bench.device("positioner").get("position")
         line.open()
-    assert bench.positioner.get("probe") == PROBE
+    assert bench.device("positioner").get("probe") == PROBE
 
 
 @pytest.mark.parametrize("signal", [KeyboardInterrupt, SystemExit])
 def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
     signal: type[BaseException], bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    positioner = bench.positioner
+    positioner = bench.device("positioner")
     client = positioner.link._client
     connect = client.connect
 
@@ -140,13 +140,13 @@ def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
 
 
 def test_noise_on_the_line_is_a_time_out_and_no_reading(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    line = bench.indicator.link
+    line = bench.device("strain_indicator").link
     with impatient(line), monkeypatch.context() as noisy:
         receive(line, noisy, lambda data: data[:-3] + bytes([data[-3] ^ 1]) + data[-2:])
         with pytest.raises(LinkTimeout):
-            bench.indicator.get("probe")
+            bench.device("strain_indicator").get("probe")
         line.open()
-    assert bench.indicator.get("probe") == PROBE
+    assert bench.device("strain_indicator").get("probe") == PROBE
 
 
 @pytest.mark.parametrize("cut", [9, 10, 12])
@@ -157,11 +157,11 @@ def test_a_reply_that_says_it_is_complete_and_is_not_is_no_reading(
         return data[:4] + (cut - 6).to_bytes(2) + data[6:cut]
 
     with monkeypatch.context() as broken:
-        receive(bench.generator.link, broken, truncate)
-        for ask in (bench.generator.connect, lambda: bench.generator.get("probe")):
+        receive(bench.device("signal_generator").link, broken, truncate)
+        for ask in (bench.device("signal_generator").connect, lambda: bench.device("signal_generator").get("probe")):
             with pytest.raises((LinkError, DeviceError)):
                 ask()
-    assert bench.generator.get("probe") == PROBE
+    assert bench.device("signal_generator").get("probe") == PROBE
 
 
 @pytest.mark.parametrize(
@@ -176,14 +176,14 @@ def test_a_reply_to_another_question_is_not_used(
     reply: ModbusPDU, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        exchange(bench.generator.link, patch, reply)
+        exchange(bench.device("signal_generator").link, patch, reply)
         with pytest.raises(DeviceError, match=r"answered function \d with \d registers where function 3 with 2"):
-            bench.generator.get("probe")
+            bench.device("signal_generator").get("probe")
 
 
 def test_a_write_that_another_address_confirms_is_uncertain(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        trace = bench.generator.link._client.transaction
+        trace = bench.device("signal_generator").link._client.transaction
 
         def elsewhere(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
             if not sending:
@@ -192,21 +192,21 @@ def test_a_write_that_another_address_confirms_is_uncertain(bench: Bench, monkey
 
         patch.setattr(trace, "trace_pdu", elsewhere)
         with pytest.raises(DeviceError, match=r"did not confirm amplitude = 1 V.*the setting is uncertain"):
-            bench.generator.set(amplitude=1)
+            bench.device("signal_generator").set(amplitude=1)
 
 
 def test_fields_that_stand_together_travel_in_one_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    wire: Wire = listen(bench.generator.link, monkeypatch)
-    bench.generator.sine(10.0, 1.5, offset=-0.5)
+    wire: Wire = listen(bench.device("signal_generator").link, monkeypatch)
+    bench.device("signal_generator").sine(10.0, 1.5, offset=-0.5)
     assert [request[0] for request in wire.requests] == [16]
-    bench.generator.read()
+    bench.device("signal_generator").read()
     assert [request[0] for request in wire.requests] == [16, 3]
 
 
 def test_fields_that_stand_apart_are_not_written(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = listen(bench.generator.link, monkeypatch)
+    wire = listen(bench.device("signal_generator").link, monkeypatch)
     with pytest.raises(UsageError, match="frequency, output do not stand together"):
-        bench.generator.set(frequency=1, output="on")
+        bench.device("signal_generator").set(frequency=1, output="on")
     assert wire.requests == []
 
 
@@ -218,9 +218,9 @@ def test_devices_on_one_line_are_told_apart_by_their_unit(bench: Bench, monkeypa
             units.append(data[0])
         return data
 
-    monkeypatch.setattr(bench.indicator.link._client.transaction, "trace_packet", trace)
-    assert bench.indicator.get("gage_factor") == 8.98
-    assert bench.positioner.get("speed") == 1e-3
+    monkeypatch.setattr(bench.device("strain_indicator").link._client.transaction, "trace_packet", trace)
+    assert bench.device("strain_indicator").get("gage_factor") == 8.98
+    assert bench.device("positioner").get("speed") == 1e-3
     assert units == [1, 2]
 
 
@@ -239,17 +239,17 @@ def test_a_failure_is_told_by_its_exception_only(
 
 def test_a_message_names_the_link_that_failed(bench: Bench, sim: SimulatedBench) -> None:
     port = re.escape(sim.description.line.port)
-    with impatient(bench.indicator.link), sim.clock.lock, pytest.raises(LinkTimeout, match=port):
-        bench.indicator.read()
+    with impatient(bench.device("strain_indicator").link), sim.clock.lock, pytest.raises(LinkTimeout, match=port):
+        bench.device("strain_indicator").read()
 
 
 def test_threads_take_turns_on_a_link(bench: Bench) -> None:
     """The line carries one request at a time, whoever asks whom."""
     wanted: list[tuple[ModbusDevice, str]] = [
-        (bench.indicator, "gage_factor"),
-        (bench.indicator, "full_scale"),
-        (bench.positioner, "limit_high"),
-        (bench.positioner, "speed"),
+        (bench.device("strain_indicator"), "gage_factor"),
+        (bench.device("strain_indicator"), "full_scale"),
+        (bench.device("positioner"), "limit_high"),
+        (bench.device("positioner"), "speed"),
     ]
     with ThreadPoolExecutor(len(wanted)) as pool:
         answers = list(pool.map(lambda one: {one[0].get(one[1]) for _ in range(25)}, wanted))

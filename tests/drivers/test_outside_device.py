@@ -101,7 +101,7 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
         tables["device"]["oven"]["optional"] = True
         with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
             assert bench.maybe(Chamber) is None
-            assert bench.role(Positioner) is bench.positioner
+            assert bench.role(Positioner) is bench.device("positioner")
             assert bench.cautions[0].startswith("oven is not used: nothing answers at 127.0.0.1:1")
             with pytest.raises(BenchError, match="has no chamber; list a device"):
                 bench.role(Chamber)

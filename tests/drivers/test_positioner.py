@@ -19,11 +19,11 @@ from palpate.testing import RtuConformance
 class TestPositioner(RtuConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
-        return bench.positioner, sim.positioner
+        return bench.device("positioner"), sim.positioner
 
 
 def test_a_move_takes_its_time_and_ends_at_the_target(bench: Bench, sim: SimulatedBench) -> None:
-    positioner = bench.positioner
+    positioner = bench.device("positioner")
     before = sim.clock.now_ns()
     positioner.set(target=0.01, speed=2e-3, command="move")
     sim.clock.wait(2.5)
@@ -43,38 +43,38 @@ def test_a_move_takes_its_time_and_ends_at_the_target(bench: Bench, sim: Simulat
 def test_homing_is_noticed_within_a_poll_of_its_end_by_few_requests(
     start: float, bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench.positioner.move(start, speed=5e-3)
-    wire = listen(bench.positioner.link, monkeypatch)
+    bench.device("positioner").move(start, speed=5e-3)
+    wire = listen(bench.device("positioner").link, monkeypatch)
     before = sim.clock.now_ns()
-    bench.positioner.home()
+    bench.device("positioner").home()
     late = 1e-9 * (sim.clock.now_ns() - before) - start / HOMING_SPEED
     assert 0 <= late < 0.1
     assert len(wire.requests) <= 14  # of which each second look is two
 
 
 def test_target_speed_and_command_travel_in_one_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = listen(bench.positioner.link, monkeypatch)
-    bench.positioner.move(0.0005)
+    wire = listen(bench.device("positioner").link, monkeypatch)
+    bench.device("positioner").move(0.0005)
     writes = [request for request in wire.requests if request[0] == 16]
     assert writes == [bytes.fromhex("10 0010 0004 08 000001F4 03E8 0001")]
 
 
 def test_a_move_stops_where_it_is(bench: Bench, sim: SimulatedBench) -> None:
-    bench.positioner.set(target=0.01, speed=1e-3, command="move")
+    bench.device("positioner").set(target=0.01, speed=1e-3, command="move")
     sim.clock.wait(3.0)
-    bench.positioner.stop()
+    bench.device("positioner").stop()
     sim.clock.wait(10.0)
-    assert (bench.positioner.position(), sim.rig.position) == (0.003, 0.003)
-    assert bench.positioner.get("status") == 2
+    assert (bench.device("positioner").position(), sim.rig.position) == (0.003, 0.003)
+    assert bench.device("positioner").get("status") == 2
 
 
 def test_a_move_that_takes_too_long_is_stopped_when_its_time_is_over(bench: Bench, sim: SimulatedBench) -> None:
     before = sim.clock.now_ns()
     with pytest.raises(DeviceError, match="not at 20 mm after 5 s; stopped"):
-        bench.positioner.move(0.02, speed=1e-3, timeout=5.0)
+        bench.device("positioner").move(0.02, speed=1e-3, timeout=5.0)
     assert sim.clock.now_ns() - before <= 5_200_000_000
     sim.clock.wait(20.0)
-    assert bench.positioner.position() == pytest.approx(0.005, abs=2e-4)
+    assert bench.device("positioner").position() == pytest.approx(0.005, abs=2e-4)
 
 
 def test_a_move_that_ends_elsewhere_is_a_device_error(
@@ -85,30 +85,33 @@ def test_a_move_that_ends_elsewhere_is_a_device_error(
 
     monkeypatch.setattr(sim.positioner, "write", stall)
     with pytest.raises(DeviceError, match="stands at 0 mm, was sent to 3 mm"):
-        bench.positioner.move(0.003)
+        bench.device("positioner").move(0.003)
 
 
 @pytest.mark.parametrize("target", [-1e-6, 0.025001, math.nan])
 def test_a_target_beyond_the_limits_is_refused_before_anything_is_sent(
     target: float, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wire = listen(bench.positioner.link, monkeypatch)
+    wire = listen(bench.device("positioner").link, monkeypatch)
     with pytest.raises(RangeError, match=r"micro-positioner: target .* outside its limits 0 to 25 mm"):
-        bench.positioner.move(target)
+        bench.device("positioner").move(target)
     assert wire.requests == []
 
 
 @pytest.mark.parametrize("limit", [0.025, 0.0123, 0.000019, 0.007007])
 def test_the_limit_itself_can_be_reached_by_whoever_reads_it(limit: float, bench: Bench) -> None:
-    bench.positioner.set_limits(0.0, limit)
-    bench.positioner.connect()
-    assert bench.positioner.travel() == limit
-    bench.positioner.move(limit, speed=5e-3)
-    assert bench.positioner.contract.set_bits("status", bench.positioner.get("status")) == {"homed", "at_limit"}
+    bench.device("positioner").set_limits(0.0, limit)
+    bench.device("positioner").connect()
+    assert bench.device("positioner").travel() == limit
+    bench.device("positioner").move(limit, speed=5e-3)
+    assert bench.device("positioner").contract.set_bits("status", bench.device("positioner").get("status")) == {
+        "homed",
+        "at_limit",
+    }
 
 
 def test_the_positioner_itself_refuses_to_leave_its_limits(bench: Bench) -> None:
-    positioner = bench.positioner
+    positioner = bench.device("positioner")
     positioner.set_limits(0.002, 0.004)
     for target in (0.001999, 0.004001):
         with pytest.raises(DeviceError, match="answered exception 3, illegal value, to target = "):
@@ -120,10 +123,10 @@ def test_the_positioner_itself_refuses_to_leave_its_limits(bench: Bench) -> None
 def test_limits_the_wrong_way_round_are_refused_before_anything_is_sent(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wire = listen(bench.positioner.link, monkeypatch)
+    wire = listen(bench.device("positioner").link, monkeypatch)
     with pytest.raises(RangeError, match="lower limit 4 mm is not at or below the upper limit 2 mm"):
-        bench.positioner.set_limits(0.004, 0.002)
+        bench.device("positioner").set_limits(0.004, 0.002)
     assert wire.requests == []
     with pytest.raises(DeviceError, match="illegal value"):
-        bench.positioner.set(limit_low=0.004, limit_high=0.002)
-    assert bench.positioner.get_many("limit_low", "limit_high") == [0.0, 0.025]
+        bench.device("positioner").set(limit_low=0.004, limit_high=0.002)
+    assert bench.device("positioner").get_many("limit_low", "limit_high") == [0.0, 0.025]

@@ -11,12 +11,12 @@ from palpate.instrument.errors import DeviceError
 from palpate.simulators.bench import SimulatedBench
 
 MODBUS = [
-    ("indicator", "mode", 9.0, r"mode = 9 is no choice; valid: track \(0\), peak_to_peak \(1\)"),
-    ("indicator", "decimals", 400.0, "decimals = 400 is outside 0 to 9"),
-    ("indicator", "command_result", 77.0, r"command_result = 77 is no choice; valid: none \(0\)"),
-    ("amplifier", "temperature", 3200.0, "temperature = 3200 degC is outside -40 to 150 degC"),
+    ("strain_indicator", "mode", 9.0, r"mode = 9 is no choice; valid: track \(0\), peak_to_peak \(1\)"),
+    ("strain_indicator", "decimals", 400.0, "decimals = 400 is outside 0 to 9"),
+    ("strain_indicator", "command_result", 77.0, r"command_result = 77 is no choice; valid: none \(0\)"),
+    ("shaker_amplifier", "temperature", 3200.0, "temperature = 3200 degC is outside -40 to 150 degC"),
     ("positioner", "limit_high", -1.0, "limit_high = -1 m is outside 0 to 0.025 m"),
-    ("generator", "frequency", 30_000.0, "frequency = 30000 Hz is outside 0 to 20000 Hz"),
+    ("signal_generator", "frequency", 30_000.0, "frequency = 30000 Hz is outside 0 to 20000 Hz"),
 ]
 CANOPEN = [
     ("range_1", 9.0, r"range_1 = 9 is no choice; valid: 5 V \(0\), 500 mV \(1\)"),
@@ -30,7 +30,7 @@ def test_a_modbus_value_outside_its_contract_is_refused_with_device_field_value_
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for device, field, value, message in MODBUS:
-        driver, simulated = getattr(bench, device), getattr(sim, device)
+        driver, simulated = bench.device(device), sim.devices[device]
         with monkeypatch.context() as patch:
             read = simulated.read
             patch.setattr(simulated, "read", lambda name, f=field, v=value, r=read: v if name == f else r(name))
@@ -48,14 +48,14 @@ def test_an_object_outside_its_contract_is_refused_where_the_node_is_opened(
         with monkeypatch.context() as patch:
             patch.setitem(sim.can.nodes[0].settings, field, value)
             with pytest.raises(DeviceError, match=f"^sensor node 1 at .*: reads {message}"):
-                bench.nodes[0].connect()
+                bench.device("sensor_node_1").connect()
 
 
 def test_a_node_that_sends_no_sync_can_be_opened_and_says_what_it_wants_before_it_samples(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """0 is the default of 1006h in CiA 301."""
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     monkeypatch.setitem(sim.can.nodes[0].settings, "sync_period", 0.0)
     node.connect()
     with pytest.raises(
@@ -70,15 +70,15 @@ def test_a_setting_that_fell_out_of_its_limits_counts_as_lost_and_is_restored(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So a power cycle leaves a node, whose defaults need not lie within the contract."""
-    node, held = bench.nodes[0], sim.can.nodes[0].settings
+    node, held = bench.device("sensor_node_1"), sim.can.nodes[0].settings
     node.set("sync_period", 0.002)
     monkeypatch.setitem(held, "sync_period", 0.0)
     assert any("sync_period is 0, was set to 0.002" in found for found in node.differences())
     node.restore()
     assert held["sync_period"] == 0.002
     monkeypatch.setitem(sim.indicator.settings, "full_scale", 5.0)
-    assert any("full_scale is 5, was set to 200" in found for found in bench.indicator.differences())
-    bench.indicator.restore()
+    assert any("full_scale is 5, was set to 200" in found for found in bench.device("strain_indicator").differences())
+    bench.device("strain_indicator").restore()
     assert sim.indicator.settings["full_scale"] == 200.0
 
 
@@ -88,11 +88,11 @@ def test_a_fault_bit_that_the_contract_does_not_name_is_a_fault(
     amplifier: Any = sim.amplifier
     read = amplifier.read
     monkeypatch.setattr(amplifier, "read", lambda name: 512.0 if name == "faults_latched" else read(name))
-    assert bench.amplifier.read().faults_latched == {"bit 9"}
+    assert bench.device("shaker_amplifier").read().faults_latched == {"bit 9"}
 
 
 def test_a_float_may_be_not_a_number_where_it_has_no_limits(bench: Bench) -> None:
-    contract = bench.indicator.contract
+    contract = bench.device("strain_indicator").contract
     assert contract.misread("reading_float", float("nan")) == ""
     assert "reading_float = inf" in contract.misread("reading_float", float("inf"))
     assert "gage_factor = nan" in contract.misread("gage_factor", float("nan"))

@@ -31,9 +31,8 @@ class WithChanger:
 class TestSampleChanger(WithChanger, ModbusConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
-        assert bench.changer is not None
         assert sim.changer is not None
-        return bench.changer, sim.changer
+        return bench.device("sample_changer"), sim.changer
 
 
 @pytest.fixture
@@ -44,8 +43,7 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 
 @pytest.fixture
 def changer(bench: Bench) -> SampleChanger:
-    assert bench.changer is not None
-    return bench.changer
+    return bench.device("sample_changer")
 
 
 def test_a_sample_is_laid_by_its_name_and_takes_its_time(changer: SampleChanger, sim: SimulatedBench) -> None:
@@ -92,7 +90,7 @@ def test_a_name_that_no_place_holds_is_refused_by_the_driver_and_by_the_device(
 
 def test_nothing_is_moved_below_a_probe_that_is_down(changer: SampleChanger, bench: Bench) -> None:
     changer.mount("1")
-    bench.positioner.move(5e-3)
+    bench.device("positioner").move(5e-3)
     assert changer.contract.set_bits("status", changer.get("status")) == {"probe_down"}
     with pytest.raises(DeviceError, match="exception 4"):
         changer.mount("2")
@@ -131,10 +129,9 @@ def has_ordered(changer: SampleChanger, sim: SimulatedBench) -> None:
 def test_what_anybody_else_has_done_to_the_sample_is_found(
     other: Callable[[SampleChanger, SimulatedBench], None], says: str, bench: Bench, sim: SimulatedBench
 ) -> None:
-    assert bench.changer is not None
-    bench.changer.mount("2")
+    bench.device("sample_changer").mount("2")
     bench.check_settings()
-    other(bench.changer, sim)
+    other(bench.device("sample_changer"), sim)
     with pytest.raises(SampleError, match=f"^sample changer at .*: {says}"):
         bench.check_settings()
 
@@ -170,7 +167,7 @@ def test_a_tag_that_is_no_text_is_told_and_not_used(
 def test_a_bench_without_a_changer_asks_the_person(scene: Scene) -> None:
     with SimulatedBench(scene) as sim:
         bench = Bench(sim.description, sim.clock, sim.operator)
-        assert (bench.changer, sim.description.sample_changer) == (None, None)
+        assert (bench.maybe(SampleChanger), sim.description.sample_changer) == (None, None)
         assert bench.operator is sim.operator
 
 

@@ -28,7 +28,7 @@ SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit 
 class TestSensorNode(CanopenConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[SensorNode, SimulatedNode]:
-        return bench.nodes[0], sim.nodes[0]
+        return bench.device("sensor_node_1"), sim.nodes[0]
 
 
 @pytest.fixture
@@ -46,9 +46,9 @@ def put_on_films(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, total: fl
 def shake(bench: Bench) -> None:
     """A sample under the probe, pressed and shaken at 10 Hz."""
     bench.operator.mount(SAMPLES["2"])
-    bench.positioner.move(15e-3, speed=5e-3)
+    bench.device("positioner").move(15e-3, speed=5e-3)
     bench.drive()
-    bench.generator.sine(10.0, 1.0)
+    bench.device("signal_generator").sine(10.0, 1.0)
 
 
 def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind: None) -> None:
@@ -56,9 +56,9 @@ def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind:
         SimulatedBench(replace(scene, nodes=20)) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
-        recordings = acquire(bench.nodes, 1.0)
+        recordings = acquire(bench.all(SensorNode), 1.0)
         assert [recording.node for recording in recordings] == list(range(1, 21))
-        for recording, node in zip(recordings, bench.nodes, strict=True):
+        for recording, node in zip(recordings, bench.all(SensorNode), strict=True):
             assert recording.voltage.shape == recording.saturated.shape == (4, 1000)
             assert node.get("sample_counter") == 1000
         assert recordings[0].time[[0, -1]].tolist() == [0.001, 1.0]
@@ -66,7 +66,7 @@ def test_twenty_nodes_at_1_kHz_lose_no_sample(scene: Scene, nothing_left_behind:
 
 
 def test_a_second_recording_starts_again_from_one(bench: Bench) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.acquire(0.05)
     assert node.acquire(0.02).voltage.shape == (4, 20)
     assert node.get("sample_counter") == 20
@@ -75,7 +75,7 @@ def test_a_second_recording_starts_again_from_one(bench: Bench) -> None:
 def test_the_films_sine_stands_in_its_channels_and_nowhere_else(bench: Bench) -> None:
     shake(bench)
     bench.clock.wait(5.0)
-    voltage = bench.nodes[0].acquire(1.0).voltage
+    voltage = bench.device("sensor_node_1").acquire(1.0).voltage
     spectrum = np.abs(np.fft.rfft(voltage, axis=1))[:, 10] * 2 / 1000
     rigid, total = (film.channel - 1 for film in sorted(bench_films(bench), key=lambda film: film.name))
     assert spectrum[total] > 10 * spectrum[rigid] > 100 * spectrum[2:].max()
@@ -86,7 +86,7 @@ def bench_films(bench: Bench) -> Any:
 
 
 def test_a_range_ten_times_smaller_resolves_ten_times_finer(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     steps = []
     for range_ in ("5 V", "500 mV"):
         node.set_range(3, range_)
@@ -102,7 +102,7 @@ def test_a_saturated_channel_is_flagged_and_reported_once(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put_on_films(sim, monkeypatch, total=-6.0)
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     recording = node.acquire(0.01)
     assert recording.saturated.tolist() == [[False] * 10, [True] * 10, [False] * 10, [False] * 10]
     assert recording.voltage[1].tolist() == [-5.0] * 10
@@ -119,8 +119,8 @@ def test_the_last_count_before_the_rail_is_not_saturated(
     monkeypatch.setattr(sim.nodes[0], "_added", {})
     for total, saturated in ((32767 * 5 / 32768, False), (5.0, True), (-5.0, False), (-32769 * 5 / 32768, True)):
         put_on_films(sim, monkeypatch, total)
-        assert bench.nodes[0].acquire(0.001).saturated[1].tolist() == [saturated], total
-    assert len(bench.nodes[0].emergencies) == 2
+        assert bench.device("sensor_node_1").acquire(0.001).saturated[1].tolist() == [saturated], total
+    assert len(bench.device("sensor_node_1").emergencies) == 2
 
 
 def test_a_node_without_converter_effect_still_saturates_at_16_bits(
@@ -131,7 +131,7 @@ def test_a_node_without_converter_effect_still_saturates_at_16_bits(
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         put_on_films(sim, monkeypatch, total=7.0)
-        recording = bench.nodes[0].acquire(0.002)
+        recording = bench.device("sensor_node_1").acquire(0.002)
     assert recording.saturated[1].all()
     assert recording.voltage[1].tolist() == [32767 * 5 / 32768] * 2
 
@@ -144,8 +144,8 @@ def test_resetting_the_integrators_starts_the_films_from_zero(scene: Scene) -> N
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
         bench.operator.mount(SAMPLES["2"])
-        bench.positioner.move(20e-3, speed=5e-3)
-        node = bench.nodes[0]
+        bench.device("positioner").move(20e-3, speed=5e-3)
+        node = bench.device("sensor_node_1")
         assert node.acquire(0.001).voltage[1, 0] > 0.05  # the step of the preload has not drained yet
         node.reset_integrators()
         assert abs(node.acquire(0.001).voltage[1, 0]) < 1e-3
@@ -175,7 +175,7 @@ def test_a_lost_frame_is_noticed(
 
     tamper(sim, monkeypatch, drop)
     with pytest.raises(LinkError, match=f"sensor node 1 .* missing from number {lost} on; .*record again"):
-        bench.nodes[0].acquire(0.02)
+        bench.device("sensor_node_1").acquire(0.02)
 
 
 def test_a_doubled_frame_is_noticed(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,7 +189,7 @@ def test_a_doubled_frame_is_noticed(sim: SimulatedBench, bench: Bench, monkeypat
 
     tamper(sim, monkeypatch, double)
     with pytest.raises(LinkError, match="missing from number"):
-        bench.nodes[0].acquire(0.02)
+        bench.device("sensor_node_1").acquire(0.02)
 
 
 def test_a_whole_sample_lost_is_noticed_by_its_number(
@@ -203,7 +203,7 @@ def test_a_whole_sample_lost_is_noticed_by_its_number(
             send(message)
 
     tamper(sim, monkeypatch, drop)
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.arm()
     node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
     sim.clock.wait(0.03)
@@ -215,16 +215,16 @@ def test_a_whole_sample_lost_is_noticed_by_its_number(
 def test_nodes_that_do_not_sample_are_a_device_error(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bench.nodes[0], "arm", lambda _count: None)
+    monkeypatch.setattr(bench.device("sensor_node_1"), "arm", lambda _count: None)
     with pytest.raises(DeviceError, match="20 of 20 samples were not taken; check SYNC and NMT state"):
-        bench.nodes[0].acquire(0.02)
+        bench.device("sensor_node_1").acquire(0.02)
     assert sim.nodes[0].settings["sync_cob_id"] == SYNC_COB_ID
 
 
 def test_a_duration_without_a_sample_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
     for duration in (0.0, -1.0, 1e-9, 0.5e-3, math.nan, math.inf):
         with pytest.raises(RangeError, match=r"sensor node 1 .*duration .* at least one sample"):
-            bench.nodes[0].acquire(duration)
+            bench.device("sensor_node_1").acquire(duration)
     assert frames(listener) == []
 
 
@@ -232,19 +232,19 @@ def test_more_samples_than_the_counter_tells_apart_are_refused_before_anything_i
     bench: Bench, listener: can.BusABC
 ) -> None:
     with pytest.raises(RangeError, match=r"4294967296 samples .* 4294967295; record at most 4.29497e\+06 s"):
-        bench.nodes[0].acquire(2**32 / 1000)
+        bench.device("sensor_node_1").acquire(2**32 / 1000)
     assert frames(listener) == []
 
 
 def test_a_sample_rate_out_of_range_is_refused_before_anything_is_sent(bench: Bench, listener: can.BusABC) -> None:
     for rate in (0.0, -1.0, 0.05, 20_000.0, math.nan, math.inf):
         with pytest.raises(RangeError):
-            bench.nodes[0].set_sample_rate(rate)
+            bench.device("sensor_node_1").set_sample_rate(rate)
     assert frames(listener) == []
 
 
 def test_the_sample_rate_is_what_the_node_can_hold(bench: Bench) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.set_sample_rate(3000.0)
     assert node.rate == 1 / 333e-6
 
@@ -254,12 +254,12 @@ def test_all_integrators_are_reset_and_no_other_object_is_written(
 ) -> None:
     written = list[str]()
     monkeypatch.setattr(sim.nodes[0], "write", lambda field, _value: written.append(field.name))
-    bench.nodes[0].reset_integrators()
+    bench.device("sensor_node_1").reset_integrators()
     assert written == ["reset_1", "reset_2", "reset_3", "reset_4"]
 
 
 def test_more_emergencies_than_are_kept_end_a_recording(bench: Bench) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.emergencies = [SATURATED] * (MOST_EMERGENCIES - 1)
     assert node.acquire(0.002).voltage.shape == (4, 2)
     for _ in range(3):
@@ -272,7 +272,7 @@ def test_more_emergencies_than_are_kept_end_a_recording(bench: Bench) -> None:
 def test_a_heartbeat_that_stops_is_told_after_three_were_due_and_comes_back(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     sim.clock.wait(2.0)
     assert node.notices() == []
     with monkeypatch.context() as patch:
@@ -289,7 +289,7 @@ def test_a_heartbeat_that_stops_is_told_after_three_were_due_and_comes_back(
 def test_a_node_that_starts_anew_is_told_until_its_settings_are_written_again(
     bench: Bench, listener: can.BusABC
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     listener.send(can.Message(arbitration_id=0x701, data=[0], is_extended_id=False))  # CiA 301: boot-up
     while not node.differences():
         node.get("probe")  # its answer follows on the bus
@@ -300,7 +300,7 @@ def test_a_node_that_starts_anew_is_told_until_its_settings_are_written_again(
 
 def test_each_channel_has_the_range_that_the_node_held_before(sim: SimulatedBench, bench: Bench) -> None:
     sim.nodes[0].settings.update(range_1=1.0, range_4=1.0)
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.connect()
     levels = [np.abs(volts[volts != 0]).min() for volts in node.acquire(0.5).voltage]
     assert levels == pytest.approx([0.5 / 32768, 5 / 32768, 5 / 32768, 0.5 / 32768])
@@ -311,12 +311,12 @@ def test_nodes_that_sample_together_have_the_rate_of_the_one_that_gives_the_time
         SimulatedBench(replace(scene, nodes=2)) as sim,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
-        bench.nodes[0].set_sample_rate(500.0)
-        for recording in acquire(bench.nodes, 0.1):
+        bench.device("sensor_node_1").set_sample_rate(500.0)
+        for recording in acquire(bench.all(SensorNode), 0.1):
             assert (recording.rate, recording.time[-1], recording.voltage.shape) == (500.0, 0.1, (4, 50))
         for node in sim.nodes:
             node.settings["sample_counter"] = 0.0
-        bench.nodes[0].set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
+        bench.device("sensor_node_1").set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
         sim.clock.wait(0.1)
         assert [node.settings["sample_counter"] for node in sim.nodes] == [0, 0]  # SYNC goes on, they do not
 
@@ -331,7 +331,7 @@ def record(scene: Scene) -> list[Recording]:
     ):
         shake(bench)
         bench.clock.wait(0.5)
-        return acquire(bench.nodes, 0.2)
+        return acquire(bench.all(SensorNode), 0.2)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(scene: Scene) -> None:

@@ -19,7 +19,7 @@ from tests.drivers.benches import drive, open_bench
 
 def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: bool) -> list[str]:
     """The generator's next write is not confirmed; what its driver notices from now on."""
-    generator, noticed = bench.generator, list[str]()
+    generator, noticed = bench.device("signal_generator"), list[str]()
     transact, failures = generator.link.transact, [LinkTimeout("no answer")]
 
     def once(name: str, function: Callable[..., Any], *asked: Any) -> Any:
@@ -38,7 +38,7 @@ def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: b
 
 
 def test_each_setting_that_differs_is_told_with_both_values(bench: Bench, sim: SimulatedBench) -> None:
-    amplifier = bench.amplifier
+    amplifier = bench.device("shaker_amplifier")
     assert amplifier.differences() == []
     sim.amplifier.settings.update(gain=7.0, watchdog=1.5)
     assert amplifier.differences() == [
@@ -48,7 +48,7 @@ def test_each_setting_that_differs_is_told_with_both_values(bench: Bench, sim: S
 
 
 def test_only_what_differs_is_written_again(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    positioner = bench.positioner
+    positioner = bench.device("positioner")
     positioner.set_limits(0.001, 0.02)
     sim.positioner.settings["limit_high"] = 0.01
     wire = listen(positioner.link, monkeypatch)
@@ -62,16 +62,16 @@ def test_a_device_that_does_not_take_its_settings_is_an_error(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sim.positioner.settings["speed"] = 3e-3
-    bench.positioner._settings["speed"] = 1e-3
+    bench.device("positioner")._settings["speed"] = 1e-3
     monkeypatch.setattr(sim.positioner, "write", lambda _values: None)
     with pytest.raises(DeviceError, match=r"speed is 0.003, was set to 0.001: it does not take its settings"):
-        bench.positioner.restore()
+        bench.device("positioner").restore()
 
 
 def test_a_write_that_is_not_confirmed_and_reads_back_is_noticed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     noticed = unconfirmed(bench, monkeypatch, carried_out=True)
-    bench.generator.sine(12.0, 0.5)
-    assert bench.generator.read() == (12.0, 0.5, 0.0)
+    bench.device("signal_generator").sine(12.0, 0.5)
+    assert bench.device("signal_generator").read() == (12.0, 0.5, 0.0)
     assert noticed == ["no answer; read back, it was carried out"]
 
 
@@ -80,7 +80,7 @@ def test_a_write_that_is_not_confirmed_and_reads_otherwise_is_an_error(
 ) -> None:
     noticed = unconfirmed(bench, monkeypatch, carried_out=False)
     with pytest.raises(LinkTimeout):
-        bench.generator.sine(12.0, 0.5)
+        bench.device("signal_generator").sine(12.0, 0.5)
     assert noticed == []
 
 
@@ -94,9 +94,9 @@ def test_a_write_that_is_neither_confirmed_nor_read_back_is_an_error(
         raise LinkTimeout("no answer")
 
     with monkeypatch.context() as patch, pytest.raises(LinkTimeout):
-        patch.setattr(bench.generator.link, "transact", silent)
-        bench.generator.read_attempts, bench.generator.noticed = 2, noticed.append
-        bench.generator.sine(12.0, 0.5)
+        patch.setattr(bench.device("signal_generator").link, "transact", silent)
+        bench.device("signal_generator").read_attempts, bench.device("signal_generator").noticed = 2, noticed.append
+        bench.device("signal_generator").sine(12.0, 0.5)
     assert (len(asked), noticed) == (3, ["no answer; asked again"])  # told once, read twice
 
 
@@ -108,17 +108,17 @@ def test_an_attended_bench_asks_twice_and_another_once(bench: Bench, monkeypatch
         raise LinkTimeout("no answer")
 
     with monkeypatch.context() as patch:
-        patch.setattr(bench.generator.link, "transact", silent)
+        patch.setattr(bench.device("signal_generator").link, "transact", silent)
         for times in (1, 2):
             asked.clear()
             with pytest.raises(LinkTimeout):
-                bench.generator.get("frequency")
+                bench.device("signal_generator").get("frequency")
             assert len(asked) == times
             bench.attend(lambda *_: None)
 
 
 def test_what_makes_a_node_do_something_is_no_setting(bench: Bench, sim: SimulatedBench) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.set_range(2, "500 mV")
     node.reset_integrators()
     node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
@@ -136,31 +136,33 @@ def test_an_order_that_is_not_confirmed_is_an_error_whatever_was_done(
     """A register that cannot be read back tells nothing."""
     noticed = unconfirmed(bench, monkeypatch, carried_out=True)
     with pytest.raises(LinkTimeout):
-        bench.generator.reset_phase()
+        bench.device("signal_generator").reset_phase()
     assert noticed == []
 
 
 def test_a_command_is_no_setting(bench: Bench) -> None:
-    bench.indicator.clear_zero()
-    bench.positioner.move(0.001)
-    assert bench.indicator.differences() == bench.positioner.differences() == []
+    bench.device("strain_indicator").clear_zero()
+    bench.device("positioner").move(0.001)
+    assert bench.device("strain_indicator").differences() == bench.device("positioner").differences() == []
 
 
 def test_a_positioner_that_was_moved_from_where_it_was_sent_is_noticed(bench: Bench, sim: SimulatedBench) -> None:
-    bench.positioner.move(0.004)
-    bench.positioner.set(target=0.003, speed=1e-3, command="move")  # as another client would
+    bench.device("positioner").move(0.004)
+    bench.device("positioner").set(target=0.003, speed=1e-3, command="move")  # as another client would
     sim.clock.wait(2.0)
-    assert bench.positioner.differences() == [f"{bench.positioner.name}: stands at 3 mm, was sent to 4 mm"]
-    bench.positioner.stop()
-    assert bench.positioner.differences() == []
+    assert bench.device("positioner").differences() == [
+        f"{bench.device('positioner').name}: stands at 3 mm, was sent to 4 mm"
+    ]
+    bench.device("positioner").stop()
+    assert bench.device("positioner").differences() == []
 
 
 def test_a_waveform_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:
-    bench.generator.waveform("square", 10.0, 1.0)
-    assert bench.generator.read() == (10.0, 1.0, 0.0)
-    bench.indicator.peak_to_peak(1.0)
-    bench.indicator.track(0.5)
-    indicator = bench.indicator
+    bench.device("signal_generator").waveform("square", 10.0, 1.0)
+    assert bench.device("signal_generator").read() == (10.0, 1.0, 0.0)
+    bench.device("strain_indicator").peak_to_peak(1.0)
+    bench.device("strain_indicator").track(0.5)
+    indicator = bench.device("strain_indicator")
     assert indicator.contract.choice("mode", indicator.get("mode")) == "track"
 
 
@@ -172,16 +174,16 @@ def test_an_amplifier_that_refuses_a_claim_says_why_in_its_own_words(
     def refused(_name: str) -> float:
         raise DeviceError("answered exception 4, device failure", code=4)
 
-    monkeypatch.setattr(bench.amplifier, "_token", 0)
-    monkeypatch.setattr(bench.amplifier, "get", refused)
+    monkeypatch.setattr(bench.device("shaker_amplifier"), "_token", 0)
+    monkeypatch.setattr(bench.device("shaker_amplifier"), "get", refused)
     with pytest.raises(DeviceError, match="device failure"):
-        bench.amplifier.claim()
+        bench.device("shaker_amplifier").claim()
 
 
 def test_without_an_owner_a_sign_of_life_is_a_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench.amplifier, "_token", 0)
-    wire = listen(bench.amplifier.link, monkeypatch)
-    bench.amplifier.feed()
+    monkeypatch.setattr(bench.device("shaker_amplifier"), "_token", 0)
+    wire = listen(bench.device("shaker_amplifier").link, monkeypatch)
+    bench.device("shaker_amplifier").feed()
     assert [request[0] for request in wire.requests] == [3]
 
 
@@ -217,9 +219,9 @@ def test_an_opened_bench_holds_what_its_file_says(bench: Bench, sim: SimulatedBe
     sim.amplifier.settings["enable"] = 0.0
     sim.generator.settings["amplitude"] = 3.0
     bench.drive()
-    assert bench.generator.read() == (10.0, 0.0, 0.0)
+    assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
     bench.rest()
-    assert bench.generator.read() == (10.0, 0.0, 0.0)
+    assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
 
 
 def test_a_bench_whose_load_cell_reads_nothing_does_not_go_on(
@@ -230,17 +232,19 @@ def test_a_bench_whose_load_cell_reads_nothing_does_not_go_on(
     monkeypatch.setattr(sim.indicator, "read", lambda name: opened[name] if name in opened else read(name))
     with pytest.raises(DeviceError, match="bridge open; check the bridge and its wires") as caught:
         bench.recover()
-    assert caught.value.device == bench.indicator.name
+    assert caught.value.device == bench.device("strain_indicator").name
 
 
 def test_what_was_lost_and_written_again_is_told_to_the_record(bench: Bench, sim: SimulatedBench) -> None:
     told = list[str]()
     bench.attend(lambda _kind, what, _ns: told.append(what))
     sim.amplifier.settings["gain"] = 7.0
-    with pytest.raises(SettingsLost, match=f"{re.escape(bench.amplifier.name)}: gain is 7, was set to .*; look at"):
+    with pytest.raises(
+        SettingsLost, match=f"{re.escape(bench.device('shaker_amplifier').name)}: gain is 7, was set to .*; look at"
+    ):
         bench.check_settings()
     bench.recover()
-    assert [what for what in told if what.startswith(f"{bench.amplifier.name}: gain is 7")] != []
+    assert [what for what in told if what.startswith(f"{bench.device('shaker_amplifier').name}: gain is 7")] != []
     assert all(what.endswith("; written again") for what in told if "was set to" in what)
     bench.check_settings()
 
@@ -251,7 +255,7 @@ def test_error_frames_of_the_bus_are_told(
 ) -> None:
     noted = list[str]()
     bench.attend(lambda _kind, what, _ns: noted.append(what))
-    link = bench.nodes[0].link
+    link = bench.device("sensor_node_1").link
     monkeypatch.setattr(link, "error_frames", lambda: errors)
     bench.check_settings()
     assert noted == [f"{link.name}: {each}" for each in told]
@@ -274,12 +278,12 @@ def test_an_amplifier_is_given_up_only_when_all_outputs_are_off(
     bench.__enter__()
     drive(bench)
     released = list[bool]()
-    release = bench.amplifier.release
-    monkeypatch.setattr(bench.amplifier, "release", lambda: released.append(True) or release())
+    release = bench.device("shaker_amplifier").release
+    monkeypatch.setattr(bench.device("shaker_amplifier"), "release", lambda: released.append(True) or release())
     if safe:
         bench.__exit__(None, None, None)
     else:
-        monkeypatch.setattr(bench.generator, "output", lambda _on: _fails())
+        monkeypatch.setattr(bench.device("signal_generator"), "output", lambda _on: _fails())
         with pytest.raises(BenchError, match="could not all be switched off: it is stuck"):
             bench.__exit__(None, None, None)
     assert released == ([True] if safe else [])

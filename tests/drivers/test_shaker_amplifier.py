@@ -21,30 +21,30 @@ COIL = 3.5  # ohm
 class TestShakerAmplifier(ModbusConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
-        return bench.amplifier, sim.amplifier
+        return bench.device("shaker_amplifier"), sim.amplifier
 
 
 def drive(bench: Bench, amplitude: float) -> None:
     bench.drive()
-    bench.generator.sine(10.0, amplitude)
+    bench.device("signal_generator").sine(10.0, amplitude)
 
 
 def test_the_amplifier_measures_what_it_gives(bench: Bench) -> None:
-    bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=0)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=0)
     drive(bench, 3.0)
-    state = bench.amplifier.read()
+    state = bench.device("shaker_amplifier").read()
     assert state.voltage == pytest.approx(6 / math.sqrt(2), abs=0.005)
     assert state.current == pytest.approx(6 / math.sqrt(2) / COIL, abs=0.0005)
     assert (state.enabled, state.faults, state.faults_latched) == (True, frozenset(), frozenset())
-    bench.amplifier.disable()
-    state = bench.amplifier.read()
+    bench.device("shaker_amplifier").disable()
+    state = bench.device("shaker_amplifier").read()
     assert (state.enabled, state.voltage, state.current) == (False, 0.0, 0.0)
 
 
 def test_the_watchdog_drops_the_output_at_its_time_out_and_latches(bench: Bench, sim: SimulatedBench) -> None:
-    bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=0.5)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=0.5)
     drive(bench, 1.0)
-    bench.amplifier.feed()
+    bench.device("shaker_amplifier").feed()
     sim.clock.wait(0.499_999_999)
     assert latched(sim) == set()
     assert sim.amplifier.settings["enable"] == 1
@@ -52,70 +52,72 @@ def test_the_watchdog_drops_the_output_at_its_time_out_and_latches(bench: Bench,
     assert latched(sim) == {"watchdog"}
     assert sim.amplifier.settings["enable"] == 0
     assert sim.rig.coil_voltage().at(np.array([sim.clock.now_ns() + 25_000_000])).tolist() == [0.0]
-    assert bench.amplifier.read().faults_latched == {"watchdog"}
+    assert bench.device("shaker_amplifier").read().faults_latched == {"watchdog"}
     with pytest.raises(DeviceError, match="answered exception 4, device failure, to enable = on"):
-        bench.amplifier.enable()
-    bench.amplifier.clear_faults()
-    bench.amplifier.enable()
-    assert bench.amplifier.read().enabled
+        bench.device("shaker_amplifier").enable()
+    bench.device("shaker_amplifier").clear_faults()
+    bench.device("shaker_amplifier").enable()
+    assert bench.device("shaker_amplifier").read().enabled
 
 
 def test_a_disabled_amplifier_has_nothing_to_watch(bench: Bench, sim: SimulatedBench) -> None:
-    bench.amplifier.set(watchdog=0.5)
+    bench.device("shaker_amplifier").set(watchdog=0.5)
     sim.clock.wait(10.0)
     assert latched(sim) == set()
 
 
 @pytest.mark.parametrize(("amplitude", "trips"), [(1.7499, False), (1.7501, True)])
 def test_over_current_trips_at_the_peak(amplitude: float, trips: bool, bench: Bench) -> None:
-    bench.amplifier.configure(gain=2.0, current_limit=1.0, watchdog=0)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=1.0, watchdog=0)
     drive(bench, amplitude)
-    state = bench.amplifier.read()
+    state = bench.device("shaker_amplifier").read()
     assert state.enabled is not trips
     assert state.faults_latched == ({"over_current"} if trips else set())
 
 
 def test_every_way_to_too_much_current_trips(bench: Bench) -> None:
     def over_current() -> bool:
-        tripped = bench.amplifier.read().faults_latched == {"over_current"}
-        bench.amplifier.clear_faults()
+        tripped = bench.device("shaker_amplifier").read().faults_latched == {"over_current"}
+        bench.device("shaker_amplifier").clear_faults()
         return tripped
 
-    bench.amplifier.configure(gain=2.0, current_limit=1.0, watchdog=0)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=1.0, watchdog=0)
     drive(bench, 1.0)
-    bench.generator.set(offset=-1.0)
+    bench.device("signal_generator").set(offset=-1.0)
     assert over_current()
-    bench.generator.set(offset=0.0)
-    bench.amplifier.enable()
-    bench.amplifier.set(gain=4.0)
+    bench.device("signal_generator").set(offset=0.0)
+    bench.device("shaker_amplifier").enable()
+    bench.device("shaker_amplifier").set(gain=4.0)
     assert over_current()
-    bench.amplifier.set(gain=2.0)
-    bench.amplifier.enable()
-    bench.amplifier.set(current_limit=0.5)
+    bench.device("shaker_amplifier").set(gain=2.0)
+    bench.device("shaker_amplifier").enable()
+    bench.device("shaker_amplifier").set(current_limit=0.5)
     assert over_current()
-    bench.amplifier.enable()
+    bench.device("shaker_amplifier").enable()
     assert over_current()
-    bench.amplifier.set(current_limit=1.0)
-    bench.amplifier.enable()
-    assert bench.amplifier.read().enabled
+    bench.device("shaker_amplifier").set(current_limit=1.0)
+    bench.device("shaker_amplifier").enable()
+    assert bench.device("shaker_amplifier").read().enabled
 
 
 def test_the_heat_sink_warms_up_with_its_time_constant_and_cools_down_again(bench: Bench, sim: SimulatedBench) -> None:
-    bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=0)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=0)
     drive(bench, 4.0)
     current = 8 / math.sqrt(2) / COIL
     rise = 2.0 * COIL * current**2  # 2 K/W
     sim.clock.wait(300.0)
-    assert bench.amplifier.read().temperature == pytest.approx(25 + rise * (1 - math.exp(-1)), abs=0.05)
+    assert bench.device("shaker_amplifier").read().temperature == pytest.approx(
+        25 + rise * (1 - math.exp(-1)), abs=0.05
+    )
     sim.clock.wait(3000.0)
-    assert bench.amplifier.read().temperature == pytest.approx(25 + rise, abs=0.05)
-    bench.amplifier.disable()
+    assert bench.device("shaker_amplifier").read().temperature == pytest.approx(25 + rise, abs=0.05)
+    bench.device("shaker_amplifier").disable()
     sim.clock.wait(300.0)
-    assert bench.amplifier.read().temperature == pytest.approx(25 + rise * math.exp(-1), abs=0.05)
+    assert bench.device("shaker_amplifier").read().temperature == pytest.approx(25 + rise * math.exp(-1), abs=0.05)
 
 
 def test_over_temperature_trips_and_cannot_be_cleared_while_hot(bench: Bench, sim: SimulatedBench) -> None:
-    bench.amplifier.configure(gain=2.0, current_limit=6.0, watchdog=0)
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=6.0, watchdog=0)
     drive(bench, 8.0)
     rise = COIL * 2.0 * (16 / math.sqrt(2) / COIL) ** 2
     trip = 300.0 * math.log(rise / (rise - 65.0))
@@ -123,14 +125,14 @@ def test_over_temperature_trips_and_cannot_be_cleared_while_hot(bench: Bench, si
     assert latched(sim) == set()
     sim.clock.wait(2e-3)
     assert latched(sim) == {"over_temperature"}
-    bench.amplifier.clear_faults()
-    state = bench.amplifier.read()
+    bench.device("shaker_amplifier").clear_faults()
+    state = bench.device("shaker_amplifier").read()
     assert not state.enabled
     assert state.faults == state.faults_latched == {"over_temperature"}
     assert state.temperature == pytest.approx(90.0, abs=0.05)
     sim.clock.wait(300.0 * math.log(65 / 55) + 1.0)  # cooled to 80 degrees
-    assert bench.amplifier.read().faults == set()
+    assert bench.device("shaker_amplifier").read().faults == set()
     with pytest.raises(DeviceError):
-        bench.amplifier.enable()
-    bench.amplifier.clear_faults()
-    bench.amplifier.enable()
+        bench.device("shaker_amplifier").enable()
+    bench.device("shaker_amplifier").clear_faults()
+    bench.device("shaker_amplifier").enable()

@@ -25,7 +25,7 @@ from tests.drivers.benches import drive
 class TestSignalGenerator(ModbusConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
-        return bench.generator, sim.generator
+        return bench.device("signal_generator"), sim.generator
 
 
 def volts_at(generator: SimulatedGenerator, *times: float) -> npt.NDArray[np.float64]:
@@ -37,62 +37,62 @@ def volts_at(generator: SimulatedGenerator, *times: float) -> npt.NDArray[np.flo
 def test_a_frequency_change_is_one_request_and_keeps_the_phase(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench.generator.sine(10.0, 2.0)
-    bench.generator.output(True)
+    bench.device("signal_generator").sine(10.0, 2.0)
+    bench.device("signal_generator").output(True)
     sim.clock.wait(0.1234567)
     before = volts_at(sim.generator, 0.0)
     slope = np.diff(volts_at(sim.generator, 0.0, 1e-6))
-    wire = listen(bench.generator.link, monkeypatch)
-    bench.generator.sine(20.0, 2.0)
+    wire = listen(bench.device("signal_generator").link, monkeypatch)
+    bench.device("signal_generator").sine(20.0, 2.0)
     assert [request[0] for request in wire.requests] == [16]
     assert volts_at(sim.generator, 0.0) == pytest.approx(before, abs=1e-12)
     assert np.diff(volts_at(sim.generator, 0.0, 1e-6)) == pytest.approx(2 * slope, rel=1e-3)
 
 
 def test_a_phase_reset_restarts_the_waveform_at_zero(bench: Bench, sim: SimulatedBench) -> None:
-    bench.generator.sine(10.0, 2.0)
-    bench.generator.output(True)
+    bench.device("signal_generator").sine(10.0, 2.0)
+    bench.device("signal_generator").output(True)
     sim.clock.wait(0.0321)
     assert abs(volts_at(sim.generator, 0.0)) > 1.0
-    bench.generator.reset_phase()
+    bench.device("signal_generator").reset_phase()
     assert volts_at(sim.generator, 0.0, 0.025, 0.075) == pytest.approx([0.0, 2.0, -2.0], abs=1e-12)
 
 
 def test_the_phase_is_exact_after_a_month(bench: Bench, sim: SimulatedBench) -> None:
-    bench.generator.sine(9.999, 1.0)
-    bench.generator.output(True)
+    bench.device("signal_generator").sine(9.999, 1.0)
+    bench.device("signal_generator").output(True)
     generator, month = sim.generator, 30 * 86_400 * 1_000_000_000
     phase = generator.voltage().phase(np.array([generator.clock.now_ns() + month]))
     assert phase.tolist() == [9_999 * month % 10**12]
 
 
 def test_the_output_relay_opens_and_closes(bench: Bench, sim: SimulatedBench) -> None:
-    bench.generator.sine(10.0, 2.0, offset=1.0)
+    bench.device("signal_generator").sine(10.0, 2.0, offset=1.0)
     assert volts_at(sim.generator, 0.025).tolist() == [0.0]
-    assert bench.generator.get("status") == 0
-    bench.generator.output(True)
+    assert bench.device("signal_generator").get("status") == 0
+    bench.device("signal_generator").output(True)
     assert volts_at(sim.generator, 0.025) == pytest.approx([3.0])
-    assert bench.generator.get("status") == 1
+    assert bench.device("signal_generator").get("status") == 1
 
 
 @pytest.mark.parametrize(("amplitude", "offset"), [(6.0, 4.000001), (9.0, -1.1), (math.nan, 0.0), (0.1, math.nan)])
 def test_a_peak_above_the_rail_is_refused_before_it_is_sent(
     amplitude: float, offset: float, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wire = listen(bench.generator.link, monkeypatch)
+    wire = listen(bench.device("signal_generator").link, monkeypatch)
     with pytest.raises(RangeError, match="signal generator: "):
-        bench.generator.sine(10.0, amplitude, offset)
+        bench.device("signal_generator").sine(10.0, amplitude, offset)
     assert wire.requests == []
 
 
 def test_every_peak_up_to_the_rail_is_taken(bench: Bench) -> None:
     for tenths in range(0, 101, 7):
-        bench.generator.sine(10.0, tenths / 10, offset=(tenths - 100) / 10)
-    assert bench.generator.read() == (10.0, 9.8, -0.2)
+        bench.device("signal_generator").sine(10.0, tenths / 10, offset=(tenths - 100) / 10)
+    assert bench.device("signal_generator").read() == (10.0, 9.8, -0.2)
 
 
 def test_the_generator_says_why_it_refused(bench: Bench) -> None:
-    generator = bench.generator
+    generator = bench.device("signal_generator")
     reasons = []
     for address, microvolts in ((0x14, 5_000_000), (0x12, 6_000_000), (0x12, 10_000_001), (0x12, 1)):
         registers = [microvolts >> 16, microvolts & 0xFFFF]
@@ -113,9 +113,9 @@ def test_the_generator_says_why_it_refused(bench: Bench) -> None:
 def test_a_waveform_has_the_harmonics_of_its_shape(
     shape: str, harmonic: Callable[[int], float], bench: Bench, sim: SimulatedBench
 ) -> None:
-    bench.generator.waveform(shape, 10.0, 3.0, offset=0.5)
-    bench.generator.output(True)
-    bench.generator.reset_phase()
+    bench.device("signal_generator").waveform(shape, 10.0, 3.0, offset=0.5)
+    bench.device("signal_generator").output(True)
+    bench.device("signal_generator").reset_phase()
     spectrum = np.fft.rfft(volts_at(sim.generator, *(np.arange(100) / 1000))) / 50
     assert spectrum[0] / 2 == pytest.approx(0.5)
     for k in range(1, 30):
@@ -139,8 +139,8 @@ def test_a_setting_that_a_stranger_has_changed_and_taken_back_is_noticed_once(
 ) -> None:
     drive(bench)
     bench.check_settings()
-    as_a_stranger(bench.generator, 3_000_000)
-    as_a_stranger(bench.generator, 1_000_000)
+    as_a_stranger(bench.device("signal_generator"), 3_000_000)
+    as_a_stranger(bench.device("signal_generator"), 1_000_000)
     with pytest.raises(SettingsLost, match=r"signal generator at .*: counts \d+ writes, should count \d+"):
         bench.check_settings()
     bench.recover()
@@ -150,7 +150,7 @@ def test_a_setting_that_a_stranger_has_changed_and_taken_back_is_noticed_once(
 def test_a_generator_that_was_off_meanwhile_is_noticed_though_it_holds_its_settings(
     bench: Bench, sim: SimulatedBench
 ) -> None:
-    before = {name: sim.generator.settings[name] for name in bench.generator._settings}
+    before = {name: sim.generator.settings[name] for name in bench.device("signal_generator")._settings}
     sim.generator.reset()
     sim.generator.turn(before)
     with pytest.raises(SettingsLost, match=r"counts 1 writes, should count \d+"):
@@ -161,18 +161,18 @@ def test_a_generator_that_was_off_meanwhile_is_noticed_though_it_holds_its_setti
 def test_a_write_that_was_not_confirmed_may_have_been_taken_or_not(
     carried_out: bool, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    transact = bench.generator.link.transact
+    transact = bench.device("signal_generator").link.transact
 
     def unconfirmed(*asked: Any) -> None:
         if carried_out:
             transact(*asked)
         raise LinkTimeout("no answer")
 
-    bench.generator.sine(10.0, 0.0)
+    bench.device("signal_generator").sine(10.0, 0.0)
     with monkeypatch.context() as patch, pytest.raises(LinkTimeout):
-        patch.setattr(bench.generator.link, "transact", unconfirmed)
-        bench.generator.sine(10.0, 0.0)
+        patch.setattr(bench.device("signal_generator").link, "transact", unconfirmed)
+        bench.device("signal_generator").sine(10.0, 0.0)
     bench.check_settings()
-    as_a_stranger(bench.generator, 0)
+    as_a_stranger(bench.device("signal_generator"), 0)
     with pytest.raises(SettingsLost, match="writes, should count"):
         bench.check_settings()

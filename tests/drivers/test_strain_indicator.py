@@ -25,19 +25,19 @@ MILLIVOLT_PER_NEWTON = 10.306  # of Table 5.1
 class TestStrainIndicator(RtuConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
-        return bench.indicator, sim.indicator
+        return bench.device("strain_indicator"), sim.indicator
 
 
 def drive(bench: Bench, amplitude: float) -> None:
     bench.drive()
-    bench.generator.sine(10.0, amplitude)
+    bench.device("signal_generator").sine(10.0, amplitude)
 
 
 @pytest.mark.parametrize(("mass", "reading"), [(0.0, 2), (0.14, 16), (0.44, 46), (0.74, 77)])
 def test_a_weight_reads_as_in_table_5_1(mass: float, reading: int, bench: Bench) -> None:
     bench.operator.place_weight(mass)
     bench.clock.wait(2.0)
-    shown = bench.indicator.read()
+    shown = bench.device("strain_indicator").read()
     assert shown.reading_mV == pytest.approx(reading, abs=1)
     assert (shown.resolution_mV, shown.valid) == (1.0, True)
 
@@ -52,35 +52,35 @@ def test_the_gage_factor_divides_the_reading(scene: Scene) -> None:
         bench.operator.place_weight(0.5)
         shown = []
         for factor in (8.98, 4.49, 17.96):
-            bench.indicator.configure(factor, 200)
+            bench.device("strain_indicator").configure(factor, 200)
             bench.clock.wait(2.0)
-            shown.append(bench.indicator.read().reading_mV)
+            shown.append(bench.device("strain_indicator").read().reading_mV)
     millivolts = 0.5 * GRAVITY * MILLIVOLT_PER_NEWTON
     assert shown == pytest.approx([millivolts, 2 * millivolts, millivolts / 2], abs=1e-4)
 
 
 def test_a_load_that_just_changed_is_not_stable(bench: Bench, sim: SimulatedBench) -> None:
-    bench.indicator.track(0.1)
+    bench.device("strain_indicator").track(0.1)
     bench.operator.place_weight(0.3)
-    assert not bench.indicator.read().stable
+    assert not bench.device("strain_indicator").read().stable
     sim.clock.wait(0.699)
-    assert not bench.indicator.read().valid
+    assert not bench.device("strain_indicator").read().valid
     sim.clock.wait(0.002)
-    assert bench.indicator.read().valid
+    assert bench.device("strain_indicator").read().valid
 
 
 def test_the_filter_follows_with_its_time_constant(scene: Scene) -> None:
     with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.indicator.track(2.0)
+        bench.device("strain_indicator").track(2.0)
         bench.clock.wait(20.0)
         bench.operator.place_weight(0.5)
         sim.clock.wait(2.0)
         final = 0.5 * GRAVITY * MILLIVOLT_PER_NEWTON
-        assert bench.indicator.read().reading_mV == pytest.approx(final * (1 - math.exp(-1)), abs=1e-3)
+        assert bench.device("strain_indicator").read().reading_mV == pytest.approx(final * (1 - math.exp(-1)), abs=1e-3)
 
 
 def test_zero_and_tare_are_taken_acknowledged_and_cleared(bench: Bench) -> None:
-    indicator = bench.indicator
+    indicator = bench.device("strain_indicator")
     bench.operator.place_weight(0.3)
     bench.clock.wait(2.0)
     gross = indicator.read().reading_mV
@@ -102,7 +102,7 @@ def test_zero_and_tare_are_taken_acknowledged_and_cleared(bench: Bench) -> None:
 def test_a_command_is_pending_until_it_is_carried_out_and_a_second_one_is_refused_as_busy(
     bench: Bench, sim: SimulatedBench
 ) -> None:
-    indicator = bench.indicator
+    indicator = bench.device("strain_indicator")
     bench.clock.wait(2.0)
     indicator.set(command="tare")
     assert indicator.get("command") == 3
@@ -116,31 +116,31 @@ def test_a_command_is_pending_until_it_is_carried_out_and_a_second_one_is_refuse
 
 
 def test_zero_and_tare_are_refused_while_the_reading_moves(bench: Bench) -> None:
-    for command in (bench.indicator.zero, bench.indicator.tare):
+    for command in (bench.device("strain_indicator").zero, bench.device("strain_indicator").tare):
         bench.operator.place_weight(0.3)
         with pytest.raises(DeviceError, match=f"{command.__name__} ended in refused_unstable; wait for a stable"):
             command()
         bench.operator.place_weight(0.0)
-        bench.indicator.clear_zero()
-        bench.indicator.clear_tare()
-    assert bench.indicator.get("status") == 0
+        bench.device("strain_indicator").clear_zero()
+        bench.device("strain_indicator").clear_tare()
+    assert bench.device("strain_indicator").get("status") == 0
 
 
 def test_a_command_is_carried_out_when_it_is_due_whether_anybody_looks_or_not(scene: Scene) -> None:
     with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.indicator.track(1.0)
+        bench.device("strain_indicator").track(1.0)
         sim.clock.wait(10.0)
         bench.operator.place_weight(0.3)
         sim.clock.wait(7.0)
-        bench.indicator.set(command="tare")
+        bench.device("strain_indicator").set(command="tare")
         sim.clock.wait(0.95)
         final = 0.3 * GRAVITY * MILLIVOLT_PER_NEWTON
         missed = final * (math.exp(-7.05) - math.exp(-7.95))  # what the filter gained since the tare
-        assert bench.indicator.read().reading_mV == pytest.approx(missed, abs=1e-4)
+        assert bench.device("strain_indicator").read().reading_mV == pytest.approx(missed, abs=1e-4)
         bench.operator.place_weight(0.5)
         sim.clock.wait(10.0)
         net = 0.2 * GRAVITY * MILLIVOLT_PER_NEWTON + final * math.exp(-7.05)
-        assert bench.indicator.read().reading_mV == pytest.approx(net, abs=2e-3)
+        assert bench.device("strain_indicator").read().reading_mV == pytest.approx(net, abs=2e-3)
 
 
 def test_a_command_that_is_never_carried_out_is_a_device_error(
@@ -149,15 +149,15 @@ def test_a_command_that_is_never_carried_out_is_a_device_error(
     read = sim.indicator.read
     monkeypatch.setattr(sim.indicator, "read", lambda name: 1 if name == "command" else read(name))
     with pytest.raises(DeviceError, match="zero was not carried out within 1 s"):
-        bench.indicator.zero()
+        bench.device("strain_indicator").zero()
 
 
 def test_a_reading_above_full_scale_is_an_overload(bench: Bench) -> None:
-    bench.indicator.configure(8.98, full_scale_mV=50)
+    bench.device("strain_indicator").configure(8.98, full_scale_mV=50)
     for mass, overload in ((0.4, False), (0.6, True)):
         bench.operator.place_weight(mass)
         bench.clock.wait(2.0)
-        shown = bench.indicator.read()
+        shown = bench.device("strain_indicator").read()
         assert (shown.overload, shown.valid) == (overload, not overload)
 
 
@@ -167,14 +167,14 @@ def test_two_readings_that_disagree_are_not_used(
     read = sim.indicator.read
     monkeypatch.setattr(sim.indicator, "read", lambda name: 12.0 if name == "reading_float" else read(name))
     with pytest.raises(DeviceError, match="2 mV as an integer and 12 mV as a float; not used"):
-        bench.indicator.read()
+        bench.device("strain_indicator").read()
 
 
 def test_an_open_bridge_is_no_reading(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = {"status": 4.0, "reading_float": math.nan, "reading": 0.0}
     read = sim.indicator.read
     monkeypatch.setattr(sim.indicator, "read", lambda name: opened[name] if name in opened else read(name))
-    shown = bench.indicator.read()
+    shown = bench.device("strain_indicator").read()
     assert math.isnan(shown.reading_mV)
     assert (shown.bridge_open, shown.valid) == (True, False)
 
@@ -183,14 +183,14 @@ def test_an_open_bridge_is_no_reading(bench: Bench, sim: SimulatedBench, monkeyp
 def test_the_peak_to_peak_of_a_known_load(name: str, scene: Scene) -> None:
     with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.operator.mount(SAMPLES[name])
-        bench.positioner.move(20e-3, speed=5e-3)
-        bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=2.0)
-        bench.indicator.peak_to_peak(1.0)
+        bench.device("positioner").move(20e-3, speed=5e-3)
+        bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=2.0)
+        bench.device("strain_indicator").peak_to_peak(1.0)
         drive(bench, 1.5)
         bench.clock.wait(0.999)
-        assert not bench.indicator.read().stable
+        assert not bench.device("strain_indicator").read().stable
         bench.clock.wait(0.002)
-        shown = bench.indicator.read()
+        shown = bench.device("strain_indicator").read()
         stack = response(scene.design, Load(1.0, SAMPLES[name]), scene.model).stiffness
         rig = scene.rig
     force = 2 * 1.5 * 2.0 / rig.coil_resistance * rig.force_constant * stack / (stack + rig.suspension_stiffness)
@@ -199,9 +199,9 @@ def test_the_peak_to_peak_of_a_known_load(name: str, scene: Scene) -> None:
 
 
 def test_peak_to_peak_sees_only_its_window(bench: Bench) -> None:
-    bench.indicator.peak_to_peak(1.0)
+    bench.device("strain_indicator").peak_to_peak(1.0)
     bench.operator.place_weight(0.5)
     bench.clock.wait(0.5)
-    assert bench.indicator.read().reading_mV > 40
+    assert bench.device("strain_indicator").read().reading_mV > 40
     bench.clock.wait(0.6)
-    assert bench.indicator.read().reading_mV < 4
+    assert bench.device("strain_indicator").read().reading_mV < 4

@@ -87,7 +87,7 @@ def test_requests_that_take_longer_than_the_watchdog_s_time_in_all_do_not_trip_i
     drive(bench)
     monkeypatch.setattr(sim.indicator, "requested", lambda: sim.clock.wait(0.4))
     for _ in range(20):
-        bench.indicator.get("gage_factor")
+        bench.device("strain_indicator").get("gage_factor")
     assert sim.amplifier.settings["enable"]
 
 

@@ -47,7 +47,7 @@ def test_the_devices_have_the_shape_of_blueskys_protocols(bench: Bench) -> None:
     from bluesky.protocols import HasParent, Movable, Readable, Status, Triggerable
 
     films = FilmSignals(Films(bench, get_design("single"), FREQUENCY, 4.0), DWELL)
-    frequency = Setting(bench, bench.generator, "frequency")
+    frequency = Setting(bench, bench.device("signal_generator"), "frequency")
     assert isinstance(films, Readable)
     assert isinstance(films, Triggerable)
     assert isinstance(films, HasParent)
@@ -91,7 +91,7 @@ def test_a_scan_of_the_engine_gives_the_numbers_of_the_procedures_own_calls(engi
 def test_an_error_of_the_bench_ends_the_plan(engine: RunEngine, bench: Bench) -> None:
     from bluesky.plan_stubs import mv
 
-    frequency = Setting(bench, bench.generator, "frequency")
+    frequency = Setting(bench, bench.device("signal_generator"), "frequency")
     engine(mv(frequency, 12.5))
     assert frequency.read()["signal_generator_frequency"]["value"] == 12.5
     with pytest.raises(RangeError, match="frequency"):

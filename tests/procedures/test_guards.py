@@ -18,15 +18,15 @@ SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N")
 
 
 def test_a_tare_that_somebody_left_is_cleared(bench: Bench) -> None:
-    bench.indicator.track(0.1)
+    bench.device("strain_indicator").track(0.1)
     bench.operator.place_weight(0.2)
     bench.clock.wait(1.0)
-    bench.indicator.tare()
+    bench.device("strain_indicator").tare()
     bench.operator.place_weight(0.0)
     bench.clock.wait(1.0)
-    assert bench.indicator.read().reading_mV < -15
+    assert bench.device("strain_indicator").read().reading_mV < -15
     check_zero(bench, THESIS_LOAD_CELL)
-    assert bench.indicator.read().reading_mV == pytest.approx(1.8, abs=1.5)
+    assert bench.device("strain_indicator").read().reading_mV == pytest.approx(1.8, abs=1.5)
 
 
 def test_a_weight_left_on_the_cell_stops_the_sweep_before_it_drives(bench: Bench, sim: SimulatedBench) -> None:

@@ -80,7 +80,7 @@ def test_a_travel_that_ends_before_is_refused_before_the_sample_is_pressed(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), modulus=160e3))
-    bench.positioner.set_limits(0.0, 18.5e-3)
+    bench.device("positioner").set_limits(0.0, 18.5e-3)
     with pytest.raises(UnreachableError, match=r"needs the positioner at 20\.\d+ mm, which ends at 18.5 mm; ask for a"):
         compressed(bench, tmp_path / "run", ModulusTest("1", strain=0.6, steps=3, extrapolate=True))
     assert {p["series"] for p in Run.open(tmp_path / "run").points()} == {"bare"}
@@ -94,7 +94,7 @@ def test_more_force_than_the_limit_sends_the_probe_home(
     def stiff(name: str) -> float:
         return read(name) + 100 * (sim.rig.position > 12.5e-3 and name in ("reading", "reading_float"))
 
-    monkeypatch.setattr(modulus, "preload", lambda *_: 1.0 if bench.positioner.move(12e-3) is None else 0.0)
+    monkeypatch.setattr(modulus, "preload", lambda *_: 1.0 if bench.device("positioner").move(12e-3) is None else 0.0)
     monkeypatch.setattr(modulus.np, "linspace", lambda *_: modulus.np.array([12.2e-3, 12.4e-3, 12.6e-3]))
     monkeypatch.setattr(sim.indicator, "read", stiff)
     with pytest.raises(SafetyError, match=r"more than the bench's force limit of 10 N; the probe is home again"):
@@ -144,7 +144,7 @@ def test_a_load_that_cannot_be_read_is_refused(
     narrow = THESIS_LOAD_CELL.model_copy(update={"greatest_N": 5.0})
     with pytest.raises(error, match=message):
         compressed(bench, tmp_path / "run", settings, narrow)
-    assert bench.positioner.position() == 0
+    assert bench.device("positioner").position() == 0
 
 
 def test_the_command_gives_the_public_names(palpate: Palpate) -> None:

@@ -36,9 +36,9 @@ def test_each_test_gets_a_bench_of_its_own(pytester: pytest.Pytester) -> None:
 @pytest.mark.parametrize("again", [False, True])
 def test_fresh(again, bench, clock, operator, scene):
     assert scene.name == "thesis_single"
-    assert bench.generator.read() == (10.0, 0.0, 0.0)
+    assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
     assert clock.now_ns() == 0
-    bench.generator.sine(20.0, 1.0)
+    bench.device("signal_generator").sine(20.0, 1.0)
     clock.wait(2.5)
     assert clock.now_ns() == 2_500_000_000
     assert operator is bench.operator
@@ -55,9 +55,9 @@ def test_the_marker_says_scene_seed_and_faults(pytester: pytest.Pytester) -> Non
 @pytest.mark.scene("ideal", seed=7, faults=[{"kind": "over_current", "on": "shaker_amplifier", "at": "1 s"}])
 def test_marked(bench, scene, clock):
     assert (scene.name, scene.seed) == ("ideal", 7)
-    assert not bench.amplifier.read().faults_latched
+    assert not bench.device("shaker_amplifier").read().faults_latched
     clock.wait(1.5)
-    assert bench.amplifier.read().faults_latched == {"over_current"}
+    assert bench.device("shaker_amplifier").read().faults_latched == {"over_current"}
 
 @pytest.mark.scene("mine.toml")
 def test_file(scene):
@@ -74,12 +74,12 @@ def test_a_test_that_fails_tells_scene_seed_traffic_and_how_to_run_it_again(pyte
 @pytest.mark.scene("ideal", seed=7)
 @pytest.mark.parametrize("volts", [1.5])
 def test_fails(volts, bench, clock):
-    bench.generator.sine(33.0, 0.5)
+    bench.device("signal_generator").sine(33.0, 0.5)
     clock.wait(3.0)
-    bench.generator.sine(20.0, volts)
-    bench.nodes[0].acquire(0.05)
-    bench.nodes[0].set_range(1, "500 mV")
-    assert bench.amplifier.read().output_current > 1.0
+    bench.device("signal_generator").sine(20.0, volts)
+    bench.device("sensor_node_1").acquire(0.05)
+    bench.device("sensor_node_1").set_range(1, "500 mV")
+    assert bench.device("shaker_amplifier").read().output_current > 1.0
 """,
     )
     result.assert_outcomes(failed=1)
@@ -117,7 +117,7 @@ def test_on_a_real_bench_what_needs_a_simulation_is_skipped(pytester: pytest.Pyt
         f"""
 def test_any(bench):
     assert bench.description.name == {sim.description.name!r}
-    bench.generator.sine(20.0, 1.0)
+    bench.device("signal_generator").sine(20.0, 1.0)
 
 @pytest.mark.scene("noisy_lab")
 def test_marked(bench):

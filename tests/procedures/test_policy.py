@@ -75,7 +75,7 @@ def test_every_error_of_the_bench_has_one_policy(error: type[BenchError], does: 
 def test_a_step_in_which_a_stranger_drove_for_a_moment_is_repeated() -> None:
     with attended() as (sim, bench, told):
         bench.drive()
-        bench.generator.sine(10.0, 1.0)
+        bench.device("signal_generator").sine(10.0, 1.0)
         strangers = iter((2.0, None))
 
         def step() -> float:
@@ -84,7 +84,7 @@ def test_a_step_in_which_a_stranger_drove_for_a_moment_is_repeated() -> None:
                 sim.generator.write({"amplitude": 1.0})
             return sim.generator.settings["amplitude"]
 
-        assert carry_out(bench, "point 1", step, lambda: bench.generator.sine(10.0, 1.0)) == 1.0
+        assert carry_out(bench, "point 1", step, lambda: bench.device("signal_generator").sine(10.0, 1.0)) == 1.0
         assert len(told) == 1 and RESTORE in told[0]
         assert "somebody else writes there" in told[0]
 
@@ -138,16 +138,16 @@ def test_a_device_that_stays_away_is_broken_and_no_later_step_uses_it() -> None:
     with attended(gone) as (sim, bench, told):
         sim.clock.wait(1.0)
         with pytest.raises(DeviceError, match="device failure"):
-            carry_out(bench, "a step", bench.generator.read)
-        assert told[-1] == f"{bench.generator.name}: is broken"
+            carry_out(bench, "a step", bench.device("signal_generator").read)
+        assert told[-1] == f"{bench.device('signal_generator').name}: is broken"
         assert len(bench.broken) == 1
         asked: list[object] = []
         sim.generator.requested = lambda: asked.append(1)  # type: ignore[method-assign]
         sim.clock.wait(3600.0)  # it would answer now
         with pytest.raises(DeviceError, match="is not used any more in this run"):
-            bench.generator.read()
+            bench.device("signal_generator").read()
         with pytest.raises(DeviceError, match="is not used any more in this run"):
-            bench.generator.output(False)
+            bench.device("signal_generator").output(False)
         assert asked == []
     assert asked  # but to switch it off
 
@@ -156,7 +156,7 @@ def test_a_write_that_is_not_confirmed_and_reads_back_is_told_and_not_repeated()
     with attended({"kind": "no_reply", "on": "signal_generator", "at": "1 s"}) as (sim, bench, told):
         sim.clock.wait(1.0)
         writes = counted_writes(sim.generator)
-        bench.generator.sine(7.0, 0.25)
+        bench.device("signal_generator").sine(7.0, 0.25)
         assert len(writes) == 1
         assert len(told) == 1 and told[0].endswith("read back, it was carried out")
 
@@ -164,9 +164,9 @@ def test_a_write_that_is_not_confirmed_and_reads_back_is_told_and_not_repeated()
 def test_an_order_that_is_not_confirmed_is_neither_read_back_nor_repeated() -> None:
     with attended({"kind": "bit_error", "on": "positioner", "transaction": 5}) as (sim, bench, told):
         with pytest.raises(LinkTimeout):  # identity, probe and limits came before, now position and order
-            bench.positioner.move(1e-3)
+            bench.device("positioner").move(1e-3)
         sim.clock.wait(2.0)
-        assert bench.positioner.position() == 1e-3
+        assert bench.device("positioner").position() == 1e-3
         assert told == []
 
 
@@ -183,7 +183,7 @@ def test_outputs_go_off_at_once_where_one_device_is_gone_and_not_after_it_was_gi
 
         bench.clock.wait = watched  # type: ignore[method-assign]
         with pytest.raises(DeviceError):
-            carry_out(bench, "a step", bench.generator.read)
+            carry_out(bench, "a step", bench.device("signal_generator").read)
         assert waits == [0.0] * (ATTEMPTS - 1)
         sim.clock.wait(3600.0)
 

@@ -33,22 +33,22 @@ def answer(person: Person, typed: str) -> str:
 
 
 def read_generator(bench: Bench) -> object:
-    return bench.generator.read()
+    return bench.device("signal_generator").read()
 
 
 def read_indicator(bench: Bench) -> object:
     bench.clock.wait(0.5)
-    return bench.indicator.read().sick
+    return bench.device("strain_indicator").read().sick
 
 
 def record(bench: Bench) -> object:
-    found = bench.nodes[0].acquire(0.05)
+    found = bench.device("sensor_node_1").acquire(0.05)
     return bool(found.saturated.any())
 
 
 def amplifier_has_latched(bench: Bench) -> object:
-    latched = bench.amplifier.read().faults_latched
-    bench.amplifier.clear_faults()
+    latched = bench.device("shaker_amplifier").read().faults_latched
+    bench.device("shaker_amplifier").clear_faults()
     return set(latched)
 
 
@@ -56,9 +56,9 @@ MET: dict[str, tuple[Callable[[Bench], object], object]] = {
     "signal_generator device_busy": (read_generator, BenchError),
     "signal_generator connection_refused": (read_generator, LinkError),
     "signal_generator wrong_count": (read_generator, BenchError),
-    "positioner silence": (lambda bench: bench.positioner.position(), LinkError),
-    "line two_replies": (lambda bench: bench.positioner.position(), 0.0),
-    "can lost_frame": (lambda bench: bench.nodes[0].get("serial"), LinkError),
+    "positioner silence": (lambda bench: bench.device("positioner").position(), LinkError),
+    "line two_replies": (lambda bench: bench.device("positioner").position(), 0.0),
+    "can lost_frame": (lambda bench: bench.device("sensor_node_1").get("serial"), LinkError),
     "shaker_amplifier over_temperature": (amplifier_has_latched, {"over_temperature"}),
     "strain_indicator bridge_open": (read_indicator, "bridge open"),
     "sensor_node_1 saturated_film channel=1": (record, True),
@@ -74,7 +74,7 @@ WAITED = {"positioner silence", "can lost_frame"}  # for an answer that never co
 )
 def test_a_fault_begins_as_it_is_typed_and_ends_as_it_is_cleared(sim: SimulatedBench, bench: Bench, typed: str) -> None:
     person, (look, expected) = Person(sim), MET[typed]
-    bench.nodes[0].set_sample_rate(1000.0)
+    bench.device("sensor_node_1").set_sample_rate(1000.0)
     before = look(bench)
     sim.clock.wait(1.0)
     assert person.do(f"fault {typed}") is None
@@ -100,7 +100,7 @@ def test_every_fault_can_be_given_and_taken_away_by_hand(sim: SimulatedBench, be
         person.do(f"fault {place} {kind}{MORE.get(kind, '')}")
         sim.clock.wait(0.01)
         person.do("clear all")
-    bench.amplifier.clear_faults()
+    bench.device("shaker_amplifier").clear_faults()
     bench.recover()
     bench.check_settings()
 
@@ -134,19 +134,21 @@ def test_a_sample_changer_has_faults_as_every_device_and_its_client_notices(scen
     with SimulatedBench(scene, samples=[get_sample("1")]) as sim:
         person = Person(sim)
         with Bench(hasty(sim.description), sim.clock, sim.operator) as bench:
-            assert bench.changer is not None
             person.do("fault sample_changer device_busy")
             with pytest.raises(DeviceError, match=r"sample changer.* device busy"):
-                bench.changer.mounted()
+                bench.device("sample_changer").mounted()
             person.do("clear sample_changer")
-            bench.changer.set(order="1")
-            assert bench.changer.mounted().moving
+            bench.device("sample_changer").set(order="1")
+            assert bench.device("sample_changer").mounted().moving
             person.do("fault sample_changer power_cycle")
             sim.clock.wait(10.0)
-            assert (bench.changer.mounted().sample, bench.changer.mounted().moving) == ("", False)
-            bench.changer.mount("1")
+            assert (
+                bench.device("sample_changer").mounted().sample,
+                bench.device("sample_changer").mounted().moving,
+            ) == ("", False)
+            bench.device("sample_changer").mount("1")
             person.do("fault sample_changer front_panel setting=speed value=0.001")
-            assert bench.changer.get("speed") == 0.001
+            assert bench.device("sample_changer").get("speed") == 0.001
 
 
 def test_a_fault_of_a_sample_changer_is_refused_where_there_is_none(sim: SimulatedBench, scene: Scene) -> None:

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps import films
 from palpate.procedures.steps.films import SHORT_RECORD
 from palpate.procedures.steps.servo import PATIENCE, LoadServo, preload
 from palpate.simulators.bench import SimulatedBench
@@ -94,7 +94,7 @@ def during(
                 happens_in(sim, delay, action)
 
     seen: list[str] = []
-    monkeypatch.setattr(films, "acquire", acquired)
+    monkeypatch.setattr(sensor_node, "acquire", acquired)
     return progress
 
 
@@ -123,7 +123,7 @@ def test_the_probe_is_pressed_on_with_the_preload(sim: SimulatedBench, bench: Be
 
 def test_a_preload_beyond_the_travel_is_refused(bench: Bench) -> None:
     bench.operator.mount(SAMPLES["2"])
-    bench.positioner.set_limits(0.0, 10e-3)
+    bench.device("positioner").set_limits(0.0, 10e-3)
     with pytest.raises(UnreachableError, match=r"preload of 2\.4 N is not reached: .* ends at 10\.000 mm"):
         preload(bench, THESIS_LOAD_CELL, PRELOAD)
 
@@ -133,7 +133,7 @@ def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBenc
         bench.operator.mount(SAMPLES["1"])
         with pytest.raises(SafetyError, match=r"passes the bench's force limit of 1 N"):
             preload(bench, THESIS_LOAD_CELL, PRELOAD)
-        assert bench.positioner.position() == 0.0
+        assert bench.device("positioner").position() == 0.0
     assert now(sim).max() == 0.0
 
 
@@ -220,24 +220,24 @@ def test_a_load_beyond_the_current_limit_is_refused_before_the_amplifier_trips(
     sim: SimulatedBench, bench: Bench
 ) -> None:
     servo = mount(bench)
-    bench.amplifier.configure(2.0, 1.0, bench.description.watchdog)
+    bench.device("shaker_amplifier").configure(2.0, 1.0, bench.description.watchdog)
     servo = LoadServo(bench, THESIS_LOAD_CELL, 10.0, PRELOAD)
-    with pytest.raises(UnreachableError, match=r"4 N peak to peak needs .* A from the amplifier, whose limit is 1 A"):
+    with pytest.raises(UnreachableError, match=r"4 N peak to peak needs .* A from the exciter, whose limit is 1 A"):
         servo.set(4.0)
-    assert bench.amplifier.read().faults_latched == frozenset()
+    assert bench.device("shaker_amplifier").read().faults_latched == frozenset()
 
 
 def test_a_load_beyond_the_generators_amplitude_is_refused(bench: Bench) -> None:
     servo = mount(bench)
-    bench.amplifier.set(gain=0.5)
-    with pytest.raises(UnreachableError, match=r"needs 1\d(\.\d)? V from the generator, which gives 10 V"):
+    bench.device("shaker_amplifier").set(gain=0.5)
+    with pytest.raises(UnreachableError, match=r"needs 1\d(\.\d)? V from the exciter, which gives 10 V"):
         servo.set(4.0)
 
 
 def test_where_no_load_appears_the_amplitude_does_not_grow_for_ever(sim: SimulatedBench, bench: Bench) -> None:
     servo = mount(bench)
-    bench.amplifier.disable()
-    with pytest.raises(UnreachableError, match=r"no load appears at 6\.75 V from the generator"):
+    bench.device("shaker_amplifier").disable()
+    with pytest.raises(UnreachableError, match=r"no load appears at 6\.75 V from the exciter"):
         servo.set(2.0)
 
 

@@ -42,7 +42,7 @@ def test_a_point_that_a_second_client_spoils_and_puts_right_between_two_looks_is
         def disturbed(films: Films, duration: float) -> FilmRecord:
             if duration != dwell or spoilt[0]:
                 return acquire(films, duration)
-            spoilt[0], set_to = True, films.bench.generator.read()[1]
+            spoilt[0], set_to = True, films.bench.device("signal_generator").read()[1]
             write(1.08 * set_to)
             record = acquire(films, duration)
             write(set_to)

@@ -12,6 +12,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import acquire
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import bus_load, place, stuff_bits
 from palpate.instrument.errors import LinkError
 from palpate.instrument.sensor.designs import get_design
@@ -74,16 +75,16 @@ def test_a_request_to_a_node_takes_two_frames_of_the_benchs_clock_and_none_witho
     for effects, took in (((), 0), ((("can_timing", CanTiming(bitrate="500 kbit/s")),), 2 * 270 * US)):
         with opened(scene, *effects) as bench:
             start = bench.clock.now_ns()
-            bench.nodes[0].get("sample_counter")
+            bench.device("sensor_node_1").get("sample_counter")
             assert bench.clock.now_ns() - start == took
-            bench.nodes[0].set_range(1, "500 mV")
+            bench.device("sensor_node_1").set_range(1, "500 mV")
             assert bench.clock.now_ns() - start == 2 * took
 
 
 def test_a_request_waits_until_the_samples_are_through(scene: Scene) -> None:
     with opened(scene, ("can_timing", CanTiming()), nodes=2) as bench:
-        node = bench.nodes[0]
-        for each in bench.nodes:
+        node = bench.device("sensor_node_1")
+        for each in bench.all(SensorNode):
             each.arm()
         node.set("sync_cob_id", 0x4000_0080)
         started = bench.clock.now_ns()
@@ -97,22 +98,22 @@ def test_five_nodes_at_1_khz_overload_1_mbit_and_the_driver_sees_who_lost_frames
     timing = ("can_timing", CanTiming())
     assert bus_load(5, 1000.0, 1e6) > 1 > bus_load(5, 780.0, 1e6)
     with opened(scene, timing, nodes=5) as bench:
-        for node in bench.nodes[1:]:
+        for node in bench.all(SensorNode)[1:]:
             node.arm()
         with pytest.raises(LinkError, match=r"sensor node 3 .* missing from number 1 on; the bus lost frames"):
-            acquire(bench.nodes, 0.02)
-        bench.nodes[0].set_sample_rate(780.0)
-        assert {recording.voltage.shape for recording in acquire(bench.nodes, 0.02)} == {(4, 16)}
+            acquire(bench.all(SensorNode), 0.02)
+        bench.device("sensor_node_1").set_sample_rate(780.0)
+        assert {recording.voltage.shape for recording in acquire(bench.all(SensorNode), 0.02)} == {(4, 16)}
     with opened(scene, nodes=5) as bench:
-        assert len(acquire(bench.nodes, 0.02)) == 5
+        assert len(acquire(bench.all(SensorNode), 0.02)) == 5
 
 
 def test_the_same_requests_take_the_same_time_again(scene: Scene) -> None:
     def elapsed() -> tuple[int, bytes]:
         with opened(scene, ("can_timing", CanTiming()), ("serial_timing", SerialTiming()), nodes=3) as bench:
-            bench.positioner.home()
-            recordings = acquire(bench.nodes, 0.05)
-            bench.indicator.read()
+            bench.device("positioner").home()
+            recordings = acquire(bench.all(SensorNode), 0.05)
+            bench.device("strain_indicator").read()
             return bench.clock.now_ns(), b"".join(r.voltage.tobytes() for r in recordings)
 
     first = elapsed()
@@ -135,18 +136,18 @@ def test_a_transaction_takes_request_and_reply_of_the_benchs_clock(scene: Scene,
     with opened(scene, ("serial_timing", timing)) as bench:
         assert bench.description.line.baudrate == int(timing.baudrate)
         start = bench.clock.now_ns()
-        bench.positioner.get("position")  # two registers: 8 bytes out, 9 back
+        bench.device("positioner").get("position")  # two registers: 8 bytes out, 9 back
         read = bench.clock.now_ns()
         assert read - start == pytest.approx(1e9 * (timing.frame(8) + timing.frame(9)), abs=2)
-        bench.positioner.set(speed=1e-3)
-        registers = bench.positioner.contract["speed"].size // 2
+        bench.device("positioner").set(speed=1e-3)
+        registers = bench.device("positioner").contract["speed"].size // 2
         write = timing.frame(9 + 2 * registers) + timing.frame(8)
         assert bench.clock.now_ns() - read == pytest.approx(1e9 * write, abs=2)
         tcp = bench.clock.now_ns()
-        bench.generator.get("frequency")
+        bench.device("signal_generator").get("frequency")
         assert bench.clock.now_ns() == tcp
     with opened(scene) as bench:
-        bench.positioner.get("position")
+        bench.device("positioner").get("position")
         assert bench.clock.now_ns() == 0
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import acquire
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.procedures.testing.wire import frames, impatient_node, payloads
@@ -60,7 +61,7 @@ def test_a_node_sends_its_heartbeat_every_second_of_bench_time(
 def test_the_heartbeat_follows_its_period_and_tells_the_state(
     sim: SimulatedBench, bench: Bench, listener: can.BusABC
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.set("heartbeat", 0.1)
     node.arm()
     node.get("probe")
@@ -72,7 +73,7 @@ def test_the_heartbeat_follows_its_period_and_tells_the_state(
 
 
 def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: Bench, listener: can.BusABC) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     with pytest.raises(DeviceError, match="0x06090031"):
         node.link.download(node.name, node._node, 0x1017, 0, (60_001).to_bytes(2, "little"))
     sim.clock.wait(1.0)
@@ -82,7 +83,7 @@ def test_a_refused_heartbeat_period_changes_nothing(sim: SimulatedBench, bench: 
 def test_a_stopped_node_answers_no_request_and_sends_no_samples(
     bench: Bench, sim: SimulatedBench, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.arm()
     node.link.command(node._node, "STOPPED")
     with impatient_node(node, monkeypatch), pytest.raises(LinkTimeout):
@@ -97,7 +98,7 @@ def test_a_stopped_node_answers_no_request_and_sends_no_samples(
 
 
 def test_only_an_operational_node_samples(bench: Bench, listener: can.BusABC) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     sync(listener)
     assert node.get("sample_counter") == 0
     node.arm()
@@ -113,7 +114,7 @@ def test_only_an_operational_node_samples(bench: Bench, listener: can.BusABC) ->
 def test_a_reset_boots_the_node_with_its_defaults(
     command: str, sim: SimulatedBench, bench: Bench, listener: can.BusABC
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.set("heartbeat", 0.1)
     node.set_range(2, "500 mV")
     node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
@@ -134,7 +135,7 @@ def test_a_reset_boots_the_node_with_its_defaults(
 def test_the_producer_sends_sync_from_one_period_on_until_it_is_told_to_stop(
     sim: SimulatedBench, bench: Bench, listener: can.BusABC
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.set_sample_rate(100.0)
     sim.clock.wait(0.0034)
     node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
@@ -148,7 +149,7 @@ def test_the_producer_sends_sync_from_one_period_on_until_it_is_told_to_stop(
 
 
 def test_a_node_samples_at_the_sync_of_a_master(sim: SimulatedBench, bench: Bench, listener: can.BusABC) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.arm()
     for number in (1, 2, 3):
         sim.clock.wait(0.01)
@@ -163,7 +164,7 @@ def test_frames_come_sync_by_sync(scene: Scene) -> None:
         can.Bus(interface="virtual", channel=sim.description.can.channel) as listener,
         Bench(sim.description, sim.clock, sim.operator) as bench,
     ):
-        acquire(bench.nodes, 0.003)
+        acquire(bench.all(SensorNode), 0.003)
         ids = [message.arbitration_id for message in frames(listener)]
     samples = [cob_id for cob_id in ids if cob_id in (0x80, 0x181, 0x182, 0x281, 0x282)]
     assert samples == 3 * [0x80, 0x181, 0x281, 0x182, 0x282]
@@ -172,7 +173,7 @@ def test_frames_come_sync_by_sync(scene: Scene) -> None:
 def test_the_sample_counter_goes_on_from_zero_after_its_largest_number(
     sim: SimulatedBench, bench: Bench, listener: can.BusABC
 ) -> None:
-    node = bench.nodes[0]
+    node = bench.device("sensor_node_1")
     node.arm()
     assert node.get("sample_counter") == 0
     sim.nodes[0].settings["sample_counter"] = 2.0**32 - 3

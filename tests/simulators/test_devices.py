@@ -22,14 +22,14 @@ def live(scene: Scene, pieces: int) -> tuple[Recording, list[bytes]]:
     """0.7 s in which a move ends, a tare is taken, a watchdog trips and a node samples; then all that can be read."""
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.operator.mount(SAMPLES["4"])
-        bench.positioner.move(18e-3, speed=5e-3)
+        bench.device("positioner").move(18e-3, speed=5e-3)
         bench.drive()
-        bench.generator.sine(10.0, 2.5)
-        bench.amplifier.configure(gain=2.0, current_limit=5.0, watchdog=0.333)
-        bench.indicator.peak_to_peak(0.25)
-        bench.positioner.set(target=18.3e-3, speed=1.1e-3, command="move")
-        bench.indicator.set(command="clear_tare")
-        node = bench.nodes[0]
+        bench.device("signal_generator").sine(10.0, 2.5)
+        bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=0.333)
+        bench.device("strain_indicator").peak_to_peak(0.25)
+        bench.device("positioner").set(target=18.3e-3, speed=1.1e-3, command="move")
+        bench.device("strain_indicator").set(command="clear_tare")
+        node = bench.device("sensor_node_1")
         node.arm()
         node.set("sync_cob_id", SYNC_PRODUCER | SYNC_COB_ID)
         for _ in range(pieces):

@@ -131,7 +131,7 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 for file in sys.argv[1:]:
     with SimulatedBench(read_scene(file)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.nodes[0].acquire(0.1)
+        bench.device("sensor_node_1").acquire(0.1)
     print(*sorted(name for name in sys.modules if name.startswith("palpate.simulators.faults")))
 """
 

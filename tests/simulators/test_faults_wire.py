@@ -62,17 +62,17 @@ def test_a_fault_of_a_connection_is_an_error_or_does_no_harm_and_the_next_read_i
     scene: Scene, kind: str
 ) -> None:
     with faulty(scene, {"kind": kind, "on": "signal_generator", "at": "1 s"}) as (sim, bench):
-        bench.generator.sine(7.0, 0.25)
+        bench.device("signal_generator").sine(7.0, 0.25)
         sim.clock.wait(1.0)
         expected = TCP[kind]
         if expected is None:
-            assert bench.generator.read() == (7.0, 0.25, 0.0)
+            assert bench.device("signal_generator").read() == (7.0, 0.25, 0.0)
         else:
             with pytest.raises(expected):
-                bench.generator.read()
+                bench.device("signal_generator").read()
         sim.clock.wait(0.1)  # a connection is refused until time goes on
-        assert bench.generator.get("frequency") == 7.0
-        assert bench.generator.read() == (7.0, 0.25, 0.0)
+        assert bench.device("signal_generator").get("frequency") == 7.0
+        assert bench.device("signal_generator").read() == (7.0, 0.25, 0.0)
 
 
 def two_free_ports(host: str) -> int:
@@ -98,9 +98,9 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
         assert [(link.host, link.port) for link in links] == [("127.0.0.2", port), ("127.0.0.2", port + 1)]
         sim.clock.wait(1.0)
         with pytest.raises(LinkError):
-            bench.generator.read()
+            bench.device("signal_generator").read()
         sim.clock.wait(0.1)
-        assert bench.generator.read() == (10.0, 0.0, 0.0)
+        assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
         with pytest.raises(BenchError, match=f"127.0.0.2:{port} cannot be listened on"):
             SimulatedBench(struck, Place("127.0.0.2", port)).__enter__()
 
@@ -112,7 +112,7 @@ def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clo
     with faulty(scene, {"kind": "connection_refused", "on": "signal_generator", "at": "1 s"}) as (sim, bench):
         sim.clock.wait(1.0)
         with pytest.raises(LinkError):
-            bench.generator.read()
+            bench.device("signal_generator").read()
         amplifier = sim.description.shaker_amplifier
         with socket.create_connection((amplifier.host, amplifier.port)) as client:
             with sim.clock.lock:
@@ -120,7 +120,7 @@ def test_a_refused_connection_comes_back_while_another_request_waits_for_the_clo
                 threading.Event().wait(0.05)  # until the servers' thread has it, and waits for the lock
                 sim.clock.wait(0.1)
             assert client.recv(5) == bytes.fromhex("0001 0000 00")
-        assert bench.generator.read() == (10.0, 0.0, 0.0)
+        assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("kind", RTU)
@@ -128,15 +128,15 @@ def test_a_fault_of_the_line_is_an_error_or_does_no_harm_and_the_next_read_is_ri
     with faulty(scene, {"kind": kind, "on": "positioner", "at": "1 s"}) as (sim, bench):
         sim.clock.wait(1.0)
         expected = RTU[kind]
-        bench.indicator.read()  # of another unit on the same line: not struck
+        bench.device("strain_indicator").read()  # of another unit on the same line: not struck
         if expected is None:
-            assert bench.positioner.get("speed") == 1e-3
+            assert bench.device("positioner").get("speed") == 1e-3
         else:
             with pytest.raises(expected):
-                bench.positioner.get("speed")
+                bench.device("positioner").get("speed")
         # a late reply has as many registers as this one
-        assert bench.positioner.get("command") == 0.0
-        assert bench.positioner.get("speed") == 1e-3
+        assert bench.device("positioner").get("command") == 0.0
+        assert bench.device("positioner").get("speed") == 1e-3
 
 
 def test_a_write_that_is_not_confirmed_was_carried_out_once(scene: Scene) -> None:
@@ -144,7 +144,7 @@ def test_a_write_that_is_not_confirmed_was_carried_out_once(scene: Scene) -> Non
         sim.clock.wait(1.0)
         writes = counted_writes(sim.generator)
         with pytest.raises(LinkTimeout):
-            bench.generator.sine(7.0, 0.25)
+            bench.device("signal_generator").sine(7.0, 0.25)
         assert len(writes) == 1
         assert sim.generator.settings["frequency"] == 7.0
 
@@ -152,8 +152,8 @@ def test_a_write_that_is_not_confirmed_was_carried_out_once(scene: Scene) -> Non
 def recorded(scene: Scene, kind: str, on: str = "sensor_node_1", **more: Any) -> tuple[Recording, SimulatedBench]:
     with faulty(scene, {"kind": kind, "on": on, "at": "1 s", **more}) as (sim, bench):
         sim.clock.wait(1.0)
-        bench.nodes[0].set_sample_rate(250.0)
-        return bench.nodes[0].acquire(0.2), sim
+        bench.device("sensor_node_1").set_sample_rate(250.0)
+        return bench.device("sensor_node_1").acquire(0.2), sim
 
 
 LOST = ("lost_frame", "duplicated_frame", "delayed_frame", "reordered_frames", "counter_repeats", "counter_skips")
@@ -179,9 +179,9 @@ def test_a_node_off_the_bus_does_not_answer_until_it_recovers(scene: Scene) -> N
     with faulty(scene, {"kind": "bus_off", "on": "can", "at": "1 s", "lasts": "2 s"}) as (sim, bench):
         sim.clock.wait(1.5)
         with pytest.raises(LinkTimeout):
-            bench.nodes[0].get("serial")
+            bench.device("sensor_node_1").get("serial")
         sim.clock.wait(2.0)
-        assert bench.nodes[0].get("serial") == float(int(bench.nodes[0].serial, 16))
+        assert bench.device("sensor_node_1").get("serial") == float(int(bench.device("sensor_node_1").serial, 16))
 
 
 def test_a_node_that_reboots_in_a_recording_is_told_from_one_that_goes_on(scene: Scene) -> None:
@@ -204,9 +204,9 @@ def test_a_saturated_film_is_flagged_and_a_drifting_one_is_off_by_its_drift(scen
 def test_a_power_cycle_loses_the_settings_and_switches_off(scene: Scene, on: str) -> None:
     with faulty(scene, {"kind": "power_cycle", "on": on, "at": "1 s"}) as (sim, bench):
         bench.drive()
-        bench.generator.sine(20.0, 0.1)
-        bench.indicator.peak_to_peak(0.7)
-        bench.positioner.set_limits(0.0, 0.01)
+        bench.device("signal_generator").sine(20.0, 0.1)
+        bench.device("strain_indicator").peak_to_peak(0.7)
+        bench.device("positioner").set_limits(0.0, 0.01)
         sim.clock.wait(1.5)
         assert (sim.generator.settings["output"], sim.generator.settings["frequency"]) == (
             (0.0, 10.0) if on == "signal_generator" else (1.0, 20.0)
@@ -224,7 +224,7 @@ def test_a_trip_latches_and_switches_off(scene: Scene, kind: str) -> None:
         bench.drive()
         bench.clock.watching = False
         sim.clock.wait(1.0)
-        state = bench.amplifier.read()
+        state = bench.device("shaker_amplifier").read()
         assert state.faults_latched == {"supply" if kind == "latched_fault" else kind}
         assert not state.enabled
 
@@ -243,11 +243,11 @@ def test_an_open_bridge_an_overload_and_no_number_are_seen_and_are_over_when_the
             sim.clock.wait(1.5)
             if kind == "not_a_number":
                 with pytest.raises(DeviceError, match="nan mV as a float"):
-                    bench.indicator.read()
+                    bench.device("strain_indicator").read()
             else:
-                assert not bench.indicator.read().valid
+                assert not bench.device("strain_indicator").read().valid
             sim.clock.wait(1.0)
-            assert bench.indicator.read().valid
+            assert bench.device("strain_indicator").read().valid
 
 
 def test_a_stuck_reading_stays_and_a_drifting_zero_runs_away(scene: Scene) -> None:
@@ -256,7 +256,7 @@ def test_a_stuck_reading_stays_and_a_drifting_zero_runs_away(scene: Scene) -> No
         with faulty(scene, {"kind": kind, "on": "strain_indicator", "at": "1 s"}) as (sim, bench):
             bench.operator.place_weight(0.1)
             sim.clock.wait(20.0)
-            readings[kind] = bench.indicator.read().reading_mV
+            readings[kind] = bench.device("strain_indicator").read().reading_mV
     assert abs(readings["stuck_reading"] - 1.81) < 1.5  # as before the weight
     # 12 mV of weight and zero, and 0.5 mV/s over 29 s
     assert readings["zero_drift"] == pytest.approx(12 + 14.5, abs=2)
@@ -272,13 +272,13 @@ def test_the_same_scene_and_seed_give_the_same_faults_byte_for_byte(scene: Scene
         heard: list[float | str] = []
         with SimulatedBench(replace(scene, seed=seed, faults=parse_faults([table], places(1), "here"))) as sim:
             bench = Bench(sim.description, sim.clock, sim.operator)
-            bench.generator.link.open()
+            bench.device("signal_generator").link.open()
             for _ in range(50):
                 try:
-                    heard.append(bench.generator.get("frequency"))
+                    heard.append(bench.device("signal_generator").get("frequency"))
                 except DeviceError as error:
                     heard.append(str(error).split(":")[-1])
-            bench.generator.link.close()
+            bench.device("signal_generator").link.close()
         return heard
 
     first = life(1)

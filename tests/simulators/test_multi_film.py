@@ -10,6 +10,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import acquire
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.sensor_node import place
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.designs import DESIGNS
@@ -55,12 +56,12 @@ def test_every_film_is_recorded_on_its_node_and_channel_and_nothing_elsewhere(de
     films = tuple(replace(film, sensitivity=1e-3 * (3 + film.channel)) for film in scene.design.films)
     scene = replace(scene, design=replace(scene.design, films=films))
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        for node in bench.nodes:
+        for node in bench.all(SensorNode):
             for channel in range(1, 5):
                 node.set_range(channel, "500 mV")
         bench.operator.mount(SAMPLES["1"])
-        bench.positioner.move(20e-3, speed=5e-3)
-        recordings = acquire(bench.nodes, 0.002)
+        bench.device("positioner").move(20e-3, speed=5e-3)
+        recordings = acquire(bench.all(SensorNode), 0.002)
         expected = sim.rig.film_voltages(np.array([sim.clock.now_ns()]))[:, 0]
     seen = np.zeros((len(recordings), 4))
     for number, film in enumerate(films):
@@ -78,8 +79,8 @@ def test_films_that_fit_on_one_node_stand_on_every_node(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "different_base", "nodes = 3")
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.operator.mount(SAMPLES["1"])
-        bench.positioner.move(20e-3, speed=5e-3)
-        first, *others = acquire(bench.nodes, 0.002)
+        bench.device("positioner").move(20e-3, speed=5e-3)
+        first, *others = acquire(bench.all(SensorNode), 0.002)
     assert np.abs(first.voltage).min() > 0
     assert all(other.voltage.tobytes() == first.voltage.tobytes() for other in others)
 
@@ -88,10 +89,10 @@ def test_a_reset_on_the_last_node_shorts_the_film_of_the_base_alone(tmp_path: Pa
     scene = scene_of(tmp_path, "array_16", '[effects.charge_amplifier]\ntime_constant = "1000 s"\n')
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.operator.mount(SAMPLES["1"])
-        bench.positioner.move(20e-3, speed=5e-3)
+        bench.device("positioner").move(20e-3, speed=5e-3)
         now = np.array([sim.clock.now_ns()])
         before = sim.rig.film_voltages(now)[:, 0]
-        bench.nodes[4].set("reset_1", 1)
+        bench.device("sensor_node_5").set("reset_1", 1)
         after = sim.rig.film_voltages(now)[:, 0]
     assert np.abs(before).min() > 1e-5
     assert after[16] == pytest.approx(0, abs=1e-12)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
@@ -84,7 +85,7 @@ def run(
         UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
         EstimateError: too few points are valid.
     """
-    check(settings, design, bench.force_limit, len(bench.nodes))
+    check(settings, design, bench.force_limit, len(bench.all(SensorNode)))
     films = begin(bench, design, calibration, settings.loads, settings.frequency, (settings.sample,))
     preloaded = press(bench, calibration, get_sample(settings.sample), preload_for(settings.loads))
     servo = LoadServo(bench, calibration, settings.frequency, preloaded)

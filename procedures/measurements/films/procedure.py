@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FEWEST, FilmReading, calibrate_films
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.design import Design
@@ -98,7 +99,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
             for p in points
         ]
         about = {
-            "device": lab.bench.nodes[0].serial or "unknown",
+            "device": lab.bench.role(SensorNode).serial or "unknown",
             "simulated": lab.bench.simulated,
             "source": lab.run,
             "created": lab.started.isoformat(timespec="seconds"),

@@ -10,6 +10,7 @@ from itertools import pairwise
 from types import MappingProxyType
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, calibrate_load_cell
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.quantity import show
@@ -137,14 +138,15 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         return Weighing(lab.bench, self)
 
     def evaluate(self, points: Sequence[LoadCellPoint], lab: Lab) -> LoadCellResult:
+        indicator = lab.bench.role(LoadIndicator)
         calibration = calibrate_load_cell(
             self.loads,
             list(runs_of(points, len(self.loads))),
-            lab.bench.indicator.resolution_mV,
+            indicator.resolution_mV,
             degree=self.degree,
             creep_mV=points[-1].reading_mV - points[-2].reading_mV if self.creep else None,
-            gage_factor=lab.bench.named(lab.bench.indicator).settings.gage_factor,
-            device=lab.bench.indicator.serial or "unknown",
+            gage_factor=indicator.gage_factor,
+            device=indicator.serial or "unknown",
             simulated=lab.bench.simulated,
             source=lab.run,
             created=lab.started.isoformat(timespec="seconds"),
@@ -156,7 +158,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
         from palpate.procedures.measurements.load_cell.certificate import write_certificate
 
         found = done.result.calibration
-        path = load_cell_path(done.session.bench.indicator.serial)
+        path = load_cell_path(done.session.bench.role(LoadIndicator).serial)
         keep(found, done.folder, done.replayed, path)
         certificate = write_certificate(done.folder, found)
         return {"calibration": found.source, "calibration_file": str(path), "certificate": str(certificate)}
@@ -172,11 +174,12 @@ class Weighing:
 
     def __init__(self, bench: Bench, series: LoadCellSeries) -> None:
         self._bench, self._series = bench, series
+        indicator = bench.role(LoadIndicator)
         bench.rest()
-        bench.positioner.home()
-        bench.indicator.clear_tare()
-        bench.indicator.track(FILTER)
-        self._resolution_mV = bench.indicator.read().resolution_mV
+        bench.role(Positioner).home()
+        indicator.clear_tare()
+        indicator.track(FILTER)
+        self._resolution_mV = indicator.read().resolution_mV
         self._zero_mV = self._span_mV = 0.0
         self._creeping_ns = 0
 
@@ -232,7 +235,7 @@ class Weighing:
         """What is wrong with the bridge where the zero after a run, mV, is not that before it."""
         allowed = RETURN_STEPS * self._resolution_mV + RETURN_OF_SPAN * abs(span)
         if not abs(after - before) <= allowed:
-            name = self._bench.indicator.name
+            name = self._bench.role(LoadIndicator).name
             return DeviceError(
                 f"{name}: the zero went from {before:.4g} to {after:.4g} mV in a run, more than {allowed:.2g} mV; let "
                 "cell and indicator warm up, look for loose wires, and calibrate again",
@@ -248,7 +251,7 @@ def _displays(bench: Bench) -> list[float]:
             bench.clock.wait(INTERVAL)
         reading = steady(bench)
         if not reading.valid:
-            name = bench.indicator.name
+            name = bench.role(LoadIndicator).name
             raise DeviceError(
                 f"{name}: {reading.sick or 'not stable'}; check the cell and wait until the weight rests", device=name
             )

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
@@ -182,10 +183,11 @@ class Compressing:
         yielding = 1 + compliance * sample.modulus * sample.area / sample.thickness
         deflections = sample.thickness * strain * np.arange(1, steps + 1) / steps
         positions = support - sample.thickness + deflections * yielding
-        if positions[-1] > bench.positioner.travel():
+        travel = bench.role(Positioner).travel()
+        if positions[-1] > travel:
             raise UnreachableError(
                 f"strain {strain:g} of sample {sample.name!r} needs the positioner at {show(positions[-1], 'm')},"
-                f" which ends at {show(bench.positioner.travel(), 'm')}; ask for a smaller strain or raise the support"
+                f" which ends at {show(travel, 'm')}; ask for a smaller strain or raise the support"
             )
         return positions
 
@@ -193,11 +195,11 @@ class Compressing:
         """Position [m] and load [N] where the probe presses with about this force [N]."""
         what = f"preload of {show(force, 'N')} on the bare support"
         load = carry_out(self._bench, what, lambda: preload(self._bench, self._calibration, force))
-        return self._bench.positioner.position(), load
+        return self._bench.role(Positioner).position(), load
 
     def _pressed(self, position: float) -> list[float]:
         """Displays at a position [m]."""
-        self._bench.positioner.move(position)
+        self._bench.role(Positioner).move(position)
         self._bench.clock.wait(TRACK_SETTLING)
         shown = []
         for number in range(DISPLAYS):
@@ -205,8 +207,8 @@ class Compressing:
                 self._bench.clock.wait(READING_INTERVAL)
             reading = steady(self._bench, self._within_limit)
             if not reading.valid:
-                name = self._bench.indicator.name
-                self._bench.positioner.home()
+                name = self._bench.role(LoadIndicator).name
+                self._bench.role(Positioner).home()
                 raise DeviceError(f"{name}: no valid reading; check the bridge and the support", device=name)
             self._within_limit(reading.reading_mV)
             shown.append(reading.reading_mV)
@@ -215,7 +217,7 @@ class Compressing:
     def _within_limit(self, reading_mV: float) -> None:
         """Raises SafetyError, with the probe home, where a display tells of more force than the bench may take."""
         if not self._calibration.load(reading_mV)[0] <= self._bench.force_limit:
-            self._bench.positioner.home()
+            self._bench.role(Positioner).home()
             raise SafetyError(
                 f"{reading_mV:g} mV is more than the bench's force limit of {self._bench.force_limit:g} N;"
                 " the probe is home again. Ask for a smaller strain"
