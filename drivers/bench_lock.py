@@ -80,16 +80,18 @@ def _take(folder: Path, address: str, stack: ExitStack) -> None:
     path = folder / f"{hashlib.sha256(address.encode()).hexdigest()[:32]}.lock"
     try:
         while True:
-            file = _open(path)
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                holder = _holder(file)
-                os.close(file)
-                raise BenchInUse(f"the bench is in use: {address} is held by {holder}; wait for it or end it") from None
-            if _is(file, path):
-                break
-            os.close(file)  # its last holder has just removed it: others lock the new one
+            with ExitStack() as undo:
+                file = _open(path)
+                undo.callback(os.close, file)
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise BenchInUse(
+                        f"the bench is in use: {address} is held by {_holder(file)}; wait for it or end it"
+                    ) from None
+                if _is(file, path):  # else its last holder has just removed it: others lock the new one
+                    undo.pop_all()
+                    break
     except OSError as error:
         raise BenchError(
             f"{path}: the bench cannot be locked: {error.strerror or error}; remove what stands there, and see that "

@@ -164,10 +164,7 @@ class Contract:
         f = self[name]
         if not text.isprintable():
             raise RangeError(f"{self.title}: {name} = {text!r} holds characters that cannot be printed; leave them out")
-        try:
-            data = text.encode()
-        except UnicodeEncodeError:
-            raise RangeError(f"{self.title}: {name} = {text!r} is no text in UTF-8; write it anew") from None
+        data = text.encode()  # what can be printed has an encoding
         if len(data) > f.length:
             raise RangeError(
                 f"{self.title}: {name} = {text!r} takes {len(data)} bytes of UTF-8, {f.length} are allowed; shorten it"

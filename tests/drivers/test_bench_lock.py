@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import getpass
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -69,26 +73,66 @@ def test_simulated_benches_do_not_contend(scene: Scene) -> None:
         pass
 
 
+def elsewhere(host: str = "192.0.2.7", line: str = "/dev/other", channel: str = "can1") -> BenchDescription:
+    """Another bench, but for what is given."""
+    amplifier = described().shaker_amplifier.model_copy(update={"host": "192.0.2.8"})
+    return described(host, line, channel).model_copy(update={"shaker_amplifier": amplifier})
+
+
 def test_another_file_or_name_for_the_same_device_is_the_same_bench(tmp_path: Path) -> None:
     line, link = tmp_path / "ttyUSB0", tmp_path / "indicator"
     line.touch()
     link.symlink_to(line)
     first = described("127.0.0.1", str(line), "can0")
     with BenchLock(first, tmp_path / "locks"):
-        for second in (
-            described("127.0.0.1", "/dev/other", "can1"),
-            described("localhost", "/dev/other", "can1"),
-            described("192.0.2.7", str(link), "can1"),
-            described("192.0.2.7", "/dev/other", "can0"),
+        for second, shared in (
+            (elsewhere(host="127.0.0.1"), r"TCP port 502 of 127\.0\.0\.1"),
+            (elsewhere(host="localhost"), r"TCP port 502 of 127\.0\.0\.1"),
+            (elsewhere(line=str(link)), f"serial port {line}"),
+            (elsewhere(channel="can0"), "CAN bus socketcan:can0"),
         ):
-            with pytest.raises(BenchInUse), BenchLock(second, tmp_path / "locks"):
+            with pytest.raises(BenchInUse, match=f"{shared} is held"), BenchLock(second, tmp_path / "locks"):
                 pass
-    other = described("192.0.2.7", "/dev/other", "can1").model_copy(
-        update={"shaker_amplifier": described().shaker_amplifier.model_copy(update={"host": "192.0.2.8"})}
-    )
-    with BenchLock(first, tmp_path / "locks"), BenchLock(other, tmp_path / "locks"):
-        pass
+        with BenchLock(elsewhere(), tmp_path / "locks"):
+            pass
     assert locks(tmp_path / "locks") == []
+
+
+@pytest.mark.parametrize(
+    ("line", "address"),
+    [
+        ("socket://192.0.2.9:4001", "serial port socket://192.0.2.9:4001"),  # no file
+        ("relative", f"serial port {Path.cwd() / 'relative'}"),
+    ],
+)
+def test_a_line_counts_by_its_device_file_or_by_its_address(line: str, address: str) -> None:
+    assert address in addresses(described(line=line))
+
+
+def test_a_can_bus_within_the_process_is_no_other_process_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    description = described()
+    for interface, address in (
+        ("virtual", f"CAN bus virtual:can0 of process {os.getpid()}"),
+        ("pcan", "CAN bus pcan:can0"),
+    ):
+        bus = description.can.model_copy(update={"interface": interface})
+        assert address in addresses(description.model_copy(update={"can": bus}))
+
+
+def test_a_host_without_numbers_counts_by_its_name_however_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To open the device will say that there is no such host."""
+
+    def unknown(*_: object, **__: object) -> None:
+        raise OSError("Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    assert "TCP port 502 of rig.lab" in addresses(described("Rig.LAB"))
+
+
+def test_locks_are_taken_in_one_order_so_that_two_programs_cannot_wait_for_each_other() -> None:
+    found = addresses(described())
+    assert len(found) == 4
+    assert found == sorted(found)
 
 
 def test_a_bench_that_is_refused_gives_back_the_addresses_it_had_locked(tmp_path: Path) -> None:
@@ -206,3 +250,135 @@ def test_locks_serve_all_users(tmp_path: Path) -> None:
             assert {path.stat().st_mode & 0o777 for path in locks(folder)} == {0o666}
     finally:
         os.umask(before)
+
+
+# --- who has it ----------------------------------------------------------------------------------------
+
+
+def held_by(folder: Path, says: str) -> str:
+    """What the second is told where each lock says so of its holder."""
+    with BenchLock(described(), folder):
+        for lock in locks(folder):
+            lock.write_text(says, errors="surrogateescape")
+        with pytest.raises(BenchInUse) as caught:
+            BenchLock(described(), folder).__enter__()
+    return str(caught.value)
+
+
+def test_a_lock_says_who_has_it_since_when_and_by_which_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/palpate", "sweep", "two words"])
+    monkeypatch.setattr(getpass, "getuser", lambda: "ada")
+    with BenchLock(described(), tmp_path):
+        said = json.loads(locks(tmp_path)[0].read_text())
+    assert {name: said[name] for name in ("pid", "user", "command")} == {
+        "pid": os.getpid(),
+        "user": "ada",
+        "command": "palpate sweep 'two words'",
+    }
+    since = datetime.fromisoformat(said["since"]).astimezone()
+    assert abs(datetime.now(UTC) - since) < timedelta(minutes=5)
+
+
+def test_a_lock_says_nothing_of_who_had_it_before(tmp_path: Path) -> None:
+    with BenchLock(described(), tmp_path):
+        place = locks(tmp_path)[0]
+    place.write_text("x" * 5000)
+    with BenchLock(described(), tmp_path):
+        assert json.loads(place.read_text())["pid"] == os.getpid()
+
+
+@pytest.mark.parametrize("failure", [KeyError("uid"), OSError("no user")])
+def test_a_user_without_a_name_is_called_by_its_number(
+    failure: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a container."""
+
+    def nameless() -> str:
+        raise failure
+
+    monkeypatch.setattr(getpass, "getuser", nameless)
+    with BenchLock(described(), tmp_path):
+        assert json.loads(locks(tmp_path)[0].read_text())["user"] == str(os.getuid())
+
+
+def test_a_long_command_is_told_in_part_and_can_still_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["palpate", "x" * 10_000])
+    with BenchLock(described(), tmp_path), pytest.raises(BenchInUse, match=r"\(palpate x{292}\) since"):
+        BenchLock(described(), tmp_path).__enter__()
+
+
+@pytest.mark.parametrize(
+    "says",
+    ["", "no JSON", "7", "{}", '{"pid": 7, "user": "a", "command": "b"}', '"pid user command since"', "\udcff"],
+)
+def test_a_lock_that_does_not_say_who_has_it_still_holds(says: str, tmp_path: Path) -> None:
+    assert "is held by another program; wait for it or end it" in held_by(tmp_path, says)
+
+
+def test_what_a_lock_says_is_shortened(tmp_path: Path) -> None:
+    says = json.dumps({"pid": 7, "user": "u" * 1000, "command": "c", "since": "noon"})
+    assert f"process 7 of {'u' * 300} (c) since noon" in held_by(tmp_path, says)
+
+
+# --- nothing is left open ------------------------------------------------------------------------------
+
+
+def open_files() -> set[str]:
+    return {path.name for path in Path("/proc/self/fd").iterdir()}
+
+
+@pytest.mark.parametrize("why", ["in use", "second name", "removed meanwhile", "no locks here", "free"])
+def test_no_file_stays_open_whatever_comes_of_a_lock(why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with BenchLock(described(), tmp_path):
+        place = locks(tmp_path)[0]
+    flock = fcntl.flock
+
+    def first(file: int, operation: int) -> None:
+        monkeypatch.undo()
+        if why == "no locks here":
+            raise OSError(errno.ENOLCK, "No locks available")
+        for left in locks(tmp_path):
+            left.unlink()
+        flock(file, operation)
+
+    with ExitStack() as stack:
+        if why == "in use":
+            stack.enter_context(BenchLock(described(), tmp_path))
+        elif why == "second name":
+            place.write_text("precious")
+            os.link(place, tmp_path / "second name")
+        elif why != "free":
+            monkeypatch.setattr(fcntl, "flock", first)
+        before = open_files()
+        with suppress(BenchError), BenchLock(described(), tmp_path):
+            pass
+        assert open_files() == before
+
+
+def test_a_lock_of_another_user_that_cannot_be_removed_is_given_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_path: Path) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    before = open_files()
+    for _ in range(2):
+        with BenchLock(described(), tmp_path):
+            assert len(locks(tmp_path)) == len(addresses(described()))
+    assert open_files() == before
+
+
+def test_what_cannot_be_locked_is_told_with_its_reason_and_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", full)
+    with pytest.raises(
+        BenchError, match=rf"^{tmp_path}/[0-9a-f]{{32}}\.lock: .* locked: No locks available; .* {tmp_path} is a folder"
+    ):
+        BenchLock(described(), tmp_path).__enter__()

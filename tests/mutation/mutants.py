@@ -181,11 +181,13 @@ def _other_value(value: object) -> object:
 
 
 def _only_for_types(statement: ast.stmt) -> bool:
-    """Imports for annotations, docstrings, and bodies of methods that a derived class has to have."""
+    """Imports for annotations, lists of public names, docstrings, and bodies that a derived class has to have."""
     if isinstance(statement, ast.Raise):
         return statement.exc is not None and ast.unparse(statement.exc).startswith("NotImplementedError")
     if isinstance(statement, ast.If):
         return ast.unparse(statement.test) == "TYPE_CHECKING"
+    if isinstance(statement, ast.Assign):
+        return ast.unparse(statement.targets[0]) == "__all__"
     return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
 
 

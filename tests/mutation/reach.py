@@ -14,6 +14,7 @@ from tests.mutation.tried import PYTEST, in_child, silence
 
 LONGEST = 900  # s, for all tests without a mistake
 ENOUGH = 20.0  # s of tests for one mutant
+BEFORE = ""  # coverage.py's name for what runs before any test
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class Reach:
 
     Attributes:
         seconds: that each test takes, its fixtures included.
-        lines: for each file, by its path from here, the tests that run a line of it.
+        lines: for each file, by its path from here, the tests that run a line of it; "" stands for what runs before
+            any test, as when a module is imported.
     """
 
     seconds: dict[str, float]
@@ -31,14 +33,20 @@ class Reach:
     def tests(self, file: Path, mutant: Mutant) -> list[str]:
         """Those that may find a mistake, the fastest first, but those in a file of the module's name before all others.
 
-        Where the line runs at import, all tests may find it; those that run another line of the file come first.
+        Where the line runs before any test, all tests may find it; first come those that run the line, too, then those
+        that run another line of the file.
         """
         lines = self.lines.get(str(file), {})
         near = {test for line in lines.values() for test in line}
-        found = self.seconds.keys() if mutant.runs_at_import else set(lines.get(mutant.line, ()))
+        reaching = set(lines.get(mutant.line, ()))
+        found = self.seconds.keys() if mutant.runs_at_import or BEFORE in reaching else reaching
         own = f"/test_{file.stem}.py"
+
+        def order(test: str) -> tuple[object, ...]:
+            return own not in test, test not in reaching, test not in near, self.seconds[test], test
+
         chosen, spent = [], 0.0
-        for test in sorted(found, key=lambda test: (own not in test, test not in near, self.seconds[test], test)):
+        for test in sorted(found, key=order):
             spent += self.seconds[test]
             if spent > ENOUGH and chosen:
                 break
@@ -84,10 +92,6 @@ def _measured(files: Sequence[Path], tests: Sequence[str], kept: Path, log: Path
     measured.stop()
     data = measured.get_data()
     known = {str(file.resolve()): str(file) for file in files}
-    lines = {
-        known[name]: {line: [test for test in by if test] for line, by in data.contexts_by_lineno(name).items()}
-        for name in data.measured_files()
-        if name in known
-    }
+    lines = {known[name]: data.contexts_by_lineno(name) for name in data.measured_files() if name in known}
     kept.write_text(json.dumps({"seconds": contexts.seconds, "lines": lines}))
     return status

@@ -1,0 +1,184 @@
+"""What a contract says of bytes that came: whether they can be true, and how they are shown to people."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, probe
+from palpate.instrument.contracts.sensor_node import bus_load, place, shortest_transfer, stuff_bits
+from palpate.instrument.errors import RangeError, UnknownName
+
+OVEN = Contract(
+    name="oven",
+    title="oven",
+    bus="modbus",
+    identity=Identity("Acme", "OV-60", "1.0"),
+    fields=(
+        Field("setpoint", 0x10, "int16", "asked for", "degC", 0.1, "rw", -10.0, 60.0, 20.0),
+        Field("heater", 0x11, "uint16", "heater", access="rw", choices={"off": 0, "on": 1}),
+        Field("name", 0x12, "text", "name", access="rw", default="", length=6),
+        Field("status", 0x15, "uint16", "status", bits={"hot": 0, "open": 3}),
+        Field("heat", 0x16, "float32", "heat", "W"),
+        Field("order", 0x18, "uint16", "order", access="wo", minimum=0, maximum=9),
+        Field("hours", 0x19, "uint32", "hours of use", "h"),
+        Field("cycles", 0x20, "uint32", "how often it was heated up"),
+    ),
+)
+
+
+# --- readings that cannot be true ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "fault"),
+    [
+        ("setpoint", 60.0, ""),
+        ("setpoint", -10.0, ""),
+        ("setpoint", 60.1, "setpoint = 60.1 degC is outside -10 to 60 degC"),
+        ("setpoint", math.nan, "setpoint = nan degC is outside -10 to 60 degC"),
+        ("heater", 1.0, ""),
+        ("heater", 2.0, "heater = 2 is no choice; valid: off (0), on (1)"),
+        ("heat", 1e30, ""),
+        ("heat", math.nan, ""),  # of a float without limits: the device has no reading
+        ("heat", math.inf, "heat = inf W is outside -inf to inf W"),
+    ],
+)
+def test_a_reading_is_held_to_the_limits_and_choices_of_its_field(name: str, value: float, fault: str) -> None:
+    assert OVEN.misread(name, value) == fault
+
+
+@pytest.mark.parametrize(("minimum", "maximum"), [(0.0, None), (None, 0.0)])
+def test_one_limit_is_enough_to_make_not_a_number_a_misreading(minimum: float | None, maximum: float | None) -> None:
+    field = Field("heat", 0x10, "float32", "heat", minimum=minimum, maximum=maximum)
+    assert Contract("oven", "oven", "modbus", OVEN.identity, (field,)).misread("heat", math.nan)
+
+
+# --- texts ---------------------------------------------------------------------------------------------
+
+
+def test_a_text_is_filled_up_with_nul_which_no_reader_sees() -> None:
+    assert OVEN.encode("name", "fünf") == b"f\xc3\xbcnf\x00"
+    assert OVEN.encode("name", "sechs!") == b"sechs!"
+    assert OVEN.decode_text("name", b"f\xc3\xbcnf\x00") == "fünf"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sieben.", r"^oven: name = 'sieben\.' takes 7 bytes of UTF-8, 6 are allowed; shorten it$"),
+        ("füüü", r"^oven: name = 'füüü' takes 7 bytes of UTF-8"),
+        ("a\nb", r"^oven: name = 'a\\nb' holds characters that cannot be printed; leave them out$"),
+        ("\udc80", r"^oven: name = '\\udc80' holds characters that cannot be printed"),
+    ],
+)
+def test_a_text_that_does_not_fit_or_cannot_be_printed_is_refused(text: str, message: str) -> None:
+    with pytest.raises(RangeError, match=message):
+        OVEN.encode("name", text)
+
+
+@pytest.mark.parametrize("data", [b"a\x00b\x00\x00\x00", b"a\nb\x00\x00\x00", b"\xff\xff\xff\x00\x00\x00"])
+def test_bytes_that_are_no_such_text_are_refused(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"cannot be printed|decode"):
+        OVEN.decode_text("name", data)
+
+
+# --- shown to people -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "text"),
+    [
+        ("setpoint", "ff9c", "setpoint = -10 degC"),
+        ("setpoint", "ff9c00", "setpoint = ff 9c 00"),  # of another length
+        ("heater", "0001", "heater = on"),
+        ("heater", "0007", "heater = 7"),
+        ("name", "61ff00000000", "name = 'a�'"),
+        ("status", "0009", "status = hot open"),
+        ("status", "0002", "status = bit 1"),
+        ("status", "0000", "status = none"),
+        ("hours", "00ffffff", "hours = 16777215 h"),
+        ("cycles", "00000007", "cycles = 7"),
+    ],
+)
+def test_bytes_are_shown_by_name_with_what_they_mean(name: str, data: str, text: str) -> None:
+    assert OVEN.shown(name, bytes.fromhex(data)) == text
+
+
+def test_a_setting_is_described_with_what_may_be_written() -> None:
+    assert OVEN.described("name", "a") == "name = 'a' (text of up to 6 bytes)"
+    assert OVEN.described("setpoint", 7.5) == "setpoint = 7.5 degC (-10 to 60)"
+    assert OVEN.described("order", 7) == "order = 7 (0 to 9)"
+
+
+# --- registers that are read together ------------------------------------------------------------------
+
+
+def test_fields_that_are_read_together_lie_in_the_bytes_where_their_registers_are() -> None:
+    assert OVEN.layout(("heat", "setpoint")) == (0x10, 8, [slice(12, 16), slice(0, 2)])
+    assert OVEN.layout(("hours",)) == (0x19, 2, [slice(0, 4)])
+
+
+@pytest.mark.parametrize(
+    ("names", "widened"),
+    [
+        (("setpoint",), ("setpoint", "heater")),
+        (("heater",), ("heater", "setpoint")),  # a text behind it
+        (("status",), ("status", "heat")),
+        (("status", "heat"), ("status", "heat")),  # a text before, an order behind
+        (("hours",), ("hours",)),  # an order before, a gap behind
+        (("cycles",), ("cycles",)),
+    ],
+)
+def test_a_read_is_widened_by_a_number_that_stands_beside_it(names: tuple[str, ...], widened: tuple[str, ...]) -> None:
+    """Neither by a text, nor by an order, which nobody can read, nor over a gap."""
+    assert OVEN.widened(names) == widened
+
+
+def test_of_two_numbers_beside_a_field_one_is_read_with_it() -> None:
+    fields = tuple(Field(name, address, "uint16", name) for address, name in enumerate("abc"))
+    assert Contract("toy", "toy", "modbus", OVEN.identity, fields).widened(("b",)) == ("b", "c")
+
+
+def test_the_word_order_probe_tells_its_bytes_apart() -> None:
+    field = probe(0x40)
+    contract = Contract("toy", "toy", "modbus", OVEN.identity, (field,))
+    assert (field.name, field.address, field.type, field.default) == ("probe", 0x40, "uint32", PROBE)
+    assert contract.pack("probe", PROBE) == bytes.fromhex("12345678")
+
+
+def test_a_device_is_named_where_a_field_is_unknown() -> None:
+    with pytest.raises(UnknownName, match="unknown field of the oven 'setpont'"):
+        OVEN.misread("setpont", 1.0)
+
+
+# --- a CAN bus -----------------------------------------------------------------------------------------
+
+
+def test_a_transfer_takes_at_least_two_frames_of_eight_bytes() -> None:
+    """By ISO 11898-1 a frame without stuffed bits has 44 + 64 = 108 bits, and 3 bits lie between two.
+
+    So 218 bits pass until the receiver has the last but one of the second frame: 1.744 ms at 125 kbit/s, and 1.58 %
+    less by a fast clock.
+    """
+    assert shortest_transfer(125e3) == pytest.approx(1.744e-3 * (1 - 0.0158), rel=1e-12)
+    assert shortest_transfer(1e6) == pytest.approx(shortest_transfer(125e3) / 8, rel=1e-12)
+
+
+def test_a_frame_of_eight_bytes_has_24_stuffed_bits_at_most_and_3_on_average() -> None:
+    """98 bits are watched: the first five equal ones and then each fourth bit may bring a stuffed one."""
+    assert stuff_bits(8) == 24
+    assert stuff_bits(0) == 8
+    assert stuff_bits(8, "mean") == pytest.approx(98 / 30)
+
+
+def test_samples_of_a_node_load_the_bus_by_their_bits() -> None:
+    """At worst SYNC has 47 + 8 bits, the samples 111 + 24 and the stamp of five bytes 87 + 18."""
+    assert bus_load(1, 1000, 1e6) == pytest.approx((55 + 135 + 105) * 1000 / 1e6, rel=1e-12)
+    assert bus_load(3, 1000, 1e6) == pytest.approx((55 + 3 * (135 + 105)) * 1000 / 1e6, rel=1e-12)
+
+
+@pytest.mark.parametrize(("channel", "where"), [(1, (1, 1)), (4, (1, 4)), (5, (2, 1)), (9, (3, 1))])
+def test_a_film_is_wired_to_the_next_channel_four_on_a_node(channel: int, where: tuple[int, int]) -> None:
+    assert place(channel) == where
