@@ -60,6 +60,11 @@ def parse(text: str, unit: str) -> float:
     return converted
 
 
+def parse_list(text: str, unit: str) -> tuple[float, ...]:
+    """Values in `unit` of a text with commas, such as "1 N, 2 N". Raises QuantityError as `parse`."""
+    return tuple(parse(part, unit) for part in text.split(","))
+
+
 def parse_tolerance(text: str) -> float:
     """Share that the text of a tolerance means: 0.05 for "5 %" and for "0.05".
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.film import signals
 from palpate.instrument.models.parameter_sets import get_parameter_set
 from palpate.instrument.models.prices.price_list import model_error
 from palpate.instrument.models.response import AUTO, response
@@ -75,6 +76,11 @@ class Question:
                     f"{name} {self.settings[name]}: model {self.model!r} has its own and no other; leave it out"
                 )
 
+    @property
+    def changed(self) -> list[str]:
+        """Names of what is not as the parameter set has it."""
+        return [*self.settings, *(["at"] if self.at else [])]
+
     def sensor(self) -> Design:
         """The design with the materials of parameter set and settings."""
         design = get_parameter_set(self.parameters, self.model).design(get_design(self.design))
@@ -106,6 +112,29 @@ class Answer:
     response: Response
     seconds: float
     model_error: float | None = None
+
+    def summary(self, design: Design) -> dict[str, Any]:
+        """Under public names, with what the films of the design give."""
+        given = self.response
+        return {
+            "sensed_modulus_Pa": self.sensed_modulus,
+            "force_ratio": given.force_ratio,
+            "error_estimate": given.error_estimate,
+            "model_error": self.model_error,
+            "model": given.model,
+            "why": given.why,
+            "seconds": self.seconds,
+            "films": {
+                name: {
+                    "force_N": film.force,
+                    "plane_stress_Pa": film.plane_stress,
+                    "charge_C": film.charge,
+                    "voltage_V": film.voltage,
+                    "voltage_error_V": film.voltage_error,
+                }
+                for name, film in signals(design, given).items()
+            },
+        }
 
 
 def ask(question: Question, moduli: Sequence[float]) -> Iterator[Answer]:

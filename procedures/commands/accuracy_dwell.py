@@ -42,13 +42,13 @@ def dwell_command(
     gains from one load set to the next, and what moves in step with the drive.
     """
     from palpate.instrument.errors import EstimateError
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse, parse_list
     from palpate.procedures.virtual.dwell import SAMPLES_PER_CYCLE, price
     from palpate.procedures.virtual.explained import asked
 
     output = Output(as_json, quiet)
     question = asked(sample, load, frequency)
-    dwells = None if dwell is None else tuple(parse(part, "s") for part in dwell.split(","))
+    dwells = None if dwell is None else parse_list(dwell, "s")
     sampled = SAMPLES_PER_CYCLE * question.frequency if rate is None else parse(rate, "Hz")
     make_folder(out)
     prices = price(scene, seed, question, sampled, dwells, estimator)

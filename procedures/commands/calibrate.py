@@ -63,6 +63,7 @@ def load_cell(
     certificate; stores the calibration: later sweeps with the same indicator use and name it, until it expires and
     within its loads.
     """
+    from palpate.instrument.quantity import parse_list
     from palpate.procedures.commands.measure import measure
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
     from palpate.procedures.steps.checks import parse_loads
@@ -70,7 +71,7 @@ def load_cell(
     series = LoadCellSeries(
         parse_loads(loads),
         runs,
-        parse_positions(positions),
+        parse_list(positions, ""),
         None if degree == "auto" else int(degree),
         creep,
         valid_days,
@@ -105,13 +106,13 @@ def films(
     teeth what each hears of the others. Stores the calibration: later runs with the same sensor on the same node use
     and name it in place of the design's sensitivities.
     """
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse, parse_list
     from palpate.procedures.commands.measure import measure
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.steps.checks import parse_loads
 
-    hertz = tuple(parse(part, "Hz") for part in frequencies.split(","))
-    measure(FilmSeries(parse_loads(loads), hertz, parse(dwell, "s"), valid_days, extrapolate), choice, output)
+    series = FilmSeries(parse_loads(loads), parse_list(frequencies, "Hz"), parse(dwell, "s"), valid_days, extrapolate)
+    measure(series, choice, output)
 
 
 @calibrate.command(epilog="Examples:\n\n  palpate calibrate accept runs/calibrations/load_cell-SI-0042.toml")
@@ -133,14 +134,3 @@ def accept(file: Path, as_json: bool, quiet: bool) -> None:
     if output.as_json:
         output.json({"calibration_file": str(file), "accepted": found.accepted if found else None})
     output.line(f"{file}: {f'{found.source}{found.marks()}' if found else 'is as it was written, nothing to accept'}")
-
-
-def parse_positions(text: str) -> tuple[float, ...]:
-    """Degrees from "0,120,240".
-
-    Raises:
-        QuantityError: not a number.
-    """
-    from palpate.instrument.quantity import parse
-
-    return tuple(parse(part, "") for part in text.split(","))

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,8 +17,7 @@ from palpate.procedures.commands.options import FILE_NAME, Group, Output, output
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import Answer, Question
-    from palpate.instrument.sensor.design import Design
+    from palpate.instrument.models.ratio import Question
 
 # Settings that go over the parameter set's, with their units.
 _SETTINGS = {
@@ -42,24 +41,19 @@ def model() -> None:
 model.add_command(shear)
 
 
-def _changed(question: Question) -> list[str]:
-    """Options that say something else than the parameter set does."""
-    return [f"--{name.replace('_', '-')}" for name in (*question.settings, *(["at"] if question.at else []))]
-
-
 def question_options(command: Callable[..., None]) -> Callable[..., None]:
     """Which sensor, by which model, from which numbers: the command gets one `question`."""
 
     @functools.wraps(command)
     def asked(
-        design: str, name: str, parameters: str, interface: str | None, tolerance: str | None, **given: Any
+        design: str, name: str, parameters: str, interface: str | None, tolerance: str | None, **given: object
     ) -> None:
         from palpate.instrument.models.ratio import Question
         from palpate.instrument.quantity import parse, parse_tolerance
 
         texts = {setting: given.pop(setting) for setting in _SETTINGS}
         settings: dict[str, float | str] = {
-            setting: parse(text, _SETTINGS[setting][0]) for setting, text in texts.items() if text is not None
+            setting: parse(str(text), _SETTINGS[setting][0]) for setting, text in texts.items() if text is not None
         }
         if interface is not None:
             settings["interface"] = interface
@@ -127,10 +121,10 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     """
     from palpate.instrument.models.ratio import ask
     from palpate.instrument.models.validation import validate
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse_list
 
     output = Output(as_json, quiet)
-    moduli = [parse(text, "Pa") for text in sensed_modulus.split(",")]
+    moduli = parse_list(sensed_modulus, "Pa")
     if at is not None:
         question = replace(question, at=_place(at))
     answers = []
@@ -148,13 +142,13 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
                 "parameters": question.parameters,
                 "at_m": question.at,
                 "validation": [found.record() for found in compared],
-                "points": [_point(sensor, a) for a in answers],
+                "points": [answer.summary(sensor) for answer in answers],
             }
         )
     elif output.for_people:
         from palpate.procedures.showing.models import print_ratios
 
-        print_ratios(question.design, answers, compared, _changed(question))
+        print_ratios(question.design, answers, compared, question.changed)
 
 
 @model.command(
@@ -179,10 +173,10 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     """
     from palpate.instrument.findings import object_modulus as model_modulus
     from palpate.instrument.models.validation import validate
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse, parse_list
 
     output = Output(as_json, quiet)
-    ratios = [parse(text, "") for text in force_ratio.split(",")]
+    ratios = parse_list(force_ratio, "")
     points = model_modulus.estimate(question, ratios, None if uncertainty is None else parse(uncertainty, ""))
     models = dict.fromkeys(point["model"] for point in points)
     compared = [validate(question.design, question.parameters, name) for name in models]
@@ -199,7 +193,7 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     elif output.for_people:
         from palpate.procedures.showing.models import print_moduli
 
-        print_moduli(question.design, points, compared, _changed(question))
+        print_moduli(question.design, points, compared, question.changed)
 
 
 @model.command(
@@ -216,12 +210,12 @@ def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: boo
     The section is that of the first modulus, for 1 N. The axisymmetric and the solid model know one: for any other
     the force ratio is drawn alone.
     """
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse_list
     from palpate.procedures.showing import model_picture, model_plot
 
     output = Output(as_json, quiet)
     file = model_plot.place(f"{question.design}-{question.model}", out, store())
-    picture = model_picture.solve(question, [parse(text, "Pa") for text in sensed_modulus.split(",")])
+    picture = model_picture.solve(question, parse_list(sensed_modulus, "Pa"))
     model_plot.draw(picture, file)
     if output.as_json:
         output.json({"file": str(file), **picture.data()})
@@ -236,34 +230,9 @@ def _place(text: str) -> tuple[float, float]:
         QuantityError: a length has no unit, or another one's.
     """
     from palpate.instrument.errors import UsageError
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse_list
 
-    lengths = text.split(",")
-    if len(lengths) != 2:
+    if text.count(",") != 1:
         raise UsageError(f"--at {text!r} is not two lengths; write for example '6 mm, 6 mm'")
-    return parse(lengths[0], "m"), parse(lengths[1], "m")
-
-
-def _point(design: Design, answer: Answer) -> dict[str, Any]:
-    from palpate.instrument.models.film import signals
-
-    given = answer.response
-    return {
-        "sensed_modulus_Pa": answer.sensed_modulus,
-        "force_ratio": given.force_ratio,
-        "error_estimate": given.error_estimate,
-        "model_error": answer.model_error,
-        "model": given.model,
-        "why": given.why,
-        "seconds": answer.seconds,
-        "films": {
-            name: {
-                "force_N": film.force,
-                "plane_stress_Pa": film.plane_stress,
-                "charge_C": film.charge,
-                "voltage_V": film.voltage,
-                "voltage_error_V": film.voltage_error,
-            }
-            for name, film in signals(design, given).items()
-        },
-    }
+    x, y = parse_list(text, "m")
+    return x, y

@@ -149,12 +149,12 @@ def temperature(
     amplifier and a voltmeter would have read off the same record. Simulated on
     the scene humid_body where none is named; only scenes with pyroelectric films have anything to show.
     """
-    from palpate.instrument.quantity import parse
+    from palpate.instrument.quantity import parse, parse_list
     from palpate.procedures.commands.measure import measure, plan
-    from palpate.procedures.measurements.temperature.procedure import TemperatureSweep, parse_temperatures
+    from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 
     asked = TemperatureSweep(
-        parse_temperatures(temperatures),
+        parse_list(temperatures, "K"),
         sample,
         parse(load, "N"),
         parse(dwell, "s"),

@@ -19,7 +19,7 @@ def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]
 
     Args:
         found: comparisons.
-        changed: options that differ from the parameter set; only the set itself was compared.
+        changed: settings that differ from the parameter set's; only the set itself was compared.
     """
     told = []
     for each in found:
@@ -33,7 +33,8 @@ def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]
             f" {each.worst_sample} ({SIGN}; by sample {by_sample})"
         )
     if changed:
-        told.append(f"the validation is that of the set as it stands, without {', '.join(changed)}")
+        options = [f"--{name.replace('_', '-')}" for name in changed]
+        told.append(f"the validation is that of the set as it stands, without {', '.join(options)}")
     return told
 
 

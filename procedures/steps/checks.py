@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts import signal_generator
 from palpate.instrument.errors import RangeError, UnreachableError
-from palpate.instrument.quantity import parse, show
+from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.load import check_force as check_felt
 from palpate.instrument.signals.dwell import LONGEST, check_dwell
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
@@ -44,7 +44,7 @@ def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, .
             raise RangeError(f"{name} {text!r}: more than {LARGEST_COUNT} {name}; take a larger step")
         values = tuple(round(first + i * step, 12) for i in range(math.floor(steps) + 1))
     elif len(parts) == 1:
-        values = tuple(parse(part, unit) for part in text.split(","))
+        values = parse_list(text, unit)
     else:
         raise RangeError(f"{name} {text!r}: give first:last:step, such as {example!r}, or a list with commas")
     if list(values) != sorted(set(values)):

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import parse, show
+from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE
@@ -146,7 +146,7 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
         inner = (round(float(f) / FREQUENCY_STEP) * FREQUENCY_STEP for f in even[1:-1])
         found = (first, *(round(f, 9) for f in inner), last)
     elif len(parts) == 1:
-        found = tuple(parse(part, "Hz") for part in text.split(","))
+        found = parse_list(text, "Hz")
     else:
         raise RangeError(f"frequencies {text!r}: give first:last:count, such as '0.1 Hz:100 Hz:16', or a list")
     if list(found) != sorted(set(found)):

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.quantity import parse, show
+from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
@@ -147,11 +147,6 @@ class Sweeping(Loaded):
         carry_out(bench, "outputs on", bench.drive)
         measured = self.measured(self._sweep.load, step.what, self._sweep.dwell)
         return Taken(_point(self.lab.design, step, added, measured), measured.waveforms(self.lab.design))
-
-
-def parse_temperatures(text: str) -> tuple[float, ...]:
-    """Temperatures in K against the start, such as "0 K, 5 K, 10 K". Raises QuantityError."""
-    return tuple(parse(part, "K") for part in text.split(","))
 
 
 def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:
