@@ -1,4 +1,4 @@
-"""The whole simulated bench: every device of a scene on the wire, and the bench file that finds them."""
+"""The simulated bench: it serves every device of a scene, and describes itself by a bench file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from palpate.simulators.devices.strain_indicator import StrainIndicator
     from palpate.simulators.faults.inject import Injection
 
-USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # in the order of the clock
+USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order
 CHANGER = "sample_changer"
 TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     "signal_generator": TcpAddress,
@@ -50,17 +50,18 @@ TCP_SECTIONS: dict[str, type[TcpAddress]] = {
     CHANGER: TcpAddress,
 }
 BITRATE = 1_000_000
-TIMEOUT: Any = "10 s"  # of the wall: a device of a busy machine is slow, not absent
+TIMEOUT: Any = "10 s"  # of wall time: long, because on a busy machine a simulated device answers late
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a simulated bench is to be found.
+    """Addresses of a simulated bench.
 
     Attributes:
-        host: its Modbus TCP devices listen on.
-        port: of the first of them, the next has the next; 0: any that are free.
-        interface, channel: of python-can; channel None: one of its own.
+        host: address on which the Modbus TCP devices listen.
+        port: port of the first device; each next device has the next port. 0: any free ports.
+        interface: interface of python-can.
+        channel: channel of python-can; None: one that no other bench uses.
     """
 
     host: str = LOOPBACK
@@ -69,19 +70,24 @@ class Place:
     channel: str | None = None
 
 
-HERE = Place()  # in this process
+HERE = Place()  # free ports, and a CAN bus in this process
 
 
 class SimulatedBench:
-    """A context manager: servers, line and bus run inside it, and nothing is left behind.
+    """A simulated bench as a context manager: its servers, serial line and CAN bus run inside it.
 
-    Raises BenchError: a port is in use, or the CAN interface cannot be opened.
+    Entering it raises BenchError if a port is in use or the CAN interface cannot be opened.
     """
 
     def __init__(self, scene: Scene, place: Place = HERE, samples: Sequence[Sample] = ()) -> None:
-        """`samples`: of its sample changer; without any it has none, and its operator mounts them.
+        """Make the bench; it is served once the context is entered.
 
-        Raises ConfigError: the simulator of a device that the scene lists cannot be loaded.
+        Args:
+            scene: the scene.
+            place: its addresses.
+            samples: samples in the sample changer. Without any there is no changer, and the operator mounts samples.
+
+        Raises ConfigError: the simulator of an additional device cannot be loaded.
         """
         self.scene = scene
         self._place = place
@@ -89,13 +95,13 @@ class SimulatedBench:
         self.rig = Rig(scene, self.clock)
         self.channel = own_channel(place.interface) if place.channel is None else place.channel
         self._node_ids = list(range(1, scene.nodes + 1))
-        # first on the clock: what is sampled up to an event does not know of it yet
+        # first on the clock, so that samples up to an event are taken before the event changes the rig
         self.can = CanSegment(self.clock, self.rig, self._node_ids, place.interface, self.channel)
         self.clock.add(self.rig)
         self.nodes = self.can.nodes
         self.devices: dict[str, Any] = {f"sensor_node_{number}": node for number, node in enumerate(self.nodes, 1)}
         self._kinds = dict.fromkeys(self.devices, KINDS["sensor_node"])
-        self._addresses: dict[str, int] = {}  # units on the line and node ids, by device
+        self._addresses: dict[str, int] = {}  # unit id on the serial line, or node id, of each device by name
         self._samples = samples
         for name in (*USUAL, *([CHANGER] if samples else [])):
             self._add(name, KINDS[name], NoSettings())
@@ -149,7 +155,7 @@ class SimulatedBench:
         return self
 
     def _described(self, ports: Mapping[str, int], baudrate: int, timeouts: Mapping[str, Any]) -> BenchDescription:
-        """The bench file that finds the servers."""
+        """The description of this bench, as a bench file would give it."""
         host, scene = self._place.host, self.scene
         tcp = {
             name: section(host=host, port=ports[name], timeout=timeouts.get(name, TIMEOUT))
@@ -176,7 +182,7 @@ class SimulatedBench:
         return check(sections, BenchDescription, f"scene {scene.name}")
 
     def _on(self, link: str) -> list[str]:
-        """Names of the devices on links of a kind."""
+        """Names of the devices on links of one kind."""
         return [name for name, kind in self._kinds.items() if kind.links[0] == link]
 
     @property
@@ -190,7 +196,7 @@ class SimulatedBench:
         return {self.devices[name].id: name for name in self._on("canopen")}
 
     def _guest_sections(self, ports: Mapping[str, int], timeouts: Mapping[str, Any]) -> dict[str, Any]:
-        """The sections of a bench file for what the scene lists: each device on TCP has a link of its own."""
+        """Sections of the bench file for the additional devices; each device on TCP has a link of its own."""
         links, devices = {}, {}
         for guest in self.scene.devices:
             name, link = guest.name, guest.kind.links[0]
@@ -210,7 +216,7 @@ class SimulatedBench:
 
     @cached_property
     def injection(self) -> Injection:
-        """By which faults are given and taken away; a bench without any never has it."""
+        """Gives the bench faults and takes them away. Made on first use, so a bench without faults imports no fault."""
         from palpate.simulators.faults.inject import Injection
 
         return Injection(self)
@@ -241,7 +247,7 @@ class SimulatedBench:
 
 
 def _timeouts(scene: Scene) -> dict[str, Any]:
-    """Of links that have faults, by their names."""
+    """Time-outs of the links that have faults, by name of the link."""
     if not scene.faults:
         return {}
     from palpate.simulators.faults.inject import timeouts

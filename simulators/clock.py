@@ -1,4 +1,4 @@
-"""The clock of a simulated bench: a wait moves the scene on and returns at once."""
+"""The clock of a simulated bench: a wait advances the simulation and returns without waiting in real time."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ NEVER = 2**63 - 1
 
 
 class Simulated(Protocol):
-    """Something that lives on the virtual clock."""
+    """Something that the virtual clock advances."""
 
     def next_event_ns(self) -> int:
-        """When something happens to it by itself next, or NEVER."""
+        """Time of its next event without any request, or NEVER [ns]."""
 
     def advance(self, start_ns: int, end_ns: int) -> None:
-        """Live through (start, end]; nothing else in the scene changes meanwhile, except at `end`."""
+        """Advance over (start, end] [ns]; nothing else in the simulation changes in this time, except at `end`."""
 
 
 class VirtualClock:
-    """Integer nanoseconds since the bench was opened.
+    """Simulated time in integer nanoseconds since the bench was opened.
 
-    Everything simulated changes under `lock` only: in a wait, in the waiting thread, or in a request, in a
-    server's thread. Between two events all advance in one step, in the order in which they were added, so
-    the result does not depend on how a wait is cut into pieces.
+    All that is simulated changes under `lock` only: during a wait in the waiting thread, or during a request in the
+    servers' thread. Between two events everything advances in one step, in the order in which it was added, so that
+    results do not depend on how a wait is divided.
     """
 
-    goes_on = False  # for whoever waits on it; a served one is moved on by the pacer
+    goes_on = False  # True: time passes without waits, because a pacer moves the clock on
 
     def __init__(self) -> None:
         self.lock: AbstractContextManager[Any] = threading.RLock()
@@ -39,14 +39,14 @@ class VirtualClock:
         self._simulated.append(simulated)
 
     def remove(self, simulated: Simulated) -> None:
-        """It lives no more on this clock; called under the lock."""
+        """Stop advancing it; call this under the lock."""
         self._simulated = [other for other in self._simulated if other is not simulated]
 
     def now_ns(self) -> int:
         return self._now
 
     def wait(self, duration: float) -> None:
-        """Let `duration` s pass. Raises ValueError for a negative or not finite one."""
+        """Let simulated time pass [s]. Raises ValueError: the duration is negative or not finite."""
         if not (math.isfinite(duration) and duration >= 0):
             raise ValueError(f"cannot wait {duration} s; a wait is finite and not negative")
         with self.lock:

@@ -1,4 +1,4 @@
-"""Devices that a scene lists beside the usual ones: `[device.NAME]` with a kind of an installed package."""
+"""Additional devices of a scene: sections `[device.NAME]` whose kind comes from an installed package."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from palpate.instrument.errors import ConfigError, UnknownName
 
 @dataclass(frozen=True)
 class Guest:
-    """A device beside the usual ones; `table`: what its section says beside its kind."""
+    """An additional device of a scene.
+
+    Attributes:
+        name: its name.
+        kind: its device kind.
+        settings: the checked settings of its kind.
+        table: all keys of its section but `kind`.
+    """
 
     name: str
     kind: DeviceKind
@@ -23,7 +30,7 @@ class Guest:
 
 
 def guests(tables: Mapping[str, Mapping[str, Any]], where: str) -> tuple[Guest, ...]:
-    """The devices of a scene file, checked. Raises ConfigError; names the file, the section and the key."""
+    """The additional devices of a scene file, checked. Raises ConfigError, which names file, section and key."""
     return tuple(_guest(name, dict(table), f"{where}: device.{name}") for name, table in tables.items())
 
 
@@ -31,14 +38,17 @@ def _guest(name: str, table: dict[str, Any], where: str) -> Guest:
     check_name(name, where)
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
-        raise ConfigError(f"{where}: kind: is missing or no text")
+        raise ConfigError(f'{where}: kind: is missing or no text; give a device kind, as kind = "acme-oven"')
     if kind in KINDS or name.startswith(tuple(KINDS)):
-        raise ConfigError(f"{where}: a simulated bench has its usual devices already; list others, by other names")
+        raise ConfigError(
+            f"{where}: the simulated bench has a device of this kind or name already; list only additional devices, "
+            "and give them other names"
+        )
     try:
         found = device_kind(kind)
     except UnknownName as error:
         raise ConfigError(f"{where}: {error}") from None
     if found.simulator is None:
-        raise ConfigError(f"{where}: kind: nothing stands in for a {kind}; leave it out of the scene")
+        raise ConfigError(f"{where}: kind: {kind} has no simulator; leave the device out of the scene")
     settings = check({key: value for key, value in table.items() if key != "role"}, found.settings, where)
     return Guest(name, found, settings, table)

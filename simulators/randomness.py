@@ -1,9 +1,9 @@
-"""Counter-based random streams: the n-th number of a stream is a function of seed, name and n alone.
+"""Counter-based random streams: the n-th number of a stream depends on the seed, the stream's name and n only.
 
-So any block size gives the same numbers, any moment is reached without stepping there, and adding or
-removing one effect leaves the numbers of every other unchanged. Numpy's ziggurat, which makes the normals, uses up a
-variable count of words: so numbers come in blocks, and the count of the block is part of what its generator is seeded
-with. That is SFC64 by C. Doty-Humphrey, of PractRand, the fastest that numpy has.
+Any block size therefore gives the same numbers, any moment can be reached directly, and adding or removing one effect
+leaves the numbers of all others unchanged. NumPy's ziggurat method makes a normal number from a varying count of
+random words. Numbers are therefore drawn in blocks, and each block seeds its own generator with its block number. The
+generator is SFC64 (C. Doty-Humphrey, PractRand), NumPy's fastest.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import SFC64, Generator
 
-BLOCK = 4096  # numbers of one count
-MIXING = 12  # words from which on every bit of the seed is in every word
-_KEPT = 2  # blocks: what is read across their border in small pieces is drawn once
+BLOCK = 4096  # random numbers in a block
+MIXING = 12  # words to discard until every bit of the seed has reached every bit of the state
+_KEPT = 2  # blocks kept, so that small pieces across a border draw each block once
 
 
 class Stream:
@@ -30,7 +30,7 @@ class Stream:
         digest = hashlib.sha256(repr(self._name).encode()).digest()
         self._words = int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")
         self._blocks: dict[int, npt.NDArray[np.float64]] = {}
-        self.kept: dict[object, Any] = {}  # what is made of its numbers, as long as it is there itself
+        self.kept: dict[object, Any] = {}  # a cache for effects, of values computed from this stream's numbers
 
     @functools.cached_property
     def _generator(self) -> Generator:
@@ -38,7 +38,7 @@ class Stream:
 
     @functools.cached_property
     def _state(self) -> dict[str, Any]:
-        """Of the generator; that of a block differs in the number of the block alone."""
+        """State of the generator; the states of two blocks differ in the block number only."""
         state = dict(self._generator.bit_generator.state)
         state["state"] = {"state": np.array([*self._words, 0, 1], np.uint64)}
         return state
@@ -62,13 +62,13 @@ class Stream:
         if number not in self._blocks:
             self._state["state"]["state"][2] = number
             self._generator.bit_generator.state = self._state
-            self._generator.bit_generator.random_raw(MIXING)  # without output it takes three times as long
+            self._generator.bit_generator.random_raw(MIXING)  # with `output=False` it takes three times as long
             keep(self._blocks, number, self._generator.standard_normal(BLOCK))
         return self._blocks[number]
 
 
 def cut(block: Callable[[int], npt.NDArray[np.float64]], first: int, count: int) -> npt.NDArray[np.float64]:
-    """Numbers `first` to `first + count - 1`, shape (count,), of all blocks one after the other."""
+    """Numbers `first` to `first + count - 1`, shape (count,), of the sequence that all blocks make."""
     number, start = divmod(first, BLOCK)
     end = start + count
     if end <= BLOCK:
@@ -81,7 +81,7 @@ def cut(block: Callable[[int], npt.NDArray[np.float64]], first: int, count: int)
 def keep(
     blocks: dict[int, npt.NDArray[np.float64]], number: int, values: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Puts a block, from now on not to be written to, in the place of the oldest."""
+    """Cache a block in place of the oldest, and make it read-only."""
     values.flags.writeable = False
     for old in list(blocks)[: 1 - _KEPT]:
         del blocks[old]

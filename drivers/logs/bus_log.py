@@ -1,4 +1,4 @@
-"""Logs of a run's traffic that other tools read: everything as pcapng, and CAN also as BLF or ASC."""
+"""Logs of a run's traffic in formats that other tools read: all of it as pcapng, and CAN also as BLF or ASC."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from palpate.instrument.errors import RecordError, UsageError
 
 CAN_FORMATS: dict[str, tuple[Any, str]] = {".blf": (can.BLFReader, "rb"), ".asc": (can.ASCReader, "r")}
 WHOLE_FORMAT = ".pcapng"
-UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # place of the unit id in a frame
-CLOCK, RUN = "clock", "run"  # notes: a time of the bench's clock that the program read [ns], the header of the run
+UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # index of the unit id in a frame
+CLOCK, RUN = "clock", "run"  # two notes: a time that the program read from the bench's clock [ns]; the run's header
 NODES = sensor_node.CONTRACT.name
-NODE_ID = 0x7F  # bits of an identifier, CiA 301
-FRAME = struct.Struct(">IB3x")  # Linux' can_frame up to its data
+NODE_ID = 0x7F  # bits of an identifier that hold the node id (CiA 301)
+FRAME = struct.Struct(">IB3x")  # Linux' struct can_frame up to its data
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
 
 
@@ -57,9 +57,11 @@ def check_log(path: Path) -> None:
 
 
 def logged(path: Path) -> Path:
-    """Check the path of a log to be read. Raises UsageError: its name is not that of a log, or it is no file."""
+    """Check the path of a log to read, and return it. Raises UsageError: the suffix is wrong, or it is no file."""
     if path.suffix.lower() not in (*CAN_FORMATS, WHOLE_FORMAT):
-        raise UsageError(f"{path}: no bus log; its name ends in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}")
+        raise UsageError(
+            f"{path}: no bus log, whose name would end in {', '.join((*CAN_FORMATS, WHOLE_FORMAT))}; check the name"
+        )
     try:
         kind = path.stat().st_mode
     except OSError as error:
@@ -70,7 +72,7 @@ def logged(path: Path) -> Path:
 
 
 def log_files(path: Path) -> list[Path]:
-    """Files of a log: the whole log, and one for CAN where `path` names a CAN format."""
+    """The files of a log: the whole log and, if `path` names a CAN format, one for CAN."""
     whole = path.with_suffix(WHOLE_FORMAT)
     return [path] if path.suffix.lower() == WHOLE_FORMAT else [whole, path]
 
@@ -80,18 +82,18 @@ def _unwritable(path: Path, error: OSError) -> RecordError:
 
 
 def called(device: Listed) -> str:
-    """What a log calls a device: its name, and behind it its kind where that is another."""
+    """Name of a device in logs: its own name, followed by its kind if that is different."""
     name, kind = device.name, device.kind.name
     return kind if kind in (name, NODES) else f"{name} ({kind})"
 
 
 def kind_called(who: str) -> str:
-    """The kind of a device by what a log calls it."""
+    """The kind of a device, from its name in a log."""
     return who.partition(" (")[2].removesuffix(")") or who
 
 
 def modbus_links(bench: Bench) -> Iterator[tuple[str, ModbusLink, Link, Callable[[bytes], str]]]:
-    """Each Modbus link of a bench with its name, its kind, and which device a request on it is for."""
+    """Each Modbus link of a bench: its name, the link, its kind, and a function that names the device of a request."""
     for name, link in bench.links.items():
         if isinstance(link, ModbusLink):
             place = UNIT_ON_LINE if link.serial else UNIT_ON_TCP
@@ -104,7 +106,7 @@ def modbus_links(bench: Bench) -> Iterator[tuple[str, ModbusLink, Link, Callable
 
 
 def can_links(bench: Bench) -> list[tuple[CanLink, Callable[[bytes], str]]]:
-    """The CAN links of a bench, and which device a packed frame is of."""
+    """Each CAN link of a bench, and a function that names the device that a packed frame belongs to."""
     found: list[tuple[CanLink, Callable[[bytes], str]]] = []
     for name, link in bench.links.items():
         if isinstance(link, CanLink):
@@ -118,13 +120,13 @@ def can_links(bench: Bench) -> list[tuple[CanLink, Callable[[bytes], str]]]:
 
 
 def packed(frame: can.Message) -> bytes:
-    """Bytes of a frame in Linux' format (`can_frame`)."""
+    """A CAN frame as bytes in Linux' format (struct can_frame)."""
     flags = (EXTENDED, frame.is_extended_id), (REMOTE, frame.is_remote_frame), (ERROR, frame.is_error_frame)
     return FRAME.pack(frame.arbitration_id | sum(bit for bit, is_set in flags if is_set), frame.dlc) + frame.data
 
 
 def unpacked(data: bytes) -> can.Message:
-    """The frame of bytes in Linux' format."""
+    """The CAN frame from bytes in Linux' format (struct can_frame)."""
     identifier, size = FRAME.unpack_from(data)
     return can.Message(
         arbitration_id=identifier & ~(EXTENDED | REMOTE | ERROR),
@@ -137,10 +139,16 @@ def unpacked(data: bytes) -> can.Message:
 
 
 class BusLog:
-    """A context manager, to be entered before the bench; messages are stamped with its `clock` after `started`.
+    """A context manager that logs the traffic of a bench; enter it before the bench.
 
-    The log has the program's actions in their order: what it sends, each reply, and each time that it read. A CAN frame
-    comes before the actions that follow from it.
+    The log holds the program's actions in their order: what it sends, each reply, and each reading of the clock. A CAN
+    frame comes before the actions that follow from it.
+
+    Args:
+        bench: the bench, not open yet.
+        clock: the bench's clock; a message has the time `started` plus the clock's time.
+        path: the file; its suffix chooses the format.
+        started: when the run began.
     """
 
     def __init__(self, bench: Bench, clock: Clock, path: Path, started: datetime) -> None:
@@ -148,7 +156,7 @@ class BusLog:
         self._bench = bench
         self._clock = clock
         self._begun_ns = round(started.timestamp()) * 1_000_000_000
-        self._lock = threading.RLock()  # held from the stamp on, so that both files have one order, that of time
+        self._lock = threading.RLock()  # held from the time stamp to the write: both files are in the order of time
         self._stack = ExitStack()
         self._failure: Exception | None = None
 
@@ -171,7 +179,7 @@ class BusLog:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """End the log. Raises RecordError: something could not be written, so that the log ends before the run."""
+        """End the log. Raises RecordError: it could not be written completely, so it ends before the run does."""
         with self._lock:
             try:
                 with self._stack:
@@ -180,10 +188,12 @@ class BusLog:
             except (OSError, ValueError) as error:
                 self._failure = self._failure or error
         if self._failure is not None and kind is None:
-            raise RecordError(f"{self._path}: the bus log is not whole: {self._failure}; free the disk")
+            raise RecordError(
+                f"{self._path}: the bus log is incomplete: {self._failure}; make room on the disk, and run again"
+            )
 
     def describe(self, header: str) -> None:
-        """Write the header of the run's record, as JSON."""
+        """Write the header of the run's record, which is JSON."""
         self._note(RUN, header)
 
     def _listen(self, link: ModbusLink, kind: Link, whom: Callable[[bytes], str]) -> None:
@@ -219,7 +229,7 @@ class BusLog:
         return self._begun_ns + self._clock.now_ns()
 
     def _write(self, write: Any, what: object) -> None:
-        """Write; a failure ends the log, not the run."""
+        """Write a message; a failure ends the log, but not the run."""
         with self._lock:
             if self._failure is None:
                 try:
@@ -230,7 +240,7 @@ class BusLog:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A CAN frame of a log; `time` in s of the epoch."""
+    """A CAN frame of a log; `time` is in seconds since 1970 (UTC)."""
 
     time: float
     identifier: int
@@ -247,7 +257,7 @@ def read_frames(path: Path) -> Iterator[Frame]:
     """The frames of a log, in their order. Raises OSError, ValueError: it cannot be read, or is damaged."""
     reader, mode = CAN_FORMATS[path.suffix.lower()]
     try:
-        with path.open(mode) as file:  # which python-can leaves open where its header is damaged
+        with path.open(mode) as file:  # python-can would leave a file with a damaged header open
             for frame in reader(file):
                 yield Frame(frame.timestamp, frame.arbitration_id, bytes(frame.data))
     except (can.CanError, BLFParseError, struct.error, EOFError, zlib.error) as error:

@@ -1,7 +1,8 @@
-"""Replay of a recorded bench on the wire: it answers what its log holds, as it was answered, and nothing else.
+"""Replays a bus log: stands in for the devices, and gives each request the answer that the log holds for it.
 
-The program that made the log runs again. Each of its requests and each reading of the clock must be the next one of the
-log. Everything that was heard up to the following one is then sent over real sockets, a pseudo-terminal and a CAN bus.
+The program that made the log runs again. Each of its requests, and each reading of its clock, must be the next one in
+the log. All messages that the log holds up to the following one are then sent over real sockets, a pseudo-terminal and
+a CAN bus.
 """
 
 from __future__ import annotations
@@ -44,47 +45,58 @@ from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.errors import ConfigError, UsageError
 
 LOOPBACK = "127.0.0.1"
-CHUNK = 4096  # bytes
-TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its number; everything before the request
+CHUNK = 4096  # bytes read at once
+TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
 AMPLIFIER = shaker_amplifier.CONTRACT
-ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # token and counter are written
-FIRST = bytes([0, 0, 0, 1])
+ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # a write of token and counter
+FIRST = bytes([0, 0, 0, 1])  # the first counter of a token
 LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # a read of the status alone
-LOOKED = b"\3\2\0\0"
-BITS = character_bits(parity=True, stop_bits=2)  # of the longest character
+LOOKED = b"\3\2\0\0"  # the answer to it
+BITS = character_bits(parity=True, stop_bits=2)  # bits of the longest character
 
 
 class BusReplay:
-    """A context manager: inside it the devices of a log are at the addresses of `description`.
+    """A context manager inside which the devices of a log answer at the addresses of `description`.
 
-    It is also the clock of the bench that is opened there; that bench must be given to `attach` first. Requests that
-    feed the amplifier's watchdog may come at any time and tell nothing; they are always confirmed.
+    It is also the clock of the bench that is opened on it; call `attach` with that bench before opening it. Requests
+    that feed the amplifier's watchdog may come at any time, and are always confirmed.
 
     Attributes:
-        goes_on: true, as for a wall clock, so that nobody reads it to feed the watchdog.
-        run: header of the recorded run, as its record has it.
-        verified: whether the log is as it was written; a log of an earlier version cannot tell.
+        path: the log.
+        goes_on: True, as for a wall clock, so that nobody reads it to feed the watchdog.
+        run: header of the recorded run.
+        verified: whether the log's hash shows that it is unchanged; False also for a log of an earlier version, which
+            has no hash.
         description: description of the recorded bench; inside the context with its present addresses.
-
-    Raises when it is made:
-        UsageError: the file cannot be read. ConfigError: it is damaged, or no run was begun in it.
     """
 
     goes_on = True
 
     def __init__(self, path: Path, describe: Callable[[Packet], str]) -> None:
-        """Read a log; `describe` gives a text for people on a packet."""
+        """Read a log.
+
+        Args:
+            path: the log; for a CAN log, the pcapng file beside it is read.
+            describe: describes a packet for people, in messages.
+
+        Raises:
+            UsageError: the file cannot be read.
+            ConfigError: it is damaged, or no run began in it.
+        """
         self.path = path if path.suffix.lower() == WHOLE_FORMAT else logged(path).with_suffix(WHOLE_FORMAT)
         self._describe = describe
         packets = self._read()
         header = next((packet.data for packet in packets if packet.who == RUN), None)
         if header is None:
-            raise ConfigError(f"{self.path}: no run was begun in it; replay what --log has recorded of a whole run")
+            raise ConfigError(f"{self.path}: no run began in this log; replay a log that --log recorded of a whole run")
         try:
             self.run: dict[str, Any] = json.loads(header)
             bench: str = self.run["bench"]
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"{self.path}: its run is of another palpate ({error}); replay with that one") from None
+            raise ConfigError(
+                f"{self.path}: the run in this log was recorded by another version of palpate ({error}); replay it "
+                "with that version"
+            ) from None
         self._packets = list(_without_heartbeats(packet for packet in packets if packet.who != RUN))
         self._at = 0
         self.description = parse(bench.encode(), BenchDescription, str(self.path))
@@ -156,21 +168,21 @@ class BusReplay:
             self._next(Packet(0, whom(data), Link.CAN, True, data))
 
     def _next(self, did: Packet) -> int:
-        """Place of the program's present action in the log. Raises ConfigError: the log has another action there."""
+        """Index in the log of the program's present action. Raises ConfigError: the log has another action there."""
         self._hear()
         at = self._at
         if at == len(self._packets) or not _same(self._packets[at], did):
-            goes_on = "ends" if at == len(self._packets) else f"goes on with {self._describe(self._packets[at])!r}"
+            goes_on = "ends here" if at == len(self._packets) else f"goes on with {self._describe(self._packets[at])!r}"
             raise ConfigError(
-                f"{self.path}: asked is {self._describe(did)!r}, and there the log {goes_on}; only a run that was "
-                "neither paused nor stopped nor lost a connection is the same again, with the palpate that recorded it"
+                f"{self.path}: the replay sends {self._describe(did)!r}, but the log {goes_on}; only a run that was "
+                "not paused or stopped and lost no connection can be replayed, with the palpate that recorded it"
             )
         self._at += 1
         self._hear()
         return at
 
     def _hear(self) -> None:
-        """Send the frames that came before the program's next action."""
+        """Send the recorded CAN frames that came before the program's next action."""
         while self._at < len(self._packets) and not self._packets[self._at].sent:
             if self._packets[self._at].link is Link.CAN:
                 self._bus.send(unpacked(self._packets[self._at].data))
@@ -208,7 +220,7 @@ def _confirmed(request: bytes) -> bytes:
 
 
 def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
-    unheard = False  # the answer to one
+    unheard = False  # True: the next reply answers a heartbeat, and is left out, too
     for packet in packets:
         of_amplifier = kind_called(packet.who) == AMPLIFIER.name
         if of_amplifier and packet.sent:
@@ -218,7 +230,7 @@ def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
 
 
 class _Wire:
-    """The far ends of the Modbus links. Each sends its reply once the whole request has come."""
+    """The devices' ends of the Modbus links. Each sends its reply once the whole request has arrived."""
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
@@ -246,14 +258,14 @@ class _Wire:
         self._stack.close()
 
     def listen(self, name: str) -> int:
-        """A TCP port of this device."""
+        """Listen on a new TCP port for a link; returns the port."""
         server = socket.create_server((LOOPBACK, 0))
         self._add(server, name)
         port: int = server.getsockname()[1]
         return port
 
     def line(self, name: str) -> str:
-        """The path of a serial line's other end."""
+        """Make a serial line; returns the path of the client's end."""
         master, slave = os.openpty()
         tty.setraw(slave)
         for descriptor in (master, slave):
@@ -286,7 +298,7 @@ class _Wire:
                     key.fileobj.close()
 
     def _serve(self, end: int, name: str) -> bool:
-        """Take bytes that have come and send the reply that is due. Returns whether the end is still open."""
+        """Read the bytes that have arrived and send the replies that are due. Returns whether the end is still open."""
         try:
             data = os.read(end, CHUNK)
             self._got[name] += len(data)
@@ -295,7 +307,7 @@ class _Wire:
                 size, reply = due.popleft()
                 self._got[name] -= size
                 if name in self._lines:
-                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # a reply that comes sooner is thrown away
+                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # the client drops a reply that comes sooner
                 os.write(end, reply)
         except OSError:  # the other side is closed
             return False

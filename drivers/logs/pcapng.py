@@ -1,7 +1,7 @@
-"""Capture files that Wireshark reads: pcapng (IETF draft-ietf-opsawg-pcapng), with all traffic of a bench.
+"""Capture files with all traffic of a bench, in the format that Wireshark reads: pcapng (draft-ietf-opsawg-pcapng).
 
-Modbus TCP, a serial line and CAN each have an interface of their own, and so do palpate's notes, which are JSON. The
-last note is the SHA-256 of everything before it. A file without it was cut off, or is of an earlier version.
+Modbus TCP, a serial line and CAN each have their own interface, and so do palpate's notes, which are JSON. The last
+note is the SHA-256 of everything before it. A file without it was cut off, or comes from an earlier version.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ INBOUND, OUTBOUND = 1, 2  # flags
 MODBUS_PORT, CLIENT_PORT = 502, 50_000
 IP_HEADER, TCP_HEADER = 20, 20  # bytes
 SENT, CAME = 1, 2  # events of a serial line
-APPLICATION, HASHED = 4, b"palpate, with the SHA-256 at its end"  # option of the section
-SHA256 = "sha256"  # note
-NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # names the dissector of the rest
+APPLICATION, HASHED = 4, b"palpate, with the SHA-256 at its end"  # option of the section block
+SHA256 = "sha256"  # name of the last note
+NOTE_HEADER = struct.pack(">HH4sHH", 12, 4, b"json", 0, 0)  # names Wireshark's dissector for a note
 
 
 class Link(IntEnum):
@@ -41,9 +41,15 @@ HEADERS = {Link.TCP: IP_HEADER + TCP_HEADER, Link.LINE: 12, Link.CAN: 0, Link.NO
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One message: `data` as on the wire, without the headers of lower layers; `who` sent or received it.
+    """One message.
 
-    A CAN frame is in Linux' format (`can_frame`), a note is JSON text.
+    Attributes:
+        time_ns: time since 1970 (UTC) [ns].
+        who: name of the device that received or sent it; of a note, the note's name.
+        link: its interface.
+        sent: True: the program sent it; False: the program received it.
+        data: its bytes without the headers of lower layers; a CAN frame in Linux' format (struct can_frame), a note as
+            JSON.
     """
 
     time_ns: int
@@ -54,11 +60,11 @@ class Packet:
 
 
 class PcapngWriter:
-    """Writes packets to an open file. Each `who` on TCP gets a connection of its own."""
+    """Writes packets to an open file. Each device on TCP gets its own connection in the capture."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
-        self._positions: dict[str, list[int]] = {}  # in both streams of a connection
+        self._positions: dict[str, list[int]] = {}  # sequence numbers of both directions of each connection
         self._hash = hashlib.sha256()
         self._last_ns = 0
         self._put(BEGINNING)
@@ -132,7 +138,7 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def _beginning(options: bytes) -> bytes:
-    """Section and interfaces: the same bytes in every file."""
+    """The section and interface blocks, which are the same in every file."""
     section = _block(SECTION, struct.pack("<IHHq", BYTE_ORDER, 1, 0, -1) + options)
     nanoseconds = _options({RESOLUTION: bytes([NANOSECONDS])})
     return section + b"".join(
@@ -141,22 +147,22 @@ def _beginning(options: bytes) -> bytes:
 
 
 BEGINNING = _beginning(_options({APPLICATION: HASHED}))
-EARLIER = _beginning(b"")  # of a version that wrote no hash
+EARLIER = _beginning(b"")  # written by earlier versions, whose files have no hash
 
 
 def read_pcapng(path: Path) -> Iterator[Packet]:
     """Packets of a file that `PcapngWriter` wrote.
 
     Raises:
-        ValueError: the file is of another kind, damaged or cut off. Damage between packets is noticed after the last
-            one.
+        ValueError: the file is no capture of palpate, or is damaged or cut off. Damage that the packets themselves do
+            not show is found after the last one, by the hash.
     """
     data = path.read_bytes()
     if struct.unpack_from("<I4xI", data.ljust(12)) != (SECTION, BYTE_ORDER):
         raise ValueError("no capture file of palpate")
-    # Else one wrong bit could make of a file that was cut off one of the version without a hash.
+    # Without this check a single wrong bit could make a cut-off file look like one of the version without a hash.
     if not data.startswith((BEGINNING, EARLIER)):
-        raise ValueError("its beginning is not as it was written")
+        raise ValueError("its first bytes are damaged")
     at = 0
     while at < len(data):
         kind, size = struct.unpack_from("<II", data.ljust(at + 8, b"\0"), at)
@@ -166,16 +172,16 @@ def read_pcapng(path: Path) -> Iterator[Packet]:
             packet = _packet(data[at + 8 : at + size - 4])
             if packet.link is Link.NOTE and packet.who == SHA256:
                 if packet.data.decode() != hashlib.sha256(data[:at]).hexdigest() or at + size != len(data):
-                    raise ValueError("it is not as it was written, SHA-256 differs")
+                    raise ValueError("its bytes were changed (the SHA-256 differs)")
                 return
             yield packet
         at += size
     if is_hashed(data):
-        raise ValueError("it has no end, it was cut off")
+        raise ValueError("it was cut off: its end is missing")
 
 
 def is_hashed(data: bytes) -> bool:
-    """Whether a file with this beginning should end with its hash; files of an earlier version have none."""
+    """Whether a file with this beginning has a hash at its end; files of an earlier version have none."""
     size = int.from_bytes(data[4:8], "little")
     return HASHED in data[:size]
 

@@ -1,7 +1,7 @@
-"""The one way to a terminal: whatever a name holds, it shows and does nothing.
+"""All output to a terminal goes through this module, which makes control characters visible and harmless.
 
-Names of files, scenes, samples and devices come from outside; a control character among them could colour, move or
-rename what stands there already.
+Names of files, scenes, samples and devices come from outside. A control character in one of them could otherwise
+colour, move or overwrite other text in the terminal.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-# Controls but tab and line feed; what turns the direction of writing, or breaks a line otherwise.
+# Control characters except tab and line feed; characters that change the direction of writing or break lines.
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _PICTURES, _DELETE, _OTHER = 0x2400, "\x7f", "\ufffd"
 
 
 def clean(text: str) -> str:
-    """Each control character as a picture of itself, as ␛ for escape."""
+    """The text with a visible symbol for each control character, as ␛ for escape."""
     return text if text.isprintable() else _CONTROLS.sub(_picture, text)
 
 
@@ -41,9 +41,9 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 class Spoken:
-    """stderr for what nobody needs to have seen: where the terminal has gone, it is not shown and nothing fails.
+    """stderr for messages that may be lost: if the terminal is gone, they are dropped without an error.
 
-    What is left in the stream's buffer then goes to /dev/null; Python would end with exit status 120 for it.
+    The rest of the stream's buffer then goes to /dev/null; else Python would end with exit status 120.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -64,15 +64,15 @@ class Spoken:
 
 
 def give_up(stream: TextIO) -> None:
-    """Send to /dev/null what a stream still holds, and all that follows: nobody is at its end any more."""
-    with suppress(OSError, ValueError):  # it is no file, or closed
+    """Send the buffer of a stream, and all further output, to /dev/null, because its reader is gone."""
+    with suppress(OSError, ValueError):  # the stream is no file, or is closed
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
 
 
 def console(**settings: Any) -> Console:
-    """rich's console, which shows texts as they are, cleaned: what looks like markup is part of a name."""
+    """rich's console for cleaned texts, without markup: square brackets are part of a name."""
     return _console_class()(highlight=False, markup=False, emoji=False, **settings)
 
 
@@ -83,7 +83,7 @@ def _console_class() -> type[Console]:
 
     class Cleaning(Console):
         def render(self, renderable: Any, options: Any = None) -> Any:
-            """rich's own controls are segments of their own kind."""
+            """Clean all segments but rich's own control segments."""
             for segment in super().render(renderable, options):
                 cleaned = segment.text if segment.control else clean(segment.text)
                 yield segment if cleaned == segment.text else Segment(cleaned, segment.style)

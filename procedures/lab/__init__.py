@@ -1,1 +1,1 @@
-"""An open bench, real or simulated, with its person, calibrations and records."""
+"""An open bench, real or simulated, with its operator, calibrations and records."""

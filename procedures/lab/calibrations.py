@@ -1,4 +1,4 @@
-"""Stored calibrations: one of each load cell with its indicator, one of each sensor on its node."""
+"""Stored calibrations: one for each load cell with its indicator, and one for each sensor with its node."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ C = TypeVar("C", LoadCellCalibration, FilmCalibration)
 
 
 def load_cell_path(serial: str) -> Path:
-    """Where the load-cell calibration of an indicator is kept."""
+    """File for the load-cell calibration of an indicator, by the indicator's serial number."""
     return _path(f"load_cell-{serial or 'unknown'}")
 
 
 def films_path(serial: str, design: str) -> Path:
-    """Where the film calibration of a sensor of this design on a node is kept."""
+    """File for the film calibration of a sensor, by the serial number of its node and its design."""
     return _path(f"films-{serial or 'unknown'}-{design}")
 
 
@@ -37,9 +37,9 @@ def _path(name: str) -> Path:
 
 
 def keep(calibration: Hashed, folder: Path, replayed: bool, path: Path) -> None:
-    """Write a calibration into the folder of its run and, unless that was a replay, where later runs look for it.
+    """Write a calibration into the folder of its run and, unless the run was replayed, to `path` for later runs.
 
-    Raises RecordError.
+    Raises RecordError: a file cannot be written.
     """
     write_calibration(folder / "calibration.toml", calibration)
     if replayed:
@@ -50,10 +50,11 @@ def keep(calibration: Hashed, folder: Path, replayed: bool, path: Path) -> None:
 
 
 def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
-    """The stored calibration of this bench's indicator; a simulated one that has none takes the thesis' own.
+    """The stored load-cell calibration of a bench. A simulated bench without one takes the thesis' calibration.
 
     Raises:
-        ConfigError: a real bench has none, or it is damaged, expired, or not of this device and gage factor.
+        ConfigError: a real bench has no calibration, or it is damaged, has expired, or belongs to another device or
+            gage factor.
     """
     indicator = bench.role(LoadIndicator)
     path = load_cell_path(indicator.serial)
@@ -66,19 +67,23 @@ def load_cell_of(bench: Bench, today: date) -> LoadCellCalibration:
 
 
 def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, today: date) -> bool:
-    """Refuse, before a bench is opened, loads [N, peak to peak] that none of the calibrations it may have tells.
+    """Check loads against the stored load-cell calibrations before a bench is opened.
 
-    Which indicator will answer is not known yet, nor whether behind a bench file there is a simulated one.
+    It is not known yet which indicator will answer, nor whether a bench file leads to a simulated bench. So loads are
+    refused only if they suit none of the calibrations that the bench could have.
 
     Args:
-        simulated: it surely is.
+        loads: loads, peak to peak [N].
+        extrapolate: whether loads outside the calibrated range are allowed.
+        simulated: whether the bench is certainly simulated.
+        today: date by which calibrations expire.
 
     Returns:
-        Whether one of those stored tells them for whatever bench will answer, a real one if it may be real.
+        Whether a stored calibration suits the loads: one of a real bench, unless the bench is certainly simulated.
 
     Raises:
-        ConfigError: the only one for a simulated bench has expired or is damaged.
-        RangeError, UnreachableError: as `check_loads`.
+        ConfigError: the only calibration of the simulated bench has expired or is damaged.
+        RangeError, UnreachableError: as `check_loads` raises them.
     """
     told = False
     refusals: list[PalpateError] = []
@@ -102,10 +107,10 @@ def check_store(loads: Sequence[float], extrapolate: bool, simulated: bool, toda
 
 
 def films_of(bench: Bench, design: Design, today: date) -> FilmCalibration | None:
-    """The stored calibration of this sensor's films; without one the design's sensitivities serve.
+    """The stored calibration of the sensor's films. None: there is none, and the design's sensitivities hold.
 
     Raises:
-        ConfigError: it is damaged, expired, or not of this sensor.
+        ConfigError: the calibration is damaged, has expired, or belongs to another sensor.
     """
     serial = bench.role(SensorNode).serial or "unknown"
     path = films_path(serial, design.name)

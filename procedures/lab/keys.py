@@ -1,4 +1,4 @@
-"""The key `p` at a terminal: pause, and go on."""
+"""Pauses a run at a terminal: the key `p` pauses it, and `p` again goes on."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ KEY = b"p"
 
 
 class Keyboard:
-    """Meets `palpate.procedures.steps.pause.Pause`; the terminal passes each key on at once.
+    """A `palpate.procedures.steps.pause.Pause` by keys; the terminal passes each key on at once.
 
-    A terminal may be closed under a program that ignores it (nohup): then nobody presses a key any more.
+    A terminal may close while the run goes on (nohup); from then on no key is pressed.
     """
 
     def __init__(self, terminal: int) -> None:
         self._terminal = terminal
 
     def asked(self) -> bool:
-        """Whether `p` is among the keys that were pressed since."""
+        """Whether `p` was pressed since the last call."""
         keys = b""
         while select.select([self._terminal], [], [], 0)[0]:
             read = self._read(1024)
@@ -50,8 +50,8 @@ class Keyboard:
 
 @contextmanager
 def keyboard() -> Iterator[Pause]:
-    """The keyboard where someone sits at it; else nobody."""
-    if sys.stdin is None or not sys.stdin.isatty():  # None: a service manager has closed it
+    """The keyboard if standard input is a terminal; else `NOBODY`, who never pauses."""
+    if sys.stdin is None or not sys.stdin.isatty():  # None: a service manager has closed standard input
         yield NOBODY
         return
     terminal = sys.stdin.fileno()
@@ -60,5 +60,5 @@ def keyboard() -> Iterator[Pause]:
         tty.setcbreak(terminal)
         yield Keyboard(terminal)
     finally:
-        with suppress(termios.error):  # it has been closed
+        with suppress(termios.error):  # the terminal has been closed
             termios.tcsetattr(terminal, termios.TCSADRAIN, before)

@@ -1,4 +1,4 @@
-"""What a procedure is given: what is known of a bench before it is opened, and the open bench that it measures with."""
+"""What a procedure is given: `Target`, to check its settings before the bench is opened, and `Lab`, to measure with."""
 
 from __future__ import annotations
 
@@ -14,9 +14,13 @@ from palpate.instrument.sensor.design import Design
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is known of a bench before it is opened: its sensor, its force limit in N, how many sensor nodes it has.
+    """What is known of a bench before it is opened.
 
-    `model`: by which a simulated one answers; None: it may be real.
+    Attributes:
+        design: design of its sensor.
+        force_limit: force limit, peak to peak [N].
+        nodes: number of sensor nodes.
+        model: sensor model of a simulated bench; None: the bench may be real.
     """
 
     design: Design
@@ -27,14 +31,15 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Lab:
-    """An open bench and what a procedure needs to know of it.
+    """An open bench and what a procedure needs to know about it.
 
     Attributes:
-        design: of the sensor, with the sensitivities of `films` where they are calibrated.
-        calibration: of the load cell.
-        films: calibration of the films; None: the design's own sensitivities serve.
-        run: name of the run that is recorded; "": none is.
-        started: when it began.
+        bench: the open bench.
+        design: design of the sensor, with the sensitivities of `films` if they are calibrated.
+        calibration: calibration of the load cell.
+        films: calibration of the films; None: the design's own sensitivities hold.
+        run: name of the recorded run; empty: no run is recorded.
+        started: when the run began.
     """
 
     bench: Bench
@@ -46,5 +51,5 @@ class Lab:
 
     @property
     def target(self) -> Target:
-        """What procedures check their settings against."""
+        """The limits against which procedures check their settings."""
         return Target(self.design, self.bench.force_limit, len(self.bench.all(SensorNode)))

@@ -1,4 +1,4 @@
-"""The run in a log of its traffic: what it was begun with, and what the devices answered."""
+"""A run read from a bus log, to replay it: its settings and calibrations, and what the devices answered."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import scene_of
 from palpate.simulators.scenes.scene import Scene, SceneFile
 
-KEPT = ("scene", "seed", "bench")  # of the header, as they were
+KEPT = ("scene", "seed", "bench")  # keys of the header that a replay takes over unchanged
 
 
 class LoggedRun:
-    """A log, and what is known of the run in it.
+    """The run in a bus log.
 
     Attributes:
-        wire: its traffic.
-        run: as it was begun.
-        calibration, films: that it used.
+        wire: the logged traffic, which answers in place of the devices.
+        run: the run as it began.
+        calibration: the load-cell calibration that it used.
+        films: the film calibration that it used; None: it used none.
+        scene: the scene that it simulated; None: it ran on a real bench.
     """
 
     def __init__(self, log: Path) -> None:
-        """Raises ConfigError: the file is damaged, or of another palpate. RecordError: it cannot be read."""
+        """Raises ConfigError: the file is damaged or from another version. RecordError: it cannot be read."""
         self.wire = BusReplay(log, described)
         header, where = self.wire.run, str(self.wire.path)
         try:
@@ -44,18 +46,21 @@ class LoggedRun:
             scene = header["scene"]
             self.scene = None if scene is None else _scene(scene["toml"], self.wire.path)
         except (KeyError, TypeError, ValueError) as error:
-            raise ConfigError(f"{where}: its run is of another palpate ({error}); replay with that one") from None
+            raise ConfigError(
+                f"{where}: the run in this log was recorded by another version of palpate ({error}); replay it with "
+                "that version"
+            ) from None
 
     @property
     def mounting(self) -> Mounting:
-        """How it was known what was mounted."""
+        """How the run knew what was mounted."""
         said = self.run.header.get("mounting")
         unsaid: Mounting = "assumed" if self.scene is None else "simulated"
         return next((known for known in get_args(Mounting) if known == said), unsaid)
 
     @property
     def header(self) -> dict[str, Any]:
-        """What the record of a replay says otherwise than that of a run."""
+        """Keys of a replay's record header that differ from those of a new run."""
         return {
             **{key: self.run.header[key] for key in KEPT},
             "mounting": self.mounting,

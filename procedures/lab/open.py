@@ -35,10 +35,14 @@ Calibrating = Literal["load cell", "films"]
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Which bench shall be opened: a described one, the simulated one of a scene, or that of a logged run.
+    """Which bench to open: that of a bench file, the simulated bench of a scene, or that of a logged run.
 
-    `assume_mounted`: nobody is asked to confirm what was mounted or placed by hand. `operator`: does it; None: the
-    person at the console.
+    Attributes:
+        description: content of the bench file; None: the bench is simulated.
+        scene: the scene; None: the bench is real.
+        assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
+        operator: does the work by hand; None: the person at the console.
+        logged: the logged run to replay; None: the bench answers itself.
     """
 
     description: BenchDescription | None
@@ -49,12 +53,12 @@ class Chosen:
 
     @classmethod
     def of_log(cls, logged: LoggedRun) -> Chosen:
-        """The bench that a log holds the answers of."""
+        """The bench whose answers a log holds."""
         return cls(logged.wire.description, logged.scene, logged=logged)
 
     @property
     def target(self) -> Target:
-        """What is known of it. Raises ConfigError, UnknownName."""
+        """What is known of the bench before it is opened. Raises ConfigError, UnknownName."""
         if self.description is not None:
             design = get_design(self.description.design).with_pickup(self.description.pickup)
             return Target(design, self.description.force_limit, len(self.description.filling("sensor_node")))
@@ -64,7 +68,10 @@ class Chosen:
         return Target(design, force_limit, self.scene.nodes, self.scene.model)
 
     def mounting(self, by_hand: str) -> Mounting:
-        """How it will be known what was mounted. Raises UsageError as `check_somebody`."""
+        """How a run will know what is mounted. Raises UsageError as `check_somebody` does.
+
+        `by_hand`: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        """
         if self.logged is not None:
             return self.logged.mounting
         if self.description is None:
@@ -83,10 +90,11 @@ def choose(
     assume_mounted: bool = False,
     operator: Operator | None = None,
 ) -> Chosen:
-    """The bench of a file, or the simulated one of a scene where no file is named.
+    """The bench of a bench file or, if none is named, the simulated bench of a scene.
 
     Raises:
-        UsageError: options that exclude each other. ConfigError, UnknownName: the file or the scene is wrong.
+        UsageError: the options exclude each other.
+        ConfigError, UnknownName: the bench file or the scene is wrong.
     """
     if bench is None:
         if assume_mounted:
@@ -94,7 +102,7 @@ def choose(
         return Chosen(None, _scene(scene, seed, model, parameters))
     given = {"--scene": scene, "--seed": seed, "--model": model}
     if extra := [option for option, value in given.items() if value is not None]:
-        raise UsageError(f"{', '.join(extra)}: only a simulated bench has it; leave it out or leave out --bench")
+        raise UsageError(f"{', '.join(extra)}: only for a simulated bench; leave this out, or leave out --bench")
     return Chosen(read_bench(bench), None, assume_mounted, operator)
 
 
@@ -110,10 +118,12 @@ class OpenBench:
     """An open bench, on which runs are recorded one after the other.
 
     Attributes:
-        today: of its calendar, by which calibrations expire.
+        bench: the open bench.
+        chosen: which bench it is.
+        today: date by which calibrations expire.
         started: when its first run began.
         wall_start: `time.monotonic()` when it was opened [s].
-        log: of its traffic; None: there is none.
+        log: log of its traffic; None: no log is written.
         runs: folders of the runs so far.
     """
 
@@ -127,22 +137,25 @@ class OpenBench:
 
     @property
     def scene(self) -> Scene | None:
-        """What is simulated; None: nothing here is."""
+        """The simulated scene; None: nothing is simulated in this process."""
         return self.chosen.scene
 
     @property
     def target(self) -> Target:
-        """What procedures check their settings against."""
+        """The limits against which procedures check their settings."""
         return self.chosen.target
 
     def lab(self, run: str, started: datetime, calibrating: Calibrating | None = None) -> Lab:
-        """What a procedure measures with, by the calibrations that are stored now.
+        """The bench with the calibrations that are stored now; a logged run has its own calibrations.
 
-        One that is `calibrating` the load cell needs no calibration of it; one of the films uses none of theirs. A
-        logged run has its own.
+        Args:
+            run: name of the run.
+            started: when the run began.
+            calibrating: what the run calibrates. The load cell then needs no stored calibration, and no stored
+                calibration of the films is used.
 
         Raises:
-            ConfigError: a calibration is missing, damaged, expired or of another device.
+            ConfigError: a calibration is missing, damaged, expired, or belongs to another device.
         """
         description, logged = self.bench.description, self.chosen.logged
         design = get_design(description.design).with_pickup(description.pickup)
@@ -165,19 +178,21 @@ def open_bench(
     operator: Operator | None = None,
     assume_mounted: bool = False,
 ) -> Iterator[OpenBench]:
-    """Open the bench of a file, or the simulated bench of a scene. On the way out its outputs are off.
+    """Open the bench of a bench file, or the simulated bench of a scene. Its outputs are off when the context ends.
 
     Args:
-        scene: name or file of the scene to simulate; None, and no `bench` either: thesis_single.
+        scene: name or file of the scene to simulate; None, without a `bench`: thesis_single.
         bench: bench file of a real bench.
-        seed, model: of the simulated scene.
-        log: file that gets all traffic (.pcapng), or CAN (.blf, .asc) and all beside it.
-        operator: does by hand what no device does on a real bench; None: the person at the console is asked.
-        assume_mounted: nobody is asked; records say so.
+        seed: seed of the simulated scene; None: the scene's own.
+        model: sensor model of the simulated scene; None: the scene's own.
+        log: file for the traffic: .pcapng holds all of it; .blf and .asc hold CAN, with the rest in a .pcapng file
+            beside them.
+        operator: does the work by hand that no device of a real bench does; None: the person at the console is asked.
+        assume_mounted: True: nobody is asked to confirm work by hand, and records say so.
 
     Raises:
-        UsageError: arguments that exclude each other, a log that is there already.
-        ConfigError, UnknownName: a bench or scene file is wrong.
+        UsageError: arguments exclude each other, or the log exists already.
+        ConfigError, UnknownName: a bench file or scene file is wrong.
         BenchError: a device cannot be opened or identified.
     """
     chosen = choose(None if bench is None else Path(bench), scene, seed, model, None, assume_mounted, operator)
@@ -191,7 +206,13 @@ def open_bench(
 def opened(
     chosen: Chosen, log: Path | None = None, resumed: Resumed | None = None, started: datetime | None = None
 ) -> Iterator[OpenBench]:
-    """Open a chosen bench, for a run that is `started` then, None: now; for one that goes on, when that ended.
+    """Open a chosen bench.
+
+    Args:
+        chosen: which bench.
+        log: file for its traffic; None: no log.
+        resumed: the run to go on with, whose bench time continues; None: a new run.
+        started: when the first run began; None: now, or when the resumed or logged run began.
 
     Raises:
         BenchError: a device cannot be opened or identified. RecordError: the log cannot be written.
@@ -210,7 +231,7 @@ def opened(
         elif chosen.scene is not None:
             simulated = stack.enter_context(SimulatedBench(chosen.scene))
             description, clock, operator = simulated.description, simulated.clock, simulated.operator
-            now = started  # its calendar stands still
+            now = started  # a simulated bench stays on the date of its run
         assert description is not None
         bench = Bench(description, clock, operator)
         bench.waits = lambda why: say(f"palpate: note: {why}", err=True)
@@ -225,7 +246,7 @@ def opened(
 
 @contextmanager
 def _logging(log: BusLog, runs: list[Path]) -> Iterator[BusLog]:
-    """A log; where its end alone fails, the error says where the run is."""
+    """A bus log. If only closing it fails, the error names the folders of the runs, which are complete."""
     ended = False
     try:
         with log:

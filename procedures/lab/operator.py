@@ -1,4 +1,4 @@
-"""The person at the console of a real bench: told what to do by hand, and asked to confirm it by its name."""
+"""The person at the console of a real bench, who is told what to do by hand, and confirms it by typing a word."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from palpate.procedures.console.progress import without_bar
 from palpate.procedures.console.terminal import say
 
 Ask = Callable[[str, str], None]
-"""Has something done that is said in a sentence, and confirmed by a word."""
+"""Gets a task done that a sentence describes; the second argument is the word that confirms it."""
 
 Mounting = Literal["simulated", "sample changer", "confirmed", "assumed"]
-"""How it is known what was mounted or placed, the surest first; the record, the report and JSON say it."""
+"""How a run knows what was mounted or placed, from certain to uncertain; the record, the report and JSON name it."""
 
 ASSUME = "--assume-mounted"
 
 
 class ConsoleOperator:
-    """Meets `Operator`. Each work is confirmed by typing what was mounted or placed."""
+    """An `Operator` at the console, who confirms each task by typing what was mounted or placed."""
 
     def __init__(self, ask: Ask | None = None) -> None:
         self._ask = ask or confirm
@@ -45,7 +45,7 @@ class ConsoleOperator:
 
     def place_weight(self, mass: float) -> None:
         grams = f"{1e3 * mass:.6g}"
-        self._ask(f"Place {grams} gf in all on the load cell" if mass else "Take all weights off", grams)
+        self._ask(f"Place {grams} gf in total on the load cell" if mass else "Take all weights off", grams)
 
     def turn_load_cell(self, degrees: float) -> None:
         self._ask(f"Turn the load cell about its axis to {degrees:g} degrees", f"{degrees:g}")
@@ -59,20 +59,20 @@ def _described(sample: Sample) -> str:
 
 
 def at_terminal() -> bool:
-    """Whether somebody can answer."""
-    return sys.stdin is not None and sys.stdin.isatty()  # None: a service manager has closed it
+    """Whether somebody can answer at the console."""
+    return sys.stdin is not None and sys.stdin.isatty()  # None: a service manager has closed standard input
 
 
 def check_somebody(by_hand: str, changer: bool, assume: bool) -> Mounting:
-    """Refuse a run in which something would be done by hand and nobody could confirm it.
+    """Refuse a run with work by hand that nobody could confirm; returns how the run will know what is mounted.
 
     Args:
-        by_hand: what a person does beside mounting samples, as "places the weights"; "": nothing.
+        by_hand: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
         changer: whether the bench has a sample changer.
-        assume: what was asked for with --assume-mounted.
+        assume: whether --assume-mounted was given.
 
     Raises:
-        UsageError: nobody is there, and that was not asked for.
+        UsageError: standard input is no terminal, and --assume-mounted was not given.
     """
     if changer and not by_hand:
         return "sample changer"
@@ -80,15 +80,15 @@ def check_somebody(by_hand: str, changer: bool, assume: bool) -> Mounting:
         return "assumed"
     if not at_terminal():
         raise UsageError(
-            f"a person {by_hand or 'mounts the samples'} on this bench, and standard input is no terminal, where that "
-            f"could be confirmed; run palpate in one, or give {ASSUME} where something else sees to it: then the "
-            "record says so"
+            f"a person {by_hand or 'mounts the samples'} on this bench and has to confirm it, but standard input is no "
+            f"terminal; run palpate in a terminal, or give {ASSUME} if something else makes sure of it, which the "
+            "record then says"
         )
     return "confirmed"
 
 
 def weaker(before: object, now: Mounting) -> Mounting:
-    """How it is known in a run that goes on: as in its less certain part; of an old run nothing is known."""
+    """How a resumed run knows what was mounted: as in its less certain part, where an unknown old part is "assumed"."""
     if now == "simulated":
         return now
     known: tuple[Mounting, ...] = get_args(Mounting)
@@ -97,18 +97,20 @@ def weaker(before: object, now: Mounting) -> Mounting:
 
 
 def confirm(what: str, word: str) -> None:
-    """Ask until `word` is typed. Not click's prompt, to which Ctrl-C and the end of input are the same.
+    """Ask until `word` is typed.
 
-    Raises BenchError: nobody answers.
+    This is not click's prompt, because that does not tell Ctrl-C from the end of the input.
+
+    Raises BenchError: the input has ended.
     """
     with without_bar(), _by_lines():
         say(f"{what}; then type {word} and press Enter", err=True)
         while (typed := _typed(what)) != _plain(word):
-            say(f"{typed!r} is not {word!r}: look again, then type {word}; Ctrl-C stops", err=True)
+            say(f"{typed!r} is not {word!r}: check the bench, then type {word}; Ctrl-C stops", err=True)
 
 
 def assume(what: str, word: str) -> None:
-    """Say what is taken for granted."""
+    """Say what is assumed without a confirmation."""
     say(f"assumed, as {ASSUME} asks: {what}", err=True)
 
 
@@ -125,7 +127,7 @@ def _plain(text: str) -> str:
 
 @contextmanager
 def _by_lines() -> Iterator[None]:
-    """The terminal shows what is typed, which `keys` has switched off; what was typed before the question is gone."""
+    """Read whole lines from the terminal and echo them, which `keys` has switched off; earlier input is dropped."""
     try:
         terminal = sys.stdin.fileno()
         before = termios.tcgetattr(terminal)
@@ -137,5 +139,5 @@ def _by_lines() -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(termios.error):  # it has been closed
+        with suppress(termios.error):  # the terminal has been closed
             termios.tcsetattr(terminal, termios.TCSADRAIN, before)

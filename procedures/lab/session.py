@@ -1,4 +1,4 @@
-"""The record of a run on an open bench: where it lies, what it says of the bench, and how it ends."""
+"""Records a run on an open bench: makes its folder, writes its header, and ends it safely."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from palpate.procedures.records.resumed import Resumed
 
 
 class Outcome(TypedDict):
-    """What every result says of itself, under public names."""
+    """Keys that every result in JSON has: where it comes from and what it was computed with."""
 
     simulated: bool
     run: str
@@ -50,7 +50,7 @@ class Outcome(TypedDict):
 
 
 class Kept(TypedDict, total=False):
-    """What an outcome says, in addition or instead, of a calibration that came out."""
+    """Keys that a calibration run adds to its outcome, or replaces there."""
 
     calibration: str
     film_calibration: str
@@ -70,16 +70,16 @@ class Session:
 
     @property
     def bench(self) -> Bench:
-        """Of its lab."""
+        """The open bench."""
         return self.lab.bench
 
     @property
     def model(self) -> str | None:
-        """The sensor model that the scene's force ratios come from; None: nothing is simulated."""
+        """Name of the sensor model that gives the scene's force ratios; None: nothing is simulated."""
         return self.opened.scene.model if self.opened.scene else None
 
     def outcome(self) -> Outcome:
-        """What its result says of itself."""
+        """The keys that the run's result has in JSON."""
         scene, lab = self.opened.scene, self.lab
         return {
             "simulated": lab.bench.simulated,
@@ -100,13 +100,13 @@ class Session:
 
 
 def _calibration_files(lab: Lab) -> dict[str, object]:
-    """What a run says of the files of its calibrations."""
+    """What the record says about the files of the run's calibrations."""
     return {"load_cell": lab.calibration.about(), "films": None if lab.films is None else lab.films.about()}
 
 
 @contextmanager
 def places(out: Path | None, log: Path | None, procedure: str, started: datetime) -> Iterator[Path]:
-    """The folder of a run; its log can be written, too. Raises UsageError, RecordError as `result_folder`."""
+    """The folder of a new run; its log can be written, too. Raises as `result_folder` and `check_log` do."""
     with result_folder(out, procedure, started) as folder:
         if log is not None:
             check_log(log)
@@ -124,16 +124,26 @@ def recording(
     by_hand: str = "",
     resumed: Resumed | None = None,
 ) -> Iterator[Session]:
-    """Begin a run on an open bench, or go on with one. If the block fails, outputs are off before the record says so.
+    """Begin a run on an open bench, or go on with one. If it fails, outputs are off before the record is closed.
+
+    Args:
+        opened: the open bench.
+        procedure: name of the procedure.
+        settings: settings of the procedure, for the record's header.
+        folder: folder of the run.
+        calibrating: what the run calibrates; None: nothing.
+        by_hand: what a person does in addition to mounting samples, as "places the weights"; empty: nothing.
+        resumed: the run to go on with; None: a new run.
 
     Raises:
-        UsageError: the folder holds a run, nobody could confirm what is mounted, another bench than that of the run
-            which is to go on; an earlier run on this bench failed, or is in its log.
-        ConfigError: a calibration is wrong. RecordError: the folder cannot be written.
+        UsageError: the folder holds a run; nobody can confirm what is mounted; a resumed run began on another bench;
+            an earlier run on this bench failed; or the bench's log holds a run already.
+        ConfigError: a calibration is missing, damaged, expired, or belongs to another device.
+        RecordError: the folder cannot be written.
     """
     if opened.runs and (opened.log is not None or not opened.bench.is_open):
-        why = "its log holds one run" if opened.bench.is_open else "it was closed when a run on it failed"
-        raise UsageError(f"no other run can begin on this bench: {why}; open it anew")
+        why = "its log holds a run already" if opened.bench.is_open else "it was closed when a run failed"
+        raise UsageError(f"no other run can begin on this bench: {why}; open the bench anew")
     logged, scene = opened.chosen.logged, opened.scene
     mounting = opened.chosen.mounting(by_hand)
     started = datetime.now(UTC) if opened.runs else opened.started
@@ -169,7 +179,7 @@ def recording(
             header["mounting"] = mounting = weaker(resumed.run.header.get("mounting"), mounting)
             resumed.begin(header)
             record = stack.enter_context(resumed)
-        failing = stack.enter_context(ExitStack())  # left before the record, whose disk may be slow
+        failing = stack.enter_context(ExitStack())  # ends before the record does, because its disk may be slow
         failing.push(lab.bench)
         lab.bench.attend(record.event)
         for caution in lab.bench.cautions:

@@ -1,4 +1,4 @@
-"""What a run says of the software that it was taken with."""
+"""The software that a run was taken with, for its record."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that results rest on."""
+    """Versions of Python and of the packages that results depend on, by name."""
     return {"python": platform.python_version(), **{package: metadata.version(package) for package in PACKAGES}}
 
 
 @functools.cache
 def commit() -> str | None:
-    """Commit of the source tree palpate runs from, marked where it was changed; None where there is no such tree."""
+    """Git commit of the source tree, with `-dirty` if files were changed; None: palpate does not run from a clone."""
     tree = Path(__file__).resolve().parents[2]
     if not (tree / ".git").exists():
         return None

@@ -1,4 +1,4 @@
-"""Where runs and calibrations are kept, and the folder of a new run."""
+"""The folder in which runs and calibrations are kept, and the folder of a new run in it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from palpate.instrument.errors import UsageError
 
 
 def store() -> Path:
-    """Where runs and calibrations are kept: $PALPATE_STORE, or runs/ in the current folder."""
+    """Folder of runs and calibrations: $PALPATE_STORE, or runs/ in the current folder."""
     return Path(os.environ.get("PALPATE_STORE", "runs"))
 
 
 @contextmanager
 def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterator[Path]:
-    """A folder for results that can be written to: `out`, which must be new or empty, or a new one in the store.
+    """A writable folder for results: `out`, which must be new or empty, or else a new one in the store.
 
-    What was made for it and is left empty goes again.
+    Folders that were made for it and are still empty in the end are removed.
 
     Raises:
         UsageError: `out` holds a run or other files.

@@ -1,1 +1,1 @@
-"""Results for people: tables in the terminal and plots on disk, each saying where it is simulated."""
+"""Shows results to people: tables in the terminal and plots on disk, all of which mark simulated results."""

@@ -1,4 +1,4 @@
-"""Uncertainty budgets: a table a result."""
+"""Prints uncertainty budgets, one table for each result."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def print_budgets(budgets: Iterable[Budget], simulated: bool) -> None:
-    """Each component with its uncertainty, its sensitivity, what it adds and its share of the variance."""
+    """Print each component with its uncertainty, sensitivity, contribution and share of the variance."""
     for budget in budgets:
         known = budget.summary()
         unit = f" {budget.unit}" if budget.unit else ""

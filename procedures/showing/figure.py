@@ -1,4 +1,4 @@
-"""Figures of panels, stamped where they are simulated, saved into the folder of a run."""
+"""Figures with panels side by side, stamped SIMULATED if they are, saved into the folder of a run."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ MARKERS = "osD^vP*X"
 
 
 def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
+    """A figure with this many panels in a row, and their axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2 * panels, 4.2), layout="constrained")
@@ -31,6 +32,7 @@ def new_figure(simulated: bool, panels: int) -> tuple[Figure, list[Axes]]:
 
 
 def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
+    """Save a figure as PNG; returns its path. Raises RecordError: the file cannot be written."""
     path = folder / name
     with storing(path):
         figure.savefig(path, dpi=120, metadata={"Software": None})

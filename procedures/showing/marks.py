@@ -1,6 +1,7 @@
-"""What the marks in tables mean: a line below a table for each that stands in it.
+"""Legends of tables: a line for each mark that occurs in a table.
 
-The flags of points are those of `steps/film_point.py`, which is not imported: commands that only read would start late.
+The flags of points are those of `steps/film_point.py`, which is not imported, so that commands that only read runs
+start fast.
 """
 
 from __future__ import annotations
@@ -14,39 +15,39 @@ from palpate.instrument.errors import EstimateError
 if TYPE_CHECKING:
     from rich.table import Table
 
-APART = "further apart than 6 points of 100,000 are by chance"
+APART = "further apart than noise explains (by noise alone only 6 points of 100,000 differ so much)"
 FLAGS: dict[str, str] = {
-    "clipped": "a film's voltage passes the range of its converter; take a smaller load",
-    "not finite": "a film gives samples that are no numbers; check its sensor node",
-    "unsettled": "the films still drift when the time to settle is over; wait, or look for warming",
+    "clipped": "a film's voltage exceeds the range of its converter; take a smaller load",
+    "not finite": "a film's samples are not finite numbers; check its sensor node",
+    "unsettled": "the films still drift when the time to settle is over; wait longer, or check for warming",
     "fault": "a sensor node reported an emergency during the dwell; the events of the run say which",
-    "drifted": "the load cell reads another load after the dwell than was set; check the mounting of the sample",
-    "force": f"the films and the load cell measure two forces, {APART}; check their calibrations, and for a loose "
-    "or swapped film",
-    "frequency": f"the films swing at another frequency than the generator is set to, {APART}; check the generator",
-    "hum": "the record is too short to tell mains hum from the drive; used, hum may be in the amplitude",
-    "short": "the record is too short to know its noise well; used, with a wide uncertainty",
+    "drifted": "after the dwell the load cell reads another load than was set; check the mounting of the sample",
+    "force": f"films and load cell measure different forces, {APART}; check their calibrations, and look for a "
+    "loose or swapped film",
+    "frequency": f"films and generator have different frequencies, {APART}; check the generator",
+    "hum": "the dwell is too short to separate mains hum from the drive; the point is used, but hum may change it",
+    "short": "the dwell is too short to know the noise well; the point is used, with a large uncertainty",
 }
-"""By what a point is marked."""
+"""Meaning and remedy of each flag of a point."""
 
 INVALID = "NO"
 OUTSIDE = "*"
 MARKS: dict[str, str] = {
-    INVALID: "the point is not used: after 3 attempts it is still flagged, for what stands behind NO",
+    INVALID: "the point is not used: after 3 attempts it still has the flags that follow NO",
     **FLAGS,
     OUTSIDE: "outside the load cell's calibrated range",
     "-": "no value: not measured, no valid point, or nothing to compare with",
 }
-NO_VALUE: dict[str, str] = {"-": "not known: there is none, or the model does not tell it"}
+NO_VALUE: dict[str, str] = {"-": "no value: there is none, or the model does not give it"}
 
 
 def verdict(valid: bool, flags: tuple[str, ...] | list[str]) -> str:
-    """Of a point, for its table."""
+    """Whether a point is used, and its flags, for its row in a table."""
     return " ".join(("yes" if valid else INVALID, *flags))
 
 
 def legend(*tables: Table, marks: Mapping[str, str] = MARKS) -> list[str]:
-    """A line for each mark that stands in one of the tables."""
+    """A line for each mark that occurs in one of the tables."""
     cells = {f" {cell} " for table in tables for column in table.columns for cell in column.cells}
     return [
         f"{mark:<14} {meaning}"
@@ -56,7 +57,7 @@ def legend(*tables: Table, marks: Mapping[str, str] = MARKS) -> list[str]:
 
 
 class Judged(Protocol):
-    """A point that may be used, or not: `flags` say why."""
+    """A point that is valid or not; `flags` say why."""
 
     @property
     def valid(self) -> bool: ...
@@ -65,11 +66,11 @@ class Judged(Protocol):
 
 
 def check_some_valid(points: Sequence[Judged]) -> None:
-    """Refuse to call a run done that has not one valid point. Raises EstimateError, which says why they are not."""
+    """Check that a run has a valid point. Raises EstimateError: it has none; the message counts their flags."""
     if any(point.valid for point in points):
         return
     reasons = Counter(flag for point in points for flag in point.flags)
     said = "; ".join(
-        f"{flag} ({count}): {FLAGS.get(flag, 'its events say why')}" for flag, count in reasons.most_common()
+        f"{flag} ({count}): {FLAGS.get(flag, 'the events of the run say why')}" for flag, count in reasons.most_common()
     )
     raise EstimateError(f"none of the {len(points)} points is valid, so there is no result. {said}")

@@ -1,4 +1,4 @@
-"""What is drawn of a sensor under load: sections, pressure on its face, force ratios over the modulus."""
+"""Computes the picture of a sensor under load: deformed sections, pressure on its face, and force ratios."""
 
 from __future__ import annotations
 
@@ -25,16 +25,23 @@ from palpate.instrument.thesis import read_table
 Array = NDArray[np.float64]
 
 CURVES = ("column", "beam", "surface", "axisymmetric")
-SECTION_REFINEMENT = 4  # a pressure at a point takes a finer mesh than a force
-SOLID_REFINEMENT, MANY_TEETH_REFINEMENT = 1, 0  # what takes seconds
-CURVE_TOLERANCE = 1e-3  # less than the width of a line
-SOFTER, HARDER = 0.1, 1e4  # ends of the curves, over the modulus of the ring
-LARGEST = 0.12  # greatest displacement drawn, over the height of the picture
+SECTION_REFINEMENT = 4  # finer than for forces, because pressure at a point converges more slowly
+SOLID_REFINEMENT, MANY_TEETH_REFINEMENT = 1, 0  # the finest meshes that take only seconds
+CURVE_TOLERANCE = 1e-3  # an error that is smaller than the width of a line
+SOFTER, HARDER = 0.1, 1e4  # ends of the curves, as multiples of the ring's modulus
+LARGEST = 0.12  # greatest drawn displacement, as a fraction of the section's height
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A piece of a body in the plane of a section: points on a grid, and their displacements for 1 N [m]."""
+    """A piece of a body in the plane of a section, as a grid of points.
+
+    Attributes:
+        x: position across [m].
+        z: height [m].
+        right: displacement along x for 1 N [m].
+        up: displacement along z for 1 N [m].
+    """
 
     x: Array
     z: Array
@@ -44,16 +51,16 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The plane through the axes of teeth, for 1 N.
+    """The plane through the teeth's axes, under 1 N.
 
     Attributes:
-        across: what x is.
-        bodies: by name, all pieces.
-        x: places on the sensor's face [m], where the object touches it; ascending.
-        pressure: there, compression positive [Pa].
-        teeth: ends of each along x [m].
-        edges: where a contact ends, and the pressure is singular [m].
-        mean: pressure on the object [Pa].
+        across: label of x.
+        bodies: the pieces of each body, by its name.
+        x: ascending positions on the sensor's face where the object touches it [m].
+        pressure: pressure at `x`, positive in compression [Pa].
+        teeth: both ends of each tooth along x [m].
+        edges: positions where a contact ends, and the pressure is singular [m].
+        mean: mean pressure on the object [Pa].
     """
 
     across: str
@@ -74,7 +81,7 @@ class Section:
 
     @property
     def height(self) -> float:
-        """Of all bodies [m]."""
+        """Height of all bodies together [m]."""
         pieces = [piece for body in self.bodies.values() for piece in body]
         return float(max(piece.z.max() for piece in pieces) - min(piece.z.min() for piece in pieces))
 
@@ -98,7 +105,7 @@ def _round_section(design: Design, load: Load) -> Section:
 
 
 def _both_sides(half: Body) -> tuple[Body, ...]:
-    """A body of revolution from its half at x >= 0: one piece where it reaches the axis, or two."""
+    """A body of revolution from its half at x >= 0: one piece if it reaches the axis, else two."""
     other = Body(-half.x[::-1], half.z[::-1], -half.right[::-1], half.up[::-1])
     if half.x.min() > 0:
         return other, half
@@ -131,19 +138,20 @@ def _solid_section(design: Design, load: Load) -> Section:
     )
 
 
-# Of the models that know what happens inside the sensor.
+# The models that compute displacements inside the sensor.
 SECTIONS: Mapping[str, Callable[[Design, Load], Section]] = {"axisymmetric": _round_section, "solid": _solid_section}
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What is drawn.
+    """The numbers of a picture.
 
     Attributes:
-        answers: by the model that was asked, at the moduli that were asked for.
-        sections: at those moduli; none where the model knows no section.
-        curves: model -> moduli [Pa] and force ratios, of those that know the sensor.
-        thesis: what the thesis has of the design: what it is -> moduli [Pa] and force ratios.
+        question: the design, model and settings that were asked for.
+        answers: the model's answer at each modulus that was asked for.
+        sections: the section at each of these moduli; empty if the model computes none.
+        curves: moduli [Pa] and force ratios of each model that holds for the sensor, by the model's name.
+        thesis: moduli [Pa] and force ratios that the thesis gives for the design, by their origin.
     """
 
     question: Question
@@ -154,7 +162,7 @@ class Picture:
 
     @property
     def scale(self) -> float:
-        """Of the displacements in the drawing: 1, 2 or 5 times a power of ten."""
+        """Magnification of the displacements in the drawing: 1, 2 or 5 times a power of ten."""
         section = self.sections[0]
         wanted = LARGEST * section.height / max(section.largest.values())
         power = 10.0 ** math.floor(math.log10(wanted))
@@ -203,10 +211,10 @@ def _columns(lines: Mapping[str, tuple[Array, Array]]) -> dict[str, Any]:
 
 
 def solve(question: Question, moduli: Sequence[float]) -> Picture:
-    """Everything that is drawn for objects of these moduli [Pa].
+    """Compute the picture for objects with these moduli [Pa].
 
     Raises:
-        RangeError: a modulus or setting is out of its limits, or the model does not answer for this sensor.
+        RangeError: a modulus or setting is outside its limits, or the model does not hold for this sensor.
         EstimateError: a linear system cannot be solved accurately.
     """
     answers = list(ask(question, moduli))
@@ -227,7 +235,7 @@ def solve(question: Question, moduli: Sequence[float]) -> Picture:
 
 
 def _parameters(question: Question, model: str) -> str:
-    """The question's parameter set, or the physical one for a model that it was not identified for."""
+    """Name of the question's parameter set, or of the physical set if the model has no set of that name."""
     try:
         get_parameter_set(question.parameters, model)
     except UnknownName:
@@ -236,7 +244,7 @@ def _parameters(question: Question, model: str) -> str:
 
 
 def _line(question: Question, shown: Array) -> tuple[Array, Array] | None:
-    """The curve of a model over what is shown; None where it does not know the sensor."""
+    """Moduli [Pa] and force ratios of a model over the shown range; None: the model does not hold for the sensor."""
     sensor, tolerance = question.sensor(), MODELS[question.model].default_tolerance
     load = question.load(sensor.ring.material.modulus)
     try:

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-EDGE = 0.05  # of a tooth's width: nearer to an edge the pressure is not looked at for the scale
-LABELLED = ("object", "ring", "tooth")  # bodies that are thick enough
+EDGE = 0.05  # fraction of a tooth's width; closer to an edge the singular pressure does not count for the scale
+LABELLED = ("object", "ring", "tooth")  # bodies that are thick enough for their names
 THESIS_STYLES = ("k.", "r^")
 
 
 def place(subject: str, out: Path | None, store: Path) -> Path:
-    """Where the picture goes: `out`, or a new file in `plots/` of the store, named after time and subject.
+    """Path of a new picture: `out`, or a file in `plots/` of the store, named after time and subject.
 
     Raises:
         UsageError: the name does not end in .png, its folder does not exist, or the file exists.
@@ -38,7 +38,7 @@ def place(subject: str, out: Path | None, store: Path) -> Path:
         with storing(out):
             out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix != ".png":
-        raise UsageError(f"{out} does not end in .png, the one format there is; choose another --out")
+        raise UsageError(f"{out} does not end in .png, the only format; choose another --out")
     with storing(out):
         if not out.parent.is_dir():
             raise UsageError(f"{out}: there is no folder {out.parent}; make it, or choose another --out")
@@ -48,7 +48,7 @@ def place(subject: str, out: Path | None, store: Path) -> Path:
 
 
 def draw(picture: Picture, file: Path) -> None:
-    """Writes the picture as PNG.
+    """Draw a picture into a PNG file.
 
     Raises:
         RecordError: the file cannot be written.
@@ -86,7 +86,7 @@ def _draw_deformation(picture: Picture, axes: Axes) -> None:
 
 
 def _outline(values: Array) -> Array:
-    """Along the lower side of a body, up its outer one, and back along the upper one."""
+    """Values along the outline of a body: its lower side, its outer end, and back along its upper side."""
     return np.concatenate([values[:, 0], values[-1], values[::-1, -1]])
 
 

@@ -1,4 +1,4 @@
-"""What the sensor models say, and what they cost."""
+"""Prints the answers of the sensor models, with their errors and computing times."""
 
 from __future__ import annotations
 
@@ -21,7 +21,14 @@ if TYPE_CHECKING:
 def print_ratios(
     design: str, answers: list[Answer], compared: Sequence[Validation], changed: Sequence[str] = ()
 ) -> None:
-    """A line a modulus; `compared`: each model that answered, beside the experiments, without the options `changed`."""
+    """Print a row for each modulus.
+
+    Args:
+        design: name of the design.
+        answers: the models' answers.
+        compared: how far each of these models lies from the thesis' experiments.
+        changed: options with which the models were asked, and which the comparison leaves out.
+    """
     models = ", ".join(dict.fromkeys(a.response.model for a in answers))
     table = new_table(
         stamped(False, f"{design}, model {models}"),
@@ -39,7 +46,14 @@ def print_ratios(
 def print_moduli(
     design: str, points: list[dict[str, Any]], compared: Sequence[Validation], changed: Sequence[str] = ()
 ) -> None:
-    """A line a ratio; `compared`: each model that answered, beside the experiments, without the options `changed`."""
+    """Print a row for each force ratio with the modulus of the object.
+
+    Args:
+        design: name of the design.
+        points: the found moduli, as in JSON.
+        compared: how far each of their models lies from the thesis' experiments.
+        changed: options with which the models were asked, and which the comparison leaves out.
+    """
     models = ", ".join(dict.fromkeys(p["model"] for p in points))
     table = new_table(
         stamped(False, f"{design}, model {models}: Young modulus, 95 % interval"),
@@ -56,7 +70,7 @@ def print_moduli(
 
 
 def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Validation], plot: Path | None) -> None:
-    """A table a design: error and time of every model at every refinement, and how far experiments are from it."""
+    """Print a table for each design: error and time of every model at every refinement, and its validation."""
     validation = {(found.design, found.model): brief(found) for found in compared}
     low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[1:3])
     lowest, highest = (show(modulus, "Pa", 3) for modulus in (prices.moduli_Pa[0], prices.moduli_Pa[-1]))
@@ -78,8 +92,8 @@ def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Valid
         how = [f"reference: {r.how}" for r in prices.references if r.design == design]
         print_all(table, *legend(table, marks=NO_VALUE), *how, *failures, "")
     print_all(
-        "validation: rms distance from the thesis' experiments (palpate accuracy validation); input: given them; none:"
-        " nothing to compare",
+        "validation: rms difference from the thesis' experiments (palpate accuracy validation); input: the model was"
+        " fitted to them; none: there are none to compare with",
         f"measured on {prices.machine.described}, {prices.machine.date}",
     )
     if plot is not None:
@@ -87,7 +101,7 @@ def print_prices(prices: PriceList, designs: list[str], compared: Sequence[Valid
 
 
 def print_surfaces(surfaces: Mapping[tuple[str, str], ResponseSurface]) -> None:
-    """A line a surface."""
+    """Print a row for each stored response surface."""
     table = new_table(
         None,
         "design",

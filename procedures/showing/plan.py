@@ -1,4 +1,4 @@
-"""What a procedure would do."""
+"""Prints the plan of a procedure, for `--dry-run`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ OWN = tuple(Step.__dataclass_fields__)
 
 
 def print_plan(plan: Plan[S]) -> None:
-    """Every point with its dwell, time and expected uncertainty, and the time of all."""
+    """Print every point with its dwell, time and expected uncertainty, and the total time."""
     rows = [step.summary() for step in plan.steps]
     asked = [name for name in rows[0] if name not in OWN]
     table = new_table(
@@ -30,7 +30,7 @@ def print_plan(plan: Plan[S]) -> None:
 
 
 def duration(seconds: float) -> str:
-    """Hours, minutes and seconds, for people."""
+    """A duration [s] in hours, minutes and seconds, for people."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

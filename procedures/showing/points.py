@@ -1,4 +1,4 @@
-"""The points of a procedure that has no report of its own."""
+"""Prints the points of a procedure that has no report of its own."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from palpate.procedures.showing.text import new_table, number, print_all, stampe
 
 
 def print_points(rows: Sequence[Mapping[str, object]], found: Mapping[str, object], outcome: Outcome) -> None:
-    """A column a value, then what was found, and where it lies."""
+    """Print the points with a column for each value, then the findings and the run's folder."""
     names = [name for name, value in rows[0].items() if not isinstance(value, (list, tuple, dict))] if rows else []
     table = new_table(stamped(outcome["simulated"], "Points"), *(name.replace("_", "\n") for name in names))
     for row in rows:

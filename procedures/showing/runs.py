@@ -1,4 +1,4 @@
-"""Recorded runs, as tables and as JSON."""
+"""Shows recorded runs, as tables and as JSON."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from palpate.procedures.records.run_list import RunSummary
 from palpate.procedures.showing.marks import FLAGS, legend
 from palpate.procedures.showing.text import MOUNTING, STAMP, new_table, number, print_all, stamped
 
-UNHASHED = "unhashed: record format 3, of which lost points at the end cannot be noticed"
+UNHASHED = "unhashed: record format 3 has no hashes, so points that are lost at its end go unnoticed"
 TIME = "%Y-%m-%d %H:%M:%S"
 
 
 def print_runs(found: list[RunSummary], folder: Path) -> None:
-    """A line a run."""
+    """Print a row for each run."""
     if not found:
         print_all(f"no runs in {folder}; make one with: palpate sweep loads")
         return
@@ -33,12 +33,12 @@ def print_runs(found: list[RunSummary], folder: Path) -> None:
 
 
 def unhashed(hashed: bool | None) -> list[str]:
-    """What is to be said of a run of record format 3."""
+    """The note for a run of record format 3; empty for other runs."""
     return [UNHASHED] if hashed is False else []
 
 
 def run_row(run: RunSummary) -> dict[str, Any]:
-    """A run in a JSON list."""
+    """A run as an element of a JSON list."""
     return {
         "run": str(run.folder.absolute()),
         "started": run.started.isoformat(),
@@ -68,7 +68,7 @@ def run_object(run: Run, digest: str) -> dict[str, Any]:
 
 
 def print_run(run: Run, digest: str) -> None:
-    """Header, points and events of a run."""
+    """Print header, points and events of a run."""
     calibration = run.header.get("calibration")
     source = calibration.get("source") if isinstance(calibration, dict) else None
     mounting = run.header.get("mounting")
@@ -100,19 +100,19 @@ def print_run(run: Run, digest: str) -> None:
 
 
 def _flagged(point: dict[str, Any]) -> dict[str, Any]:
-    """A point with its flags as one text."""
+    """A point whose flags are joined into one text."""
     flags = point.get("flags")
     return {**point, "flags": " ".join(map(str, flags)) or None} if isinstance(flags, list) else point
 
 
 def check_object(found: Found) -> dict[str, Any]:
-    """What a check found, as JSON."""
+    """The findings of a check as JSON."""
     counts = {key: value for key, value in asdict(found).items() if key != "folder"}
     return {"run": str(found.folder), "damaged": bool(found.faults), **counts}
 
 
 def print_check(found: Found) -> None:
-    """What a check found."""
+    """Print the findings of a check."""
     table = new_table(None, "status", "points", "waveforms", "verdict")
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
     lines = [*unhashed(found.hashed), *(f"damaged: {fault}" for fault in found.faults)]
@@ -135,7 +135,7 @@ def repaired_object(done: Repaired) -> dict[str, Any]:
 
 
 def print_repaired(done: Repaired) -> None:
-    """What was salvaged, and what is gone."""
+    """Print how much was salvaged, and what is lost."""
     print_all(
         f"{done.folder}: {done.points} points, {done.waveforms} waveforms",
         *unhashed(done.hashed),

@@ -1,4 +1,4 @@
-"""What shear does to films."""
+"""Prints the effect of shear on the films."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ from palpate.procedures.showing.marks import NO_VALUE, legend
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 TOLD = {
-    "not": "No film tells of shear along the line of the teeth.",
-    "off centre": "All films that tell of it name one place: shear looks like a load off centre.",
-    "apart": f"Films name places that differ by more than {100 * ALIKE:g} %: together they could tell shear from a load"
-    " off centre.",
+    "not": "No film responds to shear along the line of the teeth.",
+    "off centre": "All films that respond to shear give the same place of a load: shear looks like a load off centre.",
+    "apart": f"The films give places of a load that differ by more than {100 * ALIKE:g} %: together they can tell shear"
+    " from a load off centre.",
 }
 
 
 def print_shear(what: str, films: Mapping[str, FilmShear], coarse: Mapping[str, FilmShear]) -> None:
-    """A line a film: its force for 1 N, and the place of a load that does as much.
+    """Print a row for each film: its force for 1 N of shear, and the place of a normal load that adds as much.
 
     Args:
-        coarse: the same on the mesh before.
+        what: title of the table.
+        films: the forces on the films, by film name.
+        coarse: the same forces on the next coarser mesh.
     """
     table = new_table(
         stamped(False, f"{what}: forces on films for 1 N, and the place of a load that adds as much"),

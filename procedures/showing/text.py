@@ -1,4 +1,4 @@
-"""Tables and lines in the terminal."""
+"""Prints tables and lines in the terminal."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.session import Outcome
 
 STAMP = "SIMULATED"
-PIPE_WIDTH = 160  # columns where no terminal says otherwise
-WIDEST = 100_000
+PIPE_WIDTH = 160  # columns if the output is no terminal
+WIDEST = 100_000  # columns, more than any table has
 
 
 def print_all(*things: object) -> None:
-    """Texts as they are: what looks like markup is part of a name of a file or a message.
+    """Print texts and tables. Texts are not read as markup.
 
-    A table that does not fit goes beyond the edge: a figure that is cut off would be lost.
+    A table that is too wide goes beyond the edge, so that no number is cut off.
     """
     from rich.table import Table
 
@@ -36,6 +36,7 @@ def print_all(*things: object) -> None:
 
 
 def new_table(title: Text | None, *columns: str) -> Table:
+    """An empty table; its columns are aligned to the right and never wrapped."""
     from rich import box
     from rich.table import Table
 
@@ -46,12 +47,13 @@ def new_table(title: Text | None, *columns: str) -> Table:
 
 
 def stamped(simulated: bool, text: str) -> Text:
+    """A text, with SIMULATED in red before it if it is."""
     from rich.text import Text
 
     return Text.assemble((f"{STAMP} " if simulated else "", "bold red"), text)
 
 
-MOUNTING: dict[str, str] = {  # of samples, weights and all else that is laid by hand; on a simulated bench nothing is
+MOUNTING: dict[str, str] = {  # how samples, weights and the like were mounted; not told of a simulated bench
     "sample changer": "by the sample changer",
     "confirmed": "confirmed by name",
     "assumed": "ASSUMED, nobody has confirmed it",
@@ -59,7 +61,7 @@ MOUNTING: dict[str, str] = {  # of samples, weights and all else that is laid by
 
 
 def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
-    """What it was measured by, how long it took, and where it lies."""
+    """Lines about a run: its calibrations, its time, its folder and its plot."""
     named = {
         "calibration": outcome["calibration"],
         "films": outcome.get("film_calibration"),
@@ -76,12 +78,15 @@ def where(outcome: Outcome, plot: Path | None = None) -> list[str]:
 
 
 def short(value: float | None) -> str:
+    """A number with two digits in scientific notation; "-" for None."""
     return "-" if value is None else f"{value:.1e}"
 
 
 def percent(value: float | None) -> str:
+    """A fraction as a percentage with two decimals; "-" for None."""
     return "-" if value is None else f"{100 * value:.2f}"
 
 
 def number(value: object) -> str:
+    """A float with four digits, any other value as it is; "-" for None."""
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

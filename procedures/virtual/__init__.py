@@ -1,1 +1,1 @@
-"""What is asked of a scene instead of a bench, and benches that are served to other programs."""
+"""Work on simulated scenes without a run: the cells of a study, and benches that are served to other programs."""

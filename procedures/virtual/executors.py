@@ -1,4 +1,4 @@
-"""Where the cells of a study are computed: processes on this machine, or a dask scheduler."""
+"""Executors that compute the cells of a study: processes on this machine, or a dask cluster."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from palpate.instrument.extras import library
 
 @contextmanager
 def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executor, int]]:
-    """An executor, and how many workers it has.
+    """An executor, and the number of its workers.
 
     Args:
-        workers: processes; None: one a core.
-        dask: address of a scheduler, in place of processes.
+        workers: number of processes; None: one for each core.
+        dask: address of a dask scheduler to use instead of processes; None: processes.
 
     Raises:
         UsageError: dask.distributed is not installed.
@@ -29,7 +29,7 @@ def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executo
         with library("distributed", "dask").Client(dask) as client:
             yield client.get_executor(), max(1, sum(client.ncores().values()))
         return
-    os.environ["OMP_NUM_THREADS"] = "1"  # of each worker: a core each, and sums in one order
+    os.environ["OMP_NUM_THREADS"] = "1"  # one core for each worker, and a fixed order of summation
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["palpate.procedures.virtual.study_cell"])  # imported once for all workers
@@ -38,7 +38,7 @@ def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executo
 
 
 def _begin_worker() -> None:
-    """Ctrl-C is for the one who gives out cells; and who is killed cannot tell its workers to end."""
+    """Ignore Ctrl-C, which the parent process handles; and end with the parent, which may be killed without notice."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -1,4 +1,4 @@
-"""What scenes there are, every parameter of one, and whether it can be simulated."""
+"""Lists the scenes, shows all parameters of one, and checks whether it can be simulated."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from palpate.simulators.scenes.scene import Scene, shipped
 
 
 def all_shipped() -> list[dict[str, Any]]:
-    """What each scene that comes with palpate is for, under public names."""
+    """A row for JSON about each scene that comes with palpate."""
     return [_head(read_scene(name)) for name in shipped()]
 
 
 def parameters(scene: str) -> dict[str, Any]:
-    """Every parameter of a scene, under public names. Raises ConfigError, UnknownName: it is wrong."""
+    """All parameters of a scene, for JSON. Raises ConfigError, UnknownName: the scene is wrong."""
     chosen = read_scene(scene)
     return {
         **_head(chosen),
@@ -28,7 +28,7 @@ def parameters(scene: str) -> dict[str, Any]:
 
 
 def run_briefly(scene: str) -> dict[str, Any]:
-    """What a scene is, after it was simulated for a moment. Raises PalpateError: it cannot be simulated."""
+    """Simulate a scene for a moment; a row for JSON about it. Raises PalpateError: it cannot be simulated."""
     chosen = read_scene(scene)
     waveforms(chosen, Question(), periods=1)
     return _head(chosen)
@@ -48,7 +48,7 @@ def _head(scene: Scene) -> dict[str, Any]:
 
 
 def print_list(scenes: Sequence[dict[str, Any]]) -> None:
-    """What each scene is for."""
+    """Print a row for each scene, with its purpose."""
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2, 0, 0))
@@ -62,7 +62,7 @@ def print_list(scenes: Sequence[dict[str, Any]]) -> None:
 
 
 def print_scene(scene: dict[str, Any]) -> None:
-    """Every parameter of one."""
+    """Print a scene with all its parameters."""
     from rich.table import Table
 
     out = console()

@@ -1,4 +1,4 @@
-"""What a person sees of a served bench, does at it by hand, and has go wrong with it."""
+"""The console of a served bench: its status page, and typed commands for work by hand and for faults."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ fault PLACE KIND [NAME=VALUE ...], clear PLACE [KIND], clear all, faults, quit""
 
 
 class _AtOnce:
-    """The clock of a person whose time the client's own waiting has taken."""
+    """A clock on which work by hand takes no time: the person at a served bench has taken the time already."""
 
     def __init__(self, sim: SimulatedBench) -> None:
         self.lock: AbstractContextManager[Any] = sim.clock.lock
@@ -33,7 +33,7 @@ class _AtOnce:
 
 
 class Person:
-    """Does what is typed: one of HANDLING a line."""
+    """Carries out typed commands: one of HANDLING in each line."""
 
     def __init__(self, sim: SimulatedBench) -> None:
         operator = SimulatedOperator(sim.rig, _AtOnce(sim))
@@ -52,63 +52,65 @@ class Person:
         }
 
     def do(self, line: str) -> str | None:
-        """What is to be answered; None: that it is done.
+        """Carry out a line; returns the answer, or None if there is none but that it is done.
 
-        Raises UsageError: it is none of these, or a fault that cannot be. BenchError: the probe is not home.
-        RangeError, UnknownName.
+        Raises:
+            UsageError, ConfigError: the line is no command, or describes no possible fault.
+            BenchError: the probe is not home.
+            RangeError, UnknownName: a value is outside its range, or a name does not exist.
         """
         try:
             verb, *words = shlex.split(line)
-        except ValueError as error:  # a quotation that does not end
-            raise UsageError(f"{line!r} cannot be read ({error}); close the quotation") from None
+        except ValueError as error:  # a quotation mark without its partner
+            raise UsageError(f"{line!r} cannot be read ({error}); close the quotation marks") from None
         if verb not in self._verbs:
-            raise UsageError(f"{line!r} is nothing that is done at the bench; type one of: {HANDLING}")
+            raise UsageError(f"{line!r} is no command of the bench's console; type one of: {HANDLING}")
         return self._verbs[verb](words)
 
     def _give(self, words: list[str]) -> None:
         if len(words) < PLACE_AND_KIND:
-            raise UsageError(f"fault: a place and a kind belong behind it; type one of: {HANDLING}")
+            raise UsageError(f"fault: needs a PLACE and a KIND; type one of: {HANDLING}")
         on, kind, *given = words
         table: dict[str, Any] = {"on": on, "kind": kind}
         for word in given:
             name, equals, value = word.partition("=")
             if not equals or name in table:
-                raise UsageError(f"fault: {word!r} is no NAME=VALUE, or is given twice; such as lasts='2 s'")
+                raise UsageError(f"fault: {word!r} is no NAME=VALUE, or is given twice; type it like lasts='2 s'")
             table[name] = _number_or_text(value)
         self._sim.injection.give_by_hand(table)
 
     def _clear(self, words: list[str]) -> str:
         if not 0 < len(words) <= PLACE_AND_KIND:
-            raise UsageError(f"clear: a place, and a kind, or all belong behind it; type one of: {HANDLING}")
+            raise UsageError(f"clear: needs a PLACE and perhaps a KIND, or all; type one of: {HANDLING}")
         return "\n".join(f"cleared: {given.told()}" for given in self._sim.injection.clear(*words))
 
     def _listed(self, _words: list[str]) -> str:
         return "\n".join(given.told() for given in self._sim.injection.given) or "no fault is given"
 
 
-PLACE_AND_KIND = 2  # words
+PLACE_AND_KIND = 2  # number of words
 HEAVIEST = 100.0  # kg
-WARMEST = 200.0  # K, against the start
+WARMEST = 200.0  # K, above or below the temperature at the start
 
 
 def _within(what: str, text: str, unit: str, low: float, high: float) -> float:
-    """Raises QuantityError; RangeError: below `low`, or above `high`."""
+    """The value of a quantity. Raises QuantityError: it cannot be read. RangeError: it is outside `low` to `high`."""
     value = parse(text, unit)
     if not low <= value <= high:
-        raise RangeError(f"{what} {text}: is outside {low:g} to {high:g} {unit}".rstrip())
+        raise RangeError(f"{what} {text}: is outside {low:g} to {high:g} {unit}".rstrip() + "; give one inside")
     return value
 
 
 def _number(text: str, most: int) -> int:
-    """Of a tooth, from 1. Raises QuantityError; RangeError: there is none of that number."""
+    """Number of a tooth, from 1. Raises QuantityError: it cannot be read. RangeError: there is no such tooth."""
     value = parse(text, "")
     if value not in range(1, most + 1):
-        raise RangeError(f"tooth {text}: the sensor has teeth 1 to {most}" if most > 1 else f"tooth {text}: it has one")
+        raise RangeError(f"tooth {text}: there is no such tooth; give {f'1 to {most}' if most > 1 else 1}")
     return int(value)
 
 
 def _number_or_text(text: str) -> float | int | str:
-    """As TOML has it: `[[fault]]` tables hold both."""
+    """A value as in TOML, because the keys of a `[[fault]]` table are numbers or texts."""
     for number in (int, float):
         try:
             return number(text)
@@ -123,26 +125,33 @@ def _one(words: list[str]) -> str:
 
 def _several(words: list[str], count: int) -> list[str]:
     if len(words) != count:
-        raise UsageError(f"{count} word(s) belong behind it, {len(words)} are there; type one of: {HANDLING}")
+        needed = {0: "no argument", 1: "1 argument"}.get(count, f"{count} arguments")
+        raise UsageError(f"this command takes {needed}, not {len(words)}; type one of: {HANDLING}")
     return words
 
 
 class Traffic:
-    """Transactions a second since the last look."""
+    """Counts the Modbus transactions per second between two calls."""
 
     def __init__(self, sim: SimulatedBench) -> None:
         self._sim = sim
         self._before = (0.0, 0)
 
     def rate(self, now: float) -> float:
-        """`now` is of the wall [s]."""
+        """Transactions per second since the last call; `now` is wall time [s]."""
         (then, before), count = self._before, self._sim.servers.transactions
         self._before = (now, count)
         return (count - before) / (now - then) if then else 0.0
 
 
 def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
-    """The page of a served bench at this moment; `rate` in Modbus transactions a second, `behind` in s of the wall."""
+    """The status page of a served bench at this moment.
+
+    Args:
+        sim: the bench.
+        rate: Modbus transactions per second.
+        behind: time that the bench's clock has lost against the wall clock [s].
+    """
     from rich.table import Table
 
     with sim.clock.lock:

@@ -1,4 +1,4 @@
-"""Keeps a simulated bench served until it is told to end."""
+"""Serves a simulated bench to other programs until it is told to end."""
 
 from __future__ import annotations
 
@@ -27,21 +27,23 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.pace import Pacer
 
-REFRESH = 0.25  # s of the wall between two looks at the input and at the status
-CHUNK = 4096  # bytes
+REFRESH = 0.25  # s of wall time between two updates of the status page
+CHUNK = 4096  # bytes read from the input at once
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What shall be served.
+    """What to serve, and how.
 
     Attributes:
-        line: another name of the serial line's terminal.
-        speed: of the bench's clock, to that of the wall.
-        step: by which Enter moves the clock on, which stands still otherwise [s]; None: it follows the wall.
-        samples: that its sample changer holds; without any it has none.
-        out: where the bench file goes.
+        scene: the scene to simulate.
+        place: addresses on which the bench is served.
+        line: a symbolic link to make to the serial line's terminal; None: no link.
+        speed: speed of the bench's clock relative to the wall clock.
+        step: time by which Enter moves the clock on, which else stands still [s]; None: it follows the wall clock.
+        samples: samples in the sample changer; without any there is no changer.
+        out: file to which the bench file is written; None: standard output.
     """
 
     scene: Scene
@@ -94,7 +96,14 @@ class Wish:
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """A bench that is served, the description by which it is found, and what ended its time before it was told to."""
+    """A bench that is being served.
+
+    Attributes:
+        sim: the bench.
+        description: its bench file, with which clients find it.
+        pacer: moves its clock on.
+        failures: errors that stopped the clock.
+    """
 
     sim: SimulatedBench
     description: BenchDescription
@@ -104,11 +113,11 @@ class Served:
 
 @contextmanager
 def serving(wish: Wish) -> Iterator[Served]:
-    """Serve inside; the bench file and the name of the line are there.
+    """Serve a bench inside the context; its bench file and the link to its serial line are written on entering.
 
     Raises:
         BenchError: a port is in use, or the CAN interface cannot be opened.
-        RecordError: the bench file or the name of the line cannot be written.
+        RecordError: the bench file or the link cannot be written.
     """
     failures: list[BaseException] = []
     with ExitStack() as stack:
@@ -132,7 +141,8 @@ def serve_until_told(wish: Wish, announce: Callable[[BenchDescription], None], s
     """Serve until Ctrl-C, SIGTERM, SIGHUP or "quit"; `announce` is told once by what description clients find it.
 
     Raises:
-        BenchError: as `serving`; or the scene failed while it was served. RecordError: as `serving`.
+        BenchError: as `serving` raises it; or the simulation failed while it was served.
+        RecordError: as `serving` raises it.
     """
     with taken(ENDINGS, _end), serving(wish) as served, ExitStack() as stack:
         announce(served.description)
@@ -146,7 +156,7 @@ def _description(sim: SimulatedBench, wish: Wish) -> BenchDescription:
 
 
 def _attend(served: Served, step: float | None, look: Callable[[], None], typed: Sequence[int]) -> None:
-    """Do what is typed, line by line, until "quit"; the end of the input ends nothing."""
+    """Carry out typed lines until "quit"; when the input ends, the bench is still served."""
     person = Person(served.sim)
     rest = b""
     try:
@@ -169,13 +179,15 @@ def _attend(served: Served, step: float | None, look: Callable[[], None], typed:
                     served.sim.clock.wait(step)
     except KeyboardInterrupt:
         return
-    raise BenchError(f"the scene cannot go on: {served.failures[0]}") from served.failures[0]
+    raise BenchError(
+        f"the simulation has failed: {served.failures[0]}; serve the bench again, or change the scene"
+    ) from served.failures[0]
 
 
 def _carry_out(person: Person, text: str) -> None:
     try:
         say(person.do(text) or f"done: {text}", err=True)
-    except PalpateError as error:  # of a mistyped line, which is no reason to stop
+    except PalpateError as error:  # a mistyped line is no reason to stop serving
         say(f"palpate: {error}", err=True)
 
 
@@ -197,5 +209,5 @@ def _page(served: Served) -> Iterator[Callable[[], None]]:
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
-    """SIGTERM and SIGHUP end it as Ctrl-C does."""
+    """End on SIGTERM and SIGHUP as on Ctrl-C."""
     raise KeyboardInterrupt

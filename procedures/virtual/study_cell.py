@@ -1,4 +1,4 @@
-"""A cell of a study, computed in closed form or on a simulated bench: here drivers and simulators meet."""
+"""Computes one cell of a study, in closed form or on a simulated bench."""
 
 from __future__ import annotations
 
@@ -34,12 +34,20 @@ COLUMNS = (
     "load_N", "voltage_rigid_V", "voltage_total_V", "force_rigid_N", "force_total_N", "force_ratio", "force_ratio_u",
     "noise_u", "pickup_u", "degrees_of_freedom",
 )  # fmt: skip
-EPOCH = "2000-01-01T00:00:00+00:00"  # of records that nobody keeps
+EPOCH = "2000-01-01T00:00:00+00:00"  # start time in records that are thrown away
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Computes cells: what a study has in common for all of them, with its scenes' files, so that it can be sent."""
+    """Computes the cells of a study; a worker process can receive it, because it holds all that the cells share.
+
+    Attributes:
+        scenes: the scene files, by name.
+        how: "closed form" or "bench".
+        loads: loads, peak to peak [N].
+        frequency: frequency of the drive [Hz].
+        dwell: dwell [s].
+    """
 
     scenes: Mapping[str, SceneFile]
     how: str
@@ -49,7 +57,7 @@ class Sweep:
 
     @classmethod
     def of(cls, study: Study, where: str) -> Sweep:
-        """Reads the scenes of a study; `where` is what messages call it.
+        """Read the scenes of a study; messages begin with `where`.
 
         Raises:
             ConfigError, UnknownName: a scene is wrong, or an effect or a parameter does not exist.
@@ -63,7 +71,7 @@ class Sweep:
         return cls(scenes, study.file.how, study.loads, study.file.frequency, study.file.dwell)
 
     def __call__(self, cell: Mapping[str, Value]) -> list[dict[str, Any]]:
-        """The points of a cell. Raises PalpateError: it cannot be computed."""
+        """The points of a cell, as rows by column name. Raises PalpateError: the cell cannot be computed."""
         scene, sample = self._scene(cell), _sample(cell)
         sweep = LoadSweep((sample.name,), self.loads, self.dwell, self.frequency)
         sweep.check(Target(scene.design, BenchDescription.model_fields["force_limit"].default, scene.nodes))
@@ -95,13 +103,13 @@ class Sweep:
 
 
 def _own_seed(seed: int, cell: Mapping[str, Value]) -> int:
-    """Of the cell's scene: cells of one seed have noise and gains of their own, or they would err alike."""
+    """Seed of a cell's scene, from all values of the cell: cells with the same seed must not have the same noise."""
     varied = {name: value for name, value in cell.items() if name != "seed"}
-    return int.from_bytes(hashlib.sha256(as_json((seed, varied)).encode()).digest()[:6])  # exact in a float
+    return int.from_bytes(hashlib.sha256(as_json((seed, varied)).encode()).digest()[:6])  # 48 bits are exact in a float
 
 
 def _on_a_bench(scene: Scene, sweep: LoadSweep) -> Iterator[dict[str, Any]]:
-    """The whole bench, as `palpate sweep loads` measures on it; its record is not kept."""
+    """Measure a cell on a simulated bench like `palpate sweep loads`; the record is thrown away."""
     header = {"procedure": "study", "simulated": True, "started": EPOCH}
     with (
         tempfile.TemporaryDirectory(prefix="palpate-") as folder,
@@ -125,7 +133,7 @@ def _sample(cell: Mapping[str, Value]) -> Sample:
 
 
 def _check_parameter(name: str, where: str) -> None:
-    """`effects.NAME.PARAMETER` exists. Raises ConfigError."""
+    """Check that `effects.NAME.PARAMETER` exists. Raises ConfigError."""
     _, effect, *parameter = name.split(".")
     try:
         parameters = effect_class(effect).model_fields

@@ -1,4 +1,4 @@
-"""Finds and draws the waveforms at each stage of a scene's chain."""
+"""Computes and draws the waveforms at each stage of a scene, from the shaker's coil to the samples."""
 
 from __future__ import annotations
 
@@ -24,14 +24,18 @@ SEVERAL = ("under the teeth", "under the base")
 
 
 def plot(scene: str, question: Question, periods: int, what: str, out: Path | None) -> dict[str, Any]:
-    """Draw a scene's waveforms over some periods of the drive; under public names, what was drawn and where it is.
+    """Draw a scene's waveforms into a PNG file; returns what JSON says about the picture.
 
     Args:
-        what: title of the picture behind the scene's name.
-        out: where it goes; None: a new file in the store.
+        scene: name or file of the scene.
+        question: the measurement to simulate.
+        periods: number of periods of the drive to draw.
+        what: title of the picture, after the scene's name.
+        out: the file; None: a new file in the store.
 
     Raises:
-        UsageError, RecordError: it cannot go there. ConfigError, UnknownName: the scene is wrong.
+        UsageError, RecordError: the file cannot be written.
+        ConfigError, UnknownName: the scene is wrong.
     """
     chosen = read_scene(scene)
     file = model_plot.place("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
@@ -40,7 +44,7 @@ def plot(scene: str, question: Question, periods: int, what: str, out: Path | No
 
 
 def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
-    """Writes the picture as PNG: drive, then the films by stages, those of the teeth left and those of bases right.
+    """Draw waveforms into a PNG file: first the drive, then the films stage by stage; teeth left, bases right.
 
     Raises:
         RecordError: the file cannot be written.
@@ -86,11 +90,11 @@ def _draw_samples(axes: Axes, films: Sequence[tuple[int, Film]], seen: Waveforms
         axes.plot(time, volts, ".-", ms=4, lw=0.5, color=_colour(place, len(films)), label=film.name)
         if cut.any():
             axes.plot(time[cut], volts[cut], "rx", ms=7, label=saturated)
-            saturated = "_"  # one of them in the legend
+            saturated = "_"  # hides all but the first from the legend
     axes.set_title(title, fontsize=10)
     axes.set_ylabel("voltage (mV)")
     axes.set_xlabel("time (ms)")
-    # below the column, whose panels share its colours
+    # one legend below the column, because its panels share their colours
     axes.legend(fontsize=8, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.25), frameon=False)
 
 

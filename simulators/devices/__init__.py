@@ -1,1 +1,1 @@
-"""One simulated device for each device of the bench."""
+"""The simulated devices, one module for each device kind."""

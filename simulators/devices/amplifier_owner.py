@@ -1,4 +1,4 @@
-"""Who owns the simulated amplifier, and when its watchdog was fed."""
+"""The simulated amplifier's owner: the client that alone may write settings, and that feeds the watchdog."""
 
 from __future__ import annotations
 
@@ -7,36 +7,42 @@ from collections.abc import Mapping
 
 from palpate.simulators.wire.device import DEVICE_BUSY, ILLEGAL_VALUE, Refused
 
-TICKETS = 64  # of the last ones any may be used: more than the clients that are let in
-SPREAD = 2_654_435_761  # odd, so that no ticket comes twice; neighbours differ in many bits
+TICKETS = 64  # number of unused tickets that stay valid: more than the clients that a server accepts
+SPREAD = 2_654_435_761  # odd, so that no ticket repeats; successive tickets differ in many bits
 
 
 class Owner:
-    """Whoever has claimed the amplifier by a ticket, until he releases it or another claims it.
+    """Keeps which client owns the amplifier: the one that has claimed it with a ticket, until it releases it.
 
     Attributes:
         token: the owner's ticket; 0: there is no owner.
-        fed_ns: when the watchdog was last fed, on the bench's clock.
+        fed_ns: time of the last sign of life that fed the watchdog, on the bench's clock [ns].
     """
 
     def __init__(self) -> None:
         self.token = 0
         self.fed_ns = 0
-        self._counters = {False: 0, True: 0}  # of signs of life, and of orders
+        self._counters = {False: 0, True: 0}  # the last counter of a sign of life, and of an order (True)
         self._given = 0
         self._tickets: deque[int] = deque(maxlen=TICKETS)
 
     def ticket(self) -> int:
-        """A number that was not given before. Each run gives the same numbers in the same order."""
+        """A new ticket, different from all before it. Each run gives the same tickets in the same order."""
         self._given += 1
         ticket = self._given * SPREAD % 2**32
         self._tickets.append(ticket)
         return ticket
 
     def heard(self, values: Mapping[str, float], now_ns: int, lease_ns: int) -> None:
-        """The owner feeds the watchdog, or somebody becomes the owner by a ticket.
+        """Handle a write with a token: a sign of life from the owner, or a claim with a new ticket.
 
-        Raises Refused: no counter, or not a new one; another owner is alive; no ticket, or a used one.
+        Args:
+            values: the written fields, with the token.
+            now_ns: the time on the bench's clock [ns].
+            lease_ns: how long an owner counts as alive after its last sign of life [ns].
+
+        Raises Refused: the counter is missing or not greater than the last; another owner is alive; the token is no
+            valid ticket, or a used one.
         """
         if "counter" not in values or ("order" in values) != ("order_value" in values):
             raise Refused(ILLEGAL_VALUE)
@@ -53,20 +59,20 @@ class Owner:
         self._counters[series], self.fed_ns = counter, now_ns
 
     def replaced(self, now_ns: int, lease_ns: int) -> None:
-        """Somebody who has not claimed it writes a setting. Raises Refused: its owner is alive."""
+        """Handle a write without a token, which ends a dead owner's claim. Raises Refused: the owner is alive."""
         if self._alive(now_ns, lease_ns):
             raise Refused(DEVICE_BUSY)
         if self.token:
             self.token, self.fed_ns = 0, now_ns
 
     def release(self, token: float) -> None:
-        """Nobody owns it from now on. Raises Refused: it is not his to release."""
+        """End the owner's claim. Raises Refused: the token is not the owner's."""
         if int(token) != self.token:
             raise Refused(DEVICE_BUSY)
         self.token = 0
 
     def forget(self) -> None:
-        """As after power-on."""
+        """Return to the state after power-on."""
         self.token = 0
         self._tickets.clear()
 

@@ -1,4 +1,4 @@
-"""The simulated CAN bus: CANopen nodes on a python-can bus, their timing on the virtual clock."""
+"""The simulated CAN bus: CANopen nodes on a python-can bus, with their timing on the virtual clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate.simulators.wire.canopen_device import CanopenDevice, attach, local_
 if TYPE_CHECKING:
     from palpate.simulators.wire.relay import Send
 
-BURST = 64  # of SYNCs, whose frames are sent together
+BURST = 64  # number of SYNCs whose frames are sent together
 NMT_FRAME = 2  # bytes
 SERIAL = 0x2026_0100
 OPERATIONAL, STOPPED = 5, 4
@@ -30,7 +30,7 @@ STAMP_LAYOUT = struct.Struct("<IB")
 
 
 class CanSegment:
-    """All simulated nodes on one bus; lives on the virtual clock."""
+    """All simulated nodes on one CAN bus. A context manager, which the virtual clock advances."""
 
     def __init__(
         self,
@@ -43,7 +43,8 @@ class CanSegment:
         self._clock = clock
         self._rig = rig
         self._bus = open_bus(interface, channel)
-        self._echoes: int | None = 0 if interface == MULTICAST else None  # of SYNC, still to come back
+        # number of our own SYNCs that multicast has still to deliver back to us; None: the interface does not do that
+        self._echoes: int | None = 0 if interface == MULTICAST else None
         self._network = VirtualNetwork(self._bus, clock)
         self.nodes = [
             SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
@@ -71,16 +72,16 @@ class CanSegment:
         self._network.disconnect()
 
     def send_by(self, instead: Callable[[Send], Send]) -> None:
-        """From now on frames are sent by what `instead` makes of the bus' own send; called under the clock's lock."""
+        """Replace the bus' `send` by what `instead` returns for it; call it under the clock's lock."""
         self._bus.send = instead(self._bus.send)  # type: ignore[method-assign,assignment]
 
     def add(self, device: CanopenDevice) -> None:
-        """Let another device answer on the bus; called before it is entered."""
+        """Let another device answer on the bus; call it before entering the context."""
         self.guests.append(device)
         self._local[device.id] = local_node(device)
 
     def close(self) -> None:
-        """Leave a bus that was never entered."""
+        """Close the bus if the context was never entered."""
         self._bus.shutdown()
 
     @property
@@ -90,7 +91,7 @@ class CanSegment:
 
     @property
     def sync_rate(self) -> float:
-        """At which a node sends SYNC, 0 where none does [Hz]."""
+        """Rate of the SYNC frames that a node sends; 0: no node sends any [Hz]."""
         return 1e9 / self._sync_period_ns if self._sync_period_ns else 0.0
 
     # --- what the nodes hear ---------------------------------------------------------------------------
@@ -111,30 +112,30 @@ class CanSegment:
                     self.reboot(node)
 
     def reboot(self, node: CanopenDevice) -> None:
-        """As after power-on."""
+        """Restart a node: it returns to the state after power-on, and announces itself."""
         node.reset()
         self._timing_changed()
         self._boot(self._local[node.id])
 
     def emergency(self, node: CanopenDevice, code: int) -> None:
-        """The node sends an emergency."""
+        """Let a node send an emergency message."""
         self._local[node.id].emcy.send(code, int(node.settings.get("error_register", 0)))
 
     def _let_pass(self) -> None:
-        """The time of an SDO transfer. Who asked waits for the answer meanwhile, and nobody else moves the clock."""
+        """Let the time of an SDO transfer pass. The client waits for the answer, so nobody else moves the clock."""
         if self._timing is not None:
             busy = max(self._busy_until_ns - self._clock.now_ns(), 0)
             self._clock.wait(1e-9 * (busy + self._timing.transfer_ns()))
 
     def _on_sync(self, _cob_id: int, _data: bytearray, _timestamp: float) -> None:
-        """SYNC from the bus master."""
+        """Handle a SYNC frame of a client."""
         if self._echoes:
             self._echoes -= 1
             return
         self._sample(np.array([self._clock.now_ns()]), send_sync=False)
 
     def _timing_changed(self) -> None:
-        """SYNC starts one period after its producer is told to, and stops with it."""
+        """Adopt the SYNC producer's settings. The first SYNC comes one period after the producer was switched on."""
         producer = next((n for n in self.nodes if int(n.settings["sync_cob_id"]) & SYNC_PRODUCER), None)
         period = round(producer.settings["sync_period"] * 1e6) * 1000 if producer else 0
         if period != self._sync_period_ns:
@@ -157,7 +158,7 @@ class CanSegment:
                 task.send()
 
     def _sample(self, time_ns: npt.NDArray[np.int64], *, send_sync: bool) -> None:
-        """All operational nodes sample at each SYNC and send their frames, SYNC by SYNC."""
+        """Let all operational nodes sample at each SYNC, and send their frames in the order of the SYNCs."""
         active = [node for node in self.nodes if self._local[node.id].nmt.state == "OPERATIONAL"]
         streams = []
         if active:
@@ -187,7 +188,7 @@ class CanSegment:
 
 
 def _frames(node: SensorNode, samples: Samples) -> list[tuple[int, list[bytes]]]:
-    """Identifiers of a node's two messages, each with its data for every sample."""
+    """The identifiers of a node's two messages, each with the data of all its frames."""
     data = samples.counts.tobytes()
     size = samples.counts.itemsize * samples.counts.shape[1]
     counts = [data[at : at + size] for at in range(0, len(data), size)]

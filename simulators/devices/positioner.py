@@ -13,7 +13,7 @@ HOMING_SPEED = 5e-3  # m/s [A]
 
 
 class Positioner(SimulatedDevice):
-    """The scene takes the new position when the move has ended."""
+    """The micro-positioner. The rig takes the new position when a move has ended."""
 
     contract = positioner.CONTRACT
 
@@ -47,7 +47,7 @@ class Positioner(SimulatedDevice):
                 self._go(self._position(), new["speed"])
 
     def reset(self) -> None:
-        """Where it stands it keeps, by an absolute scale, but not that this was found from home."""
+        """Power-on keeps the position, which has an absolute scale, but clears the homed bit."""
         self.write({"command": self.contract["command"].choices["stop"]})
         super().reset()
         self._homed = False

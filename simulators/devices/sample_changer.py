@@ -1,4 +1,4 @@
-"""Simulated sample changer: lays the sample under the probe that is ordered, and reads the tag of what lies there."""
+"""Simulated sample changer: puts the ordered sample under the probe, and reads the tag of the sample there."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.device import DEVICE_BUSY, DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
-TRAVEL = 0.1  # m of the carriage, for any exchange [A]
+TRAVEL = 0.1  # m, travel of the carriage for any exchange [A]
 
 
 class SampleChanger(SimulatedDevice):
-    """The scene takes the sample when the carriage has come to stand; meanwhile nothing lies under the probe.
+    """The sample changer. A new sample is mounted when the carriage stops; until then nothing lies under the probe.
 
-    What lies there at any time is the rig's: whoever lays something else there by hand has done so for the reader, too.
+    The rig knows the sample under the probe. The tag reader therefore also sees a sample that was mounted by hand.
     """
 
     contract = sample_changer.CONTRACT
@@ -29,7 +29,7 @@ class SampleChanger(SimulatedDevice):
         return cls(place.clock, place.serial, place.rig, place.samples)
 
     def __init__(self, clock: VirtualClock, serial: str, rig: Rig, samples: Sequence[Sample]) -> None:
-        """Raises RangeError: more samples than it has places."""
+        """Raises RangeError: there are more samples than places."""
         if len(samples) > PLACES:
             raise RangeError(
                 f"{len(samples)} samples do not fit into the {PLACES} places of a sample changer; give fewer"
@@ -69,7 +69,7 @@ class SampleChanger(SimulatedDevice):
         self._end_ns = self.clock.now_ns() + round(TRAVEL / self.settings["speed"] * 1e9)
 
     def reset(self) -> None:
-        """The carriage stays where it has come to; what it was carrying is not under the probe."""
+        """Power-on stops the carriage: a sample on its way is not mounted."""
         self._ordered, self._end_ns = None, NEVER
         super().reset()
 

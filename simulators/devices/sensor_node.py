@@ -1,4 +1,4 @@
-"""Simulated sensor nodes: what they sample at each SYNC, and how they answer for their objects."""
+"""Simulated sensor nodes: they sample the films' voltages at each SYNC, and answer for their CANopen objects."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.canopen_device import CanopenDevice
 
 CONTRACT = sensor_node.CONTRACT
-SATURATED = 0xFF01  # emergency code: manufacturer specific
+SATURATED = 0xFF01  # emergency code, manufacturer-specific
 ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
 Source = tuple[InputEffect, Stream, int | slice]
 VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
@@ -30,7 +30,13 @@ VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]
 
 @dataclass(frozen=True)
 class Samples:
-    """counts: (n, 4) int16. saturation: (n,) bits of the channels. counter: number of the first sample, modulo 2^32."""
+    """A block of samples of one node.
+
+    Attributes:
+        counts: converter counts, shape (n, 4), int16.
+        saturation: a bit for each saturated channel, shape (n,).
+        counter: counter of the first sample, modulo 2^32.
+    """
 
     counts: npt.NDArray[np.int16]
     saturation: npt.NDArray[np.uint8]
@@ -38,10 +44,10 @@ class Samples:
 
 
 class SensorNode(CanopenDevice):
-    """The state of one node.
+    """The state of one sensor node.
 
-    A design whose films fill more than one node is wired to nodes 1, 2, ... in turn; films that fit on one stand on
-    every node alike.
+    A design with more films than one node has channels is wired to nodes 1, 2, ... in turn. Films that fit on one node
+    are wired to every node.
     """
 
     contract = CONTRACT
@@ -55,18 +61,18 @@ class SensorNode(CanopenDevice):
         super().__init__(clock, node_id, serial)
 
     def reset(self) -> None:
-        """As after power-on."""
+        """Return to the state after power-on."""
         super().reset()
         self._last = np.zeros(CHANNELS)
 
     def start(self) -> None:
-        """NMT state operational is entered: samples are counted from one again."""
+        """Enter the NMT state operational: the sample counter starts again, so that the next sample is number 1."""
         self.settings["sample_counter"] = 0.0
         self.settings["saturation"] = 0.0
         self.settings["error_register"] = 0.0
 
     def read(self, field: Field) -> Any:
-        """Raw value of an object, for its SDO server."""
+        """Raw value of an object, for the SDO server."""
         if field.name in WITH_NODE_ID:
             return int(self.settings[field.name]) + self.id
         if field.name.startswith("sample_") and field.name[-1].isdigit():
@@ -74,7 +80,7 @@ class SensorNode(CanopenDevice):
         return super().read(field)
 
     def write(self, field: Field, value: float) -> None:
-        """Take a new setting, already checked."""
+        """Store a checked setting; a reset command discharges the film's charge amplifier instead."""
         if field.name.startswith("reset_"):
             for film in self._rig.scene.design.films:
                 if self.wired(film) == int(field.name.removeprefix("reset_")):
@@ -84,7 +90,13 @@ class SensorNode(CanopenDevice):
         self._changed()
 
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
-        """Convert the films' voltages (4, n) at `time_ns`, one SYNC period apart."""
+        """Convert voltages to counts.
+
+        Args:
+            time_ns: times of the samples, one SYNC period apart, shape (n,) [ns].
+            volts: voltage at each channel, shape (4, n) [V].
+            period_ns: the SYNC period [ns].
+        """
         volts = volts.copy()
         rates = functools.cache(lambda: self.film_channels @ self._rig.film_rates(time_ns, period_ns))
         for effect, stream, channel in self._added_by(period_ns):
@@ -96,10 +108,10 @@ class SensorNode(CanopenDevice):
         bits = np.zeros(len(time_ns), np.uint8)
         if saturated.any():
             bits = np.packbits(saturated, axis=0, bitorder="little")[0]
-            fraction[np.isnan(fraction)] = 0.0  # flagged; no integer stands for it
+            fraction[np.isnan(fraction)] = 0.0  # its saturation bit is set; an integer cannot hold NaN
         counts = np.empty((len(time_ns), CHANNELS), "<i2")
         for channel in range(CHANNELS):
-            counts[:, channel] = fraction[channel]  # twice as fast as all at once
+            counts[:, channel] = fraction[channel]  # twice as fast as one assignment for all channels
         first_number = (int(self.settings["sample_counter"]) + 1) % ROLLOVER
         self.settings["sample_counter"] = float((first_number + len(time_ns) - 1) % ROLLOVER)
         self.settings["saturation"] = float(bits[-1])
@@ -107,7 +119,7 @@ class SensorNode(CanopenDevice):
         return Samples(counts, bits, first_number)
 
     def _added_by(self, period_ns: int) -> list[Source]:
-        """Effects at the input, with their streams and channels; kept, as what a stream has drawn is."""
+        """The effects at the input, each with its stream and channels; kept, so that streams keep what they drew."""
         if period_ns not in self._sources:
             its: list[Source] = []
             for effect in self._added:
@@ -120,7 +132,7 @@ class SensorNode(CanopenDevice):
 
     @functools.cached_property
     def film_channels(self) -> npt.NDArray[np.float64]:
-        """Matrix (4, films) that puts each film of this node on its channel."""
+        """Matrix of zeros and ones, shape (4, films), that puts each film of this node on its channel."""
         films = self._rig.scene.design.films
         matrix = np.zeros((CHANNELS, len(films)))
         for i, film in enumerate(films):
@@ -130,7 +142,7 @@ class SensorNode(CanopenDevice):
         return matrix
 
     def wired(self, film: Film) -> int | None:
-        """The channel of this node, from 1, that a film is wired to."""
+        """This node's channel of a film, from 1; None: the film is wired to another node."""
         node, channel = place(film.channel)
         alike = all(place(other.channel)[0] == 1 for other in self._rig.scene.design.films)
         return channel if alike or node == self.id else None

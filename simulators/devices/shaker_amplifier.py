@@ -1,4 +1,4 @@
-"""Simulated shaker amplifier: gain, trip at the current limit, heat, and a communication watchdog."""
+"""Simulated shaker amplifier: gain, trip at the current limit, heating, and a communication watchdog."""
 
 from __future__ import annotations
 
@@ -16,22 +16,30 @@ from palpate.simulators.linear.periodic import Periodic
 from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
 AMBIENT = 25.0  # degC [A]
-THERMAL_RESISTANCE = 2.0  # K/W of the power in the coil [A]
-THERMAL_TIME = 300.0  # s [A]
-HOT = 90.0  # degC at which it trips [A]
-LONGEST_SILENCE = 60.0  # s, after which an owner is taken for gone where there is no watchdog
-OWNERS = {"counter", "order", "order_value"}  # that mean nothing without a token
-COOL = 80.0  # degC to which it must cool before that fault is gone [A]
+THERMAL_RESISTANCE = 2.0  # K/W, warming for each watt in the coil [A]
+THERMAL_TIME = 300.0  # s, time constant [A]
+HOT = 90.0  # degC, at which the amplifier trips [A]
+LONGEST_SILENCE = 60.0  # s, after which an owner counts as gone if the watchdog is off
+OWNERS = {"counter", "order", "order_value"}  # fields that only an owner may write, together with its token
+COOL = 80.0  # degC, below which the over-temperature fault ends [A]
 
 
 class ShakerAmplifier(SimulatedDevice):
-    """`source` gives the input voltage, `changed` is called when the output may have changed."""
+    """The shaker amplifier.
+
+    Args:
+        clock: the bench's clock.
+        serial: the serial number.
+        source: returns the input voltage.
+        changed: called when the output may have changed.
+        coil_resistance: resistance of the shaker's coil [ohm].
+    """
 
     contract = shaker_amplifier.CONTRACT
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """Between the device that is the source and the rig's coil."""
+        """Make the amplifier between the device in the role of the source and the rig's coil."""
         rig = place.rig
         made = cls(
             place.clock,
@@ -51,13 +59,13 @@ class ShakerAmplifier(SimulatedDevice):
         coil_resistance: float,
     ) -> None:
         super().__init__(clock, serial)
-        self.speed = 1.0  # of this clock, to that of the clients, by which the watchdog counts
+        self.speed = 1.0  # speed of this clock relative to the clients' clock, in whose seconds the watchdog counts
         self._source = source
         self._changed = changed
         self._resistance = coil_resistance
         self._owner = Owner()
         self._latched = 0
-        self._rms = 0.0  # V, of the output
+        self._rms = 0.0  # V, RMS of the output
         self._heated_from = self._heating_to = AMBIENT
         self._heated_ns = 0
 
@@ -66,7 +74,7 @@ class ShakerAmplifier(SimulatedDevice):
         return self._source().scaled(self.settings["gain"] if self.settings["enable"] else 0.0)
 
     def input_changed(self) -> None:
-        """The input or a setting has changed: trip where the current is too high."""
+        """Call it when the input or a setting has changed. Trips if the current is too high."""
         least, greatest = self.voltage().extremes()
         peak = max(-least, greatest) / self._resistance
         if not peak <= self.settings["current_limit"]:
@@ -75,7 +83,10 @@ class ShakerAmplifier(SimulatedDevice):
         self._changed()
 
     def write(self, values: dict[str, float]) -> None:
-        """From its owner; from others while it has none that is alive; and from anybody that the output goes off."""
+        """Handle a write. Raises Refused.
+
+        The owner may write any setting, other clients only while no owner is alive; anybody may switch the output off.
+        """
         if "token" not in values and values.keys() & OWNERS:
             raise Refused(ILLEGAL_VALUE)
         now, lease_ns = self.clock.now_ns(), self._seconds_ns(self.settings["watchdog"] or LONGEST_SILENCE)
@@ -93,7 +104,7 @@ class ShakerAmplifier(SimulatedDevice):
             self.turn(values)
 
     def _order(self, values: dict[str, float]) -> dict[str, float]:
-        """The setting that the owner writes, by its name; none where he is just heard of."""
+        """The setting that the owner orders, by name; empty for a mere sign of life."""
         if "order" not in values:
             return {}
         name = self.contract.choice("order", values["order"])
@@ -142,7 +153,7 @@ class ShakerAmplifier(SimulatedDevice):
             self.trip("watchdog" if end_ns >= self._watchdog_ns() else "over_temperature")
 
     def trip(self, fault: str) -> None:
-        """Latch a fault and drop the output."""
+        """Latch a fault and switch the output off."""
         self._trip(fault)
         self._power_changed()
         self._changed()
@@ -153,16 +164,16 @@ class ShakerAmplifier(SimulatedDevice):
         super().reset()
 
     def _watchdog_ns(self) -> int:
-        """When the watchdog drops the output unless it is fed."""
+        """Time at which the watchdog switches the output off unless it is fed [ns]."""
         timeout = self.settings["watchdog"]
         return self._owner.fed_ns + self._seconds_ns(timeout) if timeout else NEVER
 
     def _seconds_ns(self, seconds: float) -> int:
-        """Of the clients' time."""
+        """Seconds of the clients' clock in nanoseconds of this one."""
         return round(self.speed * seconds * 1e9)
 
     def _hot_ns(self) -> int:
-        """When the heat sink reaches its limit if nothing changes."""
+        """Time at which the heat sink reaches its limit if nothing changes [ns]."""
         if self._heating_to <= HOT or self._heated_from >= HOT:
             return NEVER
         delay = THERMAL_TIME * math.log((self._heating_to - self._heated_from) / (self._heating_to - HOT))
@@ -177,7 +188,7 @@ class ShakerAmplifier(SimulatedDevice):
         self.settings["enable"] = 0.0
 
     def _temperature(self) -> float:
-        """In closed form since the power last changed, so that it does not depend on how a wait is cut."""
+        """Temperature now [degC], in closed form, so that it does not depend on how waits are divided."""
         elapsed = 1e-9 * (self.clock.now_ns() - self._heated_ns)
         return self._heating_to + (self._heated_from - self._heating_to) * math.exp(-elapsed / THERMAL_TIME)
 

@@ -13,11 +13,13 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.wire.device import ILLEGAL_VALUE, Place, Refused, SimulatedDevice
 
-HARMONICS = 25
-FREQUENCY_STEPS = 1000  # per Hz
+HARMONICS = 25  # order of the highest harmonic of a square or triangle wave
+FREQUENCY_STEPS = 1000  # steps per hertz: the resolution is 1 mHz
 
 
 class SignalGenerator(SimulatedDevice):
+    """The signal generator. Calls `changed` when its output may have changed."""
+
     contract = signal_generator.CONTRACT
 
     @classmethod
@@ -57,7 +59,7 @@ class SignalGenerator(SimulatedDevice):
         return self._waveform if self.settings["output"] else self._waveform.scaled(0.0)
 
     def _formed(self, start_phase: int) -> Periodic:
-        """By the settings, from now on."""
+        """The waveform of the present settings, from now on."""
         s = self.settings
         k = np.arange(1, HARMONICS + 1, 2)
         match self.contract.choice("waveform", s["waveform"]):

@@ -1,4 +1,4 @@
-"""Simulated strain indicator: reads the rig's load cell through filter or peak detector."""
+"""Simulated strain indicator: reads the rig's load cell through a filter or a peak detector."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.wire.device import DEVICE_BUSY, Place, Refused, SimulatedDevice
 
-IDEAL_SENSITIVITY = 10.306e-3  # V/N of a scene without a load cell: line through Table 5.1 [T]
-GAGE_FACTOR = 8.98  # at which sensitivities hold [T]
-IDEAL_DECIMALS = 4
-UPDATE_NS = 100_000_000  # the display is renewed ten times a second [A]
-DETECTOR_RATE = 2400  # samples a second of the peak detector [A]
-DETECTOR_NS = 1_000_000_000 // DETECTOR_RATE  # between two of them
+IDEAL_SENSITIVITY = 10.306e-3  # V/N in a scene without the effect `load_cell`: line through Table 5.1 [T]
+GAGE_FACTOR = 8.98  # gage factor for which the sensitivities are given [T]
+IDEAL_DECIMALS = 4  # decimals of the display in a scene without the effect `load_cell`
+UPDATE_NS = 100_000_000  # ns between two updates of the display [A]
+DETECTOR_RATE = 2400  # Hz, sample rate of the peak detector [A]
+DETECTOR_NS = 1_000_000_000 // DETECTOR_RATE  # ns between two samples of the peak detector
 SETTLING = 7  # time constants of the filter after which a reading counts as stable [A]
-COMMAND_NS = 50_000_000  # a command is carried out after this long [A]
+COMMAND_NS = 50_000_000  # ns that a command takes [A]
 
 
 class StrainIndicator(SimulatedDevice):
+    """The strain indicator, with the load cell of the rig."""
+
     contract = strain_indicator.CONTRACT
     readings = ("reading", "reading_float", "updates")
 
@@ -98,14 +100,14 @@ class StrainIndicator(SimulatedDevice):
         return self._gross() - self._zero - self._tare
 
     def _gross(self) -> float:
-        """Displayed reading in mV before zero and tare."""
+        """Reading before zero and tare [mV], of the last update of the display."""
         update = self.clock.now_ns() // UPDATE_NS
         sensitivity = self._cell.in_position(self._rig.cell_position) if self._cell else IDEAL_SENSITIVITY
         ideal: float = 1e3 * self._detected() * sensitivity * GAGE_FACTOR / self.settings["gage_factor"]
         return self._cell.display(ideal, self._stream, update) if self._cell else ideal
 
     def _detected(self) -> float:
-        """What the detector makes of the load, N; looked at once where several registers tell of it."""
+        """The detected load [N], found once for all registers that are read at the same moment."""
         moment = (self.clock.now_ns(), self._rig.changes, self.settings["mode"], self.settings["filter"])
         if moment != self._looked_at:
             self._looked_at, self._force = moment, self._load()
@@ -122,13 +124,13 @@ class StrainIndicator(SimulatedDevice):
         return float(force.max() - force.min())
 
     def _stable(self) -> bool:
-        """Whether nothing has changed for a window, or for so long that the filter has settled."""
+        """Whether the filter has settled since the last change, or the peak detector's window lies after it."""
         track = self.contract.choice("mode", self.settings["mode"]) == "track"
         needed = round(self.settings["filter"] * (SETTLING if track else 1) * 1e9)
         return min(self._rig.settled_for_ns(), self.clock.now_ns() - self._set_at_ns) >= needed
 
     def _carry_out(self) -> None:
-        """Zero and tare take a moment; then the command register falls back to idle."""
+        """Carry out the pending command, and set the command register back to idle."""
         name = self.contract.choice("command", self._command)
         result = "done"
         if name in ("zero", "tare") and not self._stable():

@@ -1,1 +1,1 @@
-"""The physical rig behind the simulated devices, put together of what a scene's effects make of it."""
+"""The physical rig behind the simulated devices, built from a scene and its effects."""

@@ -1,4 +1,4 @@
-"""The chain of a scene, put together of what its effects make of the bench as it stands."""
+"""Builds the physical chain (coil, shaker, sample, sensor, load cell) of a scene: the bench, changed by each effect."""
 
 from __future__ import annotations
 
@@ -26,10 +26,17 @@ def chain_of(
     bridge_tau: float,
     weight: float,
 ) -> Chain:
-    """The chain, from the films' `signals` before their amplifiers.
+    """The chain of a scene with its present settings.
 
-    leakage: conductance across a film [S]. position: of the positioner [m]. bridge_tau: time constant of the
-    indicator's filter [s]. weight: dead weight on the load cell [N].
+    Args:
+        scene: the scene.
+        effects: the scene's effects.
+        mounted: what lies under the probe.
+        signals: the films' voltages before their amplifiers, as `film_signals` returns them.
+        leakage: conductance across a film [S].
+        position: position of the positioner [m].
+        bridge_tau: time constant of the indicator's filter [s].
+        weight: dead weight on the load cell [N].
     """
     rig = scene.rig
     armature, limits = Armature(rig.force_constant, rig.coil_resistance, rig.suspension_stiffness), Limits()
@@ -65,7 +72,19 @@ def film_signals(
     set_at_ns: int,
     ambient: float,
 ) -> StateSpace:
-    """From tooth force, ring force, the plays' force and 1 to the films' voltages before their amplifiers."""
+    """The system that turns forces into the films' voltages before their amplifiers.
+
+    Its four inputs are the force on the teeth, on the ring and on the play operators [N], and the constant 1; its
+    outputs, one for each film, are voltages [V].
+
+    Args:
+        design: the sensor design, which lists the films.
+        effects: the scene's effects.
+        mounted: what lies under the probe.
+        streams: a random stream for each effect on the films, by the effect's name.
+        set_at_ns: clock time at which the drive was last set [ns].
+        ambient: warming of the surroundings since the bench was opened [K].
+    """
     shares = np.zeros((len(design.films), 4))
     for number, film in enumerate(design.films):
         part = mounted.part(film)

@@ -1,4 +1,4 @@
-"""What lies between the probe and the load cell: how stiff it is, and what part of the force each film takes."""
+"""What lies between the probe and the load cell: its stiffness, and the part of the force that each film takes."""
 
 from __future__ import annotations
 
@@ -11,15 +11,21 @@ from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.physics.parts import Stack
 
-SUPPORT_STIFFNESS = 1e6  # N/m, of the rigid support with the load cell below it [A]
-PIN_STIFFNESS = 1e3  # N/m, of the rubber tip of the pin that presses one tooth [A]
+SUPPORT_STIFFNESS = 1e6  # N/m, rigid support with the load cell below it [A]
+PIN_STIFFNESS = 1e3  # N/m, rubber tip of the pin that presses one tooth [A]
 
 
 @dataclass(frozen=True)
 class Mounted:
-    """A sample on the sensor, or on a rigid support in its place; or a pin on one tooth; or nothing.
+    """What lies under the probe: a sample on the sensor or on a rigid support, a pin on one tooth, or nothing.
 
-    response: of the sensor under the sample. probe_at: above this point of the sensor the probe is a point [m].
+    Attributes:
+        design: the sensor design.
+        sample: the sample; None: there is none.
+        response: force ratio and stiffness of the sensor under the sample; None without a sample on the sensor.
+        on_support: True: a rigid support takes the sensor's place.
+        tooth: index of the tooth on which the pin stands; None: no pin.
+        probe_at: x and y of a point probe from the sensor's corner [m]; None: the probe covers the whole sample.
     """
 
     design: Design
@@ -31,20 +37,25 @@ class Mounted:
 
     @property
     def thickness(self) -> float:
-        """Of the sample [m]."""
+        """Thickness of the sample; 0 without one [m]."""
         return self.sample.thickness if self.sample else 0.0
 
     def probed(self, x: float, y: float) -> Mounted:
-        """The same under a point probe. Raises RangeError."""
+        """The same sample with a point probe above (x, y) [m].
+
+        Raises RangeError: no sample lies on the sensor, or no model gives the teeth's shares of the force there.
+        """
         if self.sample is None or self.on_support:
             raise RangeError("no sample lies on the sensor: mount one before the point probe is placed")
         tooth_shares(self.design, self.sample, (x, y))
         return replace(self, probe_at=(x, y))
 
     def springs(self) -> Stack:
-        """The stack's stiffness comes from the column model, its share on the tooth from the scene's model.
+        """The stack of sample and sensor as two parallel springs, one to the teeth and one to the ring.
 
-        On the rigid support the sample takes the ring's branch, as no film lies below either.
+        The scene's sensor model gives the total stiffness and the teeth's share of the force; the column model gives
+        the sample's part of the compression. On the rigid support the sample is in the ring's branch, because no film
+        lies below either of them.
         """
         if self.on_support:
             pad = self.sample
@@ -61,7 +72,7 @@ class Mounted:
         return Stack(ratio * stiffness, (1 - ratio) * stiffness, object_share=1 / (1 + hardness))
 
     def part(self, film: Film) -> float:
-        """Of the force on all teeth, what those of a film take; under a point probe, of the whole force."""
+        """Fraction of the force on all teeth that the teeth of a film take; under a point probe, of the whole force."""
         if self.on_support:
             return 0.0
         if self.tooth is not None:

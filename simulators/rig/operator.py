@@ -1,4 +1,4 @@
-"""The simulated person at the bench: does at once what he is asked, and takes his time on the clock."""
+"""The simulated operator: does each task without waiting for anybody, and lets the bench's clock run on meanwhile."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.rig.rig import Rig
 
-MOUNTING = 60.0  # s [A]
-PLACING = 10.0  # s [A]
+MOUNTING = 60.0  # s, for a task under the probe, and to turn the load cell [A]
+PLACING = 10.0  # s, to place a weight or to set the temperature [A]
 
 
 class OwnTime(Protocol):
-    """On which he takes his time."""
+    """The clock on which the operator's work takes time."""
 
     lock: AbstractContextManager[Any]
 
@@ -23,7 +23,7 @@ class OwnTime(Protocol):
 
 
 class SimulatedOperator:
-    """Meets `palpate.instrument.bench.operator.Operator`."""
+    """A `palpate.instrument.bench.operator.Operator` who changes the simulated rig."""
 
     def __init__(self, rig: Rig, clock: OwnTime) -> None:
         self._rig = rig

@@ -1,8 +1,8 @@
-"""The physical scene behind the devices: what force acts, and what the films and the bridge make of it.
+"""The physical rig behind the simulated devices: the force, and the signals of the films and of the load cell.
 
-Between two changes (a setting written, a sample mounted, a move ended) the drive is periodic and the chain piecewise
-linear, so everything is known in closed form at any time: nothing is stepped, and no result depends on when it was
-asked for.
+Between two changes (a setting written, a sample mounted, a move ended) the drive is periodic and the chain is piecewise
+linear. The state at any time therefore has a closed form: there is no time step, and no result depends on when a client
+asks for it.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from palpate.simulators.rig.assembly import chain_of, film_signals
 from palpate.simulators.rig.mounted import Mounted
 from palpate.simulators.scenes.scene import Scene
 
-BRIDGE_TAU = 0.1  # s, of the indicator's filter as it comes
+BRIDGE_TAU = 0.1  # s, time constant of the indicator's filter at power-on
 
 
 class Rig:
-    """The scene's state. All times are integer nanoseconds of the clock; call under the clock's lock."""
+    """The state of a scene. All times are integer nanoseconds of the clock; call its methods under the clock's lock."""
 
     def __init__(self, scene: Scene, clock: VirtualClock) -> None:
         self.effects = Effects({name: scene.effects[name] for name in EFFECTS if name in scene.effects})
@@ -41,21 +41,21 @@ class Rig:
         self._clock = clock
         self._films = scene.design.films
         self._streams = {each.name: Stream(scene.seed, each.name) for each in self.effects.films}
-        self._leak = self.effects.leak if self.effects.amplifier else None  # a film without a load keeps its charge
+        self._leak = self.effects.leak if self.effects.amplifier else None  # without an amplifier no charge leaks away
         self._bridge_tau = BRIDGE_TAU
         self._mounted = Mounted(scene.design)
         self.position = 0.0
         self.cell_position = 0.0  # degrees
-        self.placed: list[tuple[int, float]] = []  # when dead weights changed, and by how much [N]
+        self.placed: list[tuple[int, float]] = []  # each change of the dead weights: clock time [ns] and force [N]
         self._weight = 0.0
         self._ambient = 0.0
         self._set_at_ns = 0
         self._changed_ns = 0
-        self.changes = 0  # so often anything has changed
-        self.exchanges = 0  # so often what lies under the probe has
+        self.changes = 0  # counts changes of any kind
+        self.exchanges = 0  # counts changes of what lies under the probe
         silence = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.zeros(1, complex))
-        self._gains: tuple[object, ...] = ()  # that the films' signals are of
-        self._settings: tuple[object, ...] = ()  # that the last chain is of
+        self._gains: tuple[object, ...] = ()  # settings for which `_signals` was built
+        self._settings: tuple[object, ...] = ()  # settings for which the last chain was built
         self._last = chain = self._chain()
         mode = chain.mode(Touch(contact=(False, False), drag=(0,) * chain.plays))
         self._paths = deque([Path(_inputs(silence, 0), mode, 0, np.zeros(mode.system.order))])
@@ -64,7 +64,7 @@ class Rig:
     # --- what can change -------------------------------------------------------------------------------
 
     def set_voltage(self, voltage: Periodic) -> None:
-        """The voltage at the shaker's coil from now on."""
+        """Apply a voltage to the shaker's coil from now on [V]."""
         for effect in self.effects.drive:
             voltage = replace(voltage, frequency=effect.frequency(voltage.frequency))
         before, self._voltage = self._voltage, voltage
@@ -76,7 +76,7 @@ class Rig:
         self._begin()
 
     def set_position(self, position: float) -> None:
-        """The positioner stands at `position` m."""
+        """Put the positioner at `position` [m]."""
         self.position = position
         self._begin()
 
@@ -84,48 +84,48 @@ class Rig:
         self._lay(Mounted(self.scene.design, sample, response=self.scene.answer(sample)))
 
     def take_off(self) -> None:
-        """Nothing lies under the probe."""
+        """Take away what lies under the probe."""
         self._lay(Mounted(self.scene.design))
 
     def place_probe(self, x: float, y: float) -> None:
-        """The probe is a point, above (x, y) from the sensor's corner [m]; the stack stays as stiff [A].
+        """Make the probe a point above (x, y), from the sensor's corner [m]. The stack keeps its stiffness [A].
 
-        Raises RangeError: nothing is mounted, or no model knows what the teeth take there.
+        Raises RangeError: no sample lies on the sensor, or no model gives the teeth's shares of the force there.
         """
         self._mounted = self._mounted.probed(x, y)
         self._begin()
 
     def lay_on_support(self, sample: Sample | None) -> None:
-        """A rigid support takes the sensor's place, its face as high, with the sample on it; None: bare."""
+        """Put a rigid support of the same height in the sensor's place, and the sample on it (None: no sample)."""
         self._lay(Mounted(self.scene.design, sample, on_support=True))
 
     def press_tooth(self, tooth: int) -> None:
-        """A pin stands on one tooth of the sensor, by its number from 0, which takes all the force."""
+        """Put a pin on one tooth, by its index from 0; this tooth then takes the whole force."""
         self._lay(Mounted(self.scene.design, tooth=tooth))
 
     def place_weight(self, mass: float) -> None:
-        """Dead weights of `mass` kg in all stand on the load cell."""
+        """Load the load cell with dead weights of `mass` in total [kg]."""
         self.placed.append((self._clock.now_ns(), mass * STANDARD_GRAVITY - self._weight))
         self._weight = mass * STANDARD_GRAVITY
         self._begin()
 
     def set_temperature(self, kelvin: float) -> None:
-        """The surroundings are so much warmer than they were as the bench was opened."""
+        """Set how much warmer the surroundings are than when the bench was opened [K]."""
         self._ambient = kelvin
         self._begin()
 
     def turn_load_cell(self, degrees: float) -> None:
-        """The load cell stands turned about its axis by `degrees`."""
+        """Turn the load cell about its axis to `degrees`."""
         self.cell_position = degrees
         self._begin()
 
     def set_bridge_filter(self, tau: float) -> None:
-        """Time constant of the indicator's filter, s."""
+        """Set the time constant of the indicator's filter [s]."""
         self._bridge_tau = tau
         self._begin()
 
     def reset_film(self, channel: int) -> None:
-        """The integrator of a channel's charge amplifier is shorted: its output starts from zero."""
+        """Discharge the integrator of a channel's charge amplifier, so that its output starts from zero."""
         now = self._clock.now_ns()
         state = self._paths[-1].state(now)
         system = self._paths[-1].mode_at(now).system
@@ -140,22 +140,25 @@ class Rig:
 
     @property
     def sample(self) -> Sample | None:
-        """What lies under the probe."""
+        """The sample under the probe; None: there is none."""
         return self._mounted.sample
 
     def film_rates(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
-        """Rates of the amplifier outputs, shape (films, n), V/s; times as of the voltages."""
+        """Rates of change of the amplifier outputs, shape (films, n) [V/s]; arguments as for `film_voltages`."""
         return self._paths[-1].rates(time_ns, slice(0, len(self._films)), step_ns)
 
     def film_voltages(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
-        """Amplifier outputs, shape (films, n), V, at ascending times since the present settings.
+        """Amplifier outputs, shape (films, n) [V].
 
-        step_ns: between any two times, which is faster and may round otherwise; 0 where they have none.
+        Args:
+            time_ns: ascending clock times, shape (n,), not before the last change of a setting [ns].
+            step_ns: the constant step between the times, which allows a faster method that may round differently; 0:
+                the times have no constant step [ns].
         """
         return self._paths[-1].outputs(time_ns, slice(0, len(self._films)), step_ns)
 
     def cell_force(self, time_ns: npt.NDArray[np.int64], step_ns: int = 0) -> Floats:
-        """Force on the load cell, N, shape (n,), at ascending times of the last 12 s; `step_ns` as for films."""
+        """Force on the load cell, shape (n,) [N], at ascending times of the last 12 s; `step_ns` as for the films."""
         rows = slice(self._last.force, self._last.force + 1)
         pieces = split(time_ns, [path.start_ns for path in self._paths][1:])
         parts = zip(self._paths, pieces, strict=True)
@@ -163,28 +166,35 @@ class Rig:
         return force
 
     def filtered_cell_force(self, time_ns: int) -> float:
-        """Force on the load cell behind the indicator's filter, N, at a time since the present settings."""
+        """Force on the load cell after the indicator's filter [N], at a time since the last change of a setting."""
         rows = slice(self._last.bridge, self._last.bridge + 1)
         return float(self._paths[-1].outputs(np.array([time_ns]), rows)[0, 0])
 
     def transfer(self, frequency: float) -> npt.NDArray[np.complex128]:
-        """Film voltages and force on the load cell, (films + 1,), for each volt at the coil at a frequency [Hz]."""
+        """Complex gains at a frequency [Hz] from the coil's voltage to film voltages [V/V] and to the force [N/V].
+
+        Returns: shape (films + 1,); the last is that of the force on the load cell.
+        """
         system = self._paths[-1].mode_at(self._clock.now_ns()).system
         rows = [*range(len(self._films)), self._last.force]
         gains: npt.NDArray[np.complex128] = system.transfer(frequency)[:, 0].take(rows)
         return gains
 
     def without_limits(self) -> tuple[StateSpace, list[int]]:
-        """System from the inputs to film voltages and force on the load cell (films + 1,), and its plays' states.
+        """The chain as a linear system, and the indices of the play operators' states in it.
 
-        No limit acts in it, and each play operator follows its force.
+        The system's outputs are the film voltages and the force on the load cell (films + 1). No limit acts in it, and
+        each play operator follows its force.
         """
         system = self._last.mode(Touch(drag=(1,) * self._last.plays)).system
         rows = [*range(len(self._films)), self._last.force]
         return StateSpace(system.a, system.b, system.c[rows], system.d[rows]), list(self._last.play_states)
 
     def beginning(self) -> tuple[StateSpace, Floats, npt.NDArray[np.complex128]]:
-        """As the present settings began: system and state (s,), and the phasor with which the drive forces it (s,)."""
+        """The start of the motion with the present settings.
+
+        Returns: the system, its state, shape (s,), and the drive's forcing of the state as a phasor, shape (s,).
+        """
         path = self._paths[-1]
         system = path.mode_at(path.start_ns).system
         voltage, rate = self._voltage, self._voltage.derivative()
@@ -193,18 +203,18 @@ class Rig:
 
     @property
     def path(self) -> Path:
-        """The motion that follows from the present settings."""
+        """The motion with the present settings."""
         return self._paths[-1]
 
     def path_from(self, phase: int) -> Path:
-        """The motion if the drive had begun later in its period by a phase [1/CYCLE], all else as it was."""
+        """The motion with a drive that begins later in its period by a phase [1/CYCLE]; all else is equal."""
         path = self._paths[-1]
         voltage = replace(self._voltage, start_phase=(self._voltage.start_phase + phase) % CYCLE)
         start_ns = path.start_ns
         return Path(_inputs(voltage, start_ns), path.mode_at(start_ns), start_ns, path.state(start_ns))
 
     def transitions(self, time_ns: int) -> list[tuple[Touch, Touch]]:
-        """What touches before and after each transition since the present settings, up to a time."""
+        """What touches before and after each transition between the last change of a setting and a time [ns]."""
         modes = self._paths[-1].modes_until(time_ns)
         return [(before.touch, after.touch) for before, after in pairwise(modes)]
 
@@ -212,7 +222,7 @@ class Rig:
         return self._voltage
 
     def settled_for_ns(self) -> int:
-        """How long nobody has changed anything."""
+        """Time since the last change of a setting [ns]."""
         return self._clock.now_ns() - self._changed_ns
 
     # --- how it follows --------------------------------------------------------------------------------
@@ -221,7 +231,7 @@ class Rig:
         self._mounted = mounted
         self.exchanges += 1
         state = self._paths[-1].state(self._clock.now_ns())
-        state[: self._last.stack_order] = 0.0  # it has not crept yet
+        state[: self._last.stack_order] = 0.0  # a new sample has not crept yet
         self._begin(state)
 
     def _begin(self, state: Floats | None = None) -> None:
@@ -245,7 +255,10 @@ class Rig:
             self._paths.popleft()
 
     def _chain(self) -> Chain:
-        """Of the present settings; where they are as they were, the last one, which knows its modes."""
+        """The chain for the present settings.
+
+        With unchanged settings it is the last chain, which has its modes solved already.
+        """
         gains = (self._mounted, self._set_at_ns, self._ambient)
         if gains != self._gains:
             self._gains, self._signals = gains, self._film_signals()
@@ -264,7 +277,7 @@ class Rig:
         )
 
     def _leakage(self, epoch: int | None = None) -> float:
-        """Conductance across a film in the middle of an epoch, None: the present one [S]."""
+        """Conductance across a film in the middle of an epoch of the humidity (None: the present one) [S]."""
         leak = self._leak
         if leak is None:
             return 0.0
@@ -287,6 +300,6 @@ class Rig:
 
 
 def _inputs(voltage: Periodic, start_ns: int) -> tuple[Periodic, ...]:
-    """Coil voltage, 1, and the rate of the voltage."""
+    """The chain's inputs: the coil's voltage, the constant 1, and the rate of change of the voltage."""
     voltage = voltage.restarted(start_ns)
     return voltage, constant(1.0, voltage), voltage.derivative()

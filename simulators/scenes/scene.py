@@ -1,4 +1,4 @@
-"""A scene: which sensor, which model, which effects, which seed. Absent means absent."""
+"""A scene: sensor design, sensor model, effects, faults and seed of a simulated bench."""
 
 from __future__ import annotations
 
@@ -29,36 +29,36 @@ if TYPE_CHECKING:
 
 LARGEST_SEED = 2**63 - 1
 MOST_EFFECTS = 100
-WHEN, ON = "when", "on"  # a table's own key, and what it says if it has none
+WHEN, ON = "when", "on"  # key of an effect's table that says when it is simulated, and its value if it is absent
 
 
 class RigParameters(Config):
-    """Shaker and stack as a quasi-static stiffness chain.
+    """Parameters of the shaker and of the sensor's place, as a chain of springs without mass.
 
-    The armature hangs on its suspension and presses through the probe on sample and sensor. Suspension
-    1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need 5.5 A peak for 4 N.
+    The armature hangs on its suspension and presses through the probe on sample and sensor. The suspension is assumed
+    to have 1 kN/m [A]: with the 3 kN/m of a stiffer shaker the softest sample would need a peak of 5.5 A for 4 N.
     """
 
     force_constant: NewtonsPerAmpere = Field(default=4.0, gt=0)  # [A]
     coil_resistance: Ohms = Field(default=3.5, gt=0)  # [A]
     suspension_stiffness: NewtonsPerMetre = Field(default=1000.0, gt=0)  # [A]
-    sensor_position: Metres = Field(default=12e-3, gt=0)  # where the probe meets the bare sensor [A]
+    sensor_position: Metres = Field(default=12e-3, gt=0)  # position at which the probe meets the bare sensor [A]
 
 
 class SceneFile(Config):
-    """The TOML file of a scene."""
+    """The keys of a scene file (TOML)."""
 
     name: str
     purpose: str
     design: str
     model: str = "experiment"
-    parameters: str | None = None  # set that goes over design and samples; None: they are as they are
+    parameters: str | None = None  # parameter set that replaces values of design and samples; None: no set
     tolerance: float | None = Field(default=None, gt=0, le=LARGEST_TOLERANCE, strict=True)
     seed: int = Field(default=1, ge=0, le=LARGEST_SEED, strict=True)
-    nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # None: as many as the films need
+    nodes: int | None = Field(default=None, ge=1, le=20, strict=True)  # sensor nodes; None: as many as the films need
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
-    device: dict[str, dict[str, Any]] | None = None  # beside the usual ones, see `simulators/guests.py`
+    device: dict[str, dict[str, Any]] | None = None  # additional devices, see `simulators/guests.py`
     fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
 
 
@@ -67,13 +67,20 @@ class Scene:
     """A checked scene.
 
     Attributes:
-        model: that answers; where the file says "auto", the one that was chosen for the samples.
-        tolerance: to which it answers; None: its own.
-        why: the model was chosen; empty where the file names it.
-        effects: simulated, by name, in the order of the registry.
-        called: why each effect is simulated.
-        faults: what goes wrong, and when.
-        devices: that the bench has beside the usual ones.
+        name: its name.
+        purpose: what it is for, in a sentence.
+        design: the sensor design.
+        model: name of the sensor model; if the file says "auto", of the model that was chosen for the samples.
+        tolerance: relative tolerance to which the model answers; None: the model's own.
+        why: why the model was chosen; empty if the file names it.
+        seed: seed of all noise and scatter.
+        nodes: number of sensor nodes.
+        rig: parameters of the shaker.
+        effects: the simulated effects by name, in the order of the registry.
+        called: the reason why each effect is simulated, by name.
+        file: the scene file as it was read.
+        faults: faults that the scene injects.
+        devices: devices in addition to the usual ones.
     """
 
     name: str
@@ -93,23 +100,23 @@ class Scene:
 
     @property
     def pickup(self) -> float:
-        """Bound on what cables add to a film's force, as a share of the load: what a bench file says of its bench."""
+        """Bound on the force that pickup in the cables adds to a film, as a share of the load; for the bench file."""
         return math.fsum(effect.pickup for effect in self.effects.values())
 
     def answer(self, sample: Sample) -> Response:
-        """What the sensor does under 1 N through a sample, by the scene's model and parameter set.
+        """Response of the sensor to 1 N through a sample, by the scene's model and parameter set.
 
-        The stack that the shaker presses is as stiff as the sample is: a set's object is one for the model alone.
+        The stiffness comes from the real sample, because a parameter set changes the object of the model only.
 
         Raises:
-            RangeError: the model does not answer for this sensor and sample, or not to the tolerance.
+            RangeError: the model does not hold for this sensor and sample, or cannot meet the tolerance.
             EstimateError: a linear system cannot be solved accurately.
         """
         found = response(self.design, load_of(self.file, sample), self.model, self.tolerance)
         return replace(found, stiffness=springs.stiffness(self.design, sample))
 
     def to_toml(self) -> str:
-        """The scene file that gives this scene: its seed, the model that answers, the effects that are in."""
+        """A scene file for exactly this scene: with its seed, the chosen model, and each simulated effect on."""
         import tomli_w
 
         settled = {"seed": self.seed, "model": self.model, "tolerance": self.tolerance, "effects": self._effects_in()}
@@ -117,7 +124,7 @@ class Scene:
         return tomli_w.dumps(file.model_dump(mode="json", exclude_none=True))
 
     def _effects_in(self) -> dict[str, Any]:
-        """As the file gives them, but on: what an automatic one was weighed against need not be the same again."""
+        """The file's tables of the simulated effects, all on, because an automatic choice could change."""
         given = {name: self.file.effects[name] for name in self.effects}
         return {
             name: {key: value for key, value in of.items() if key != WHEN} if isinstance(of, dict) else ON
@@ -125,20 +132,20 @@ class Scene:
         }
 
     def with_devices(self, tables: Mapping[str, Mapping[str, Any]]) -> Scene:
-        """The same scene with these devices instead of its own beside the usual ones. Raises ConfigError."""
+        """The same scene with these additional devices instead of its own. Raises ConfigError."""
         given = {name: dict(table) for name, table in tables.items()}
         file = self.file.model_copy(update={"device": given or None})
         return replace(self, devices=guests(given, f"scene {self.name}"), file=file)
 
     def with_seed(self, seed: int) -> Scene:
-        """The same scene with other noise and scatter. Raises RangeError."""
+        """The same scene with another seed, so with other noise and scatter. Raises RangeError."""
         if not 0 <= seed <= LARGEST_SEED:
             raise RangeError(f"seed {seed} is outside 0 to {LARGEST_SEED}; give one inside")
         return replace(self, seed=seed)
 
 
 def load_of(file: SceneFile, sample: Sample) -> Load:
-    """1 N through a sample, as the parameter set has its object: of the sample's modulus."""
+    """A load of 1 N through a sample; a parameter set takes its own object, with the sample's modulus."""
     if file.parameters is None:
         return Load(force=1.0, sensed=sample)
     return get_parameter_set(file.parameters, file.model).load(sample.modulus)

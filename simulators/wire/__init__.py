@@ -1,1 +1,1 @@
-"""What simulated devices share on Modbus and CAN: servers, buses, lines and their time."""
+"""What all simulated devices share on Modbus and CAN: servers, buses, the serial line and its timing."""

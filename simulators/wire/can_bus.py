@@ -1,4 +1,4 @@
-"""The CAN bus that simulated nodes share with whoever talks to them."""
+"""The CAN bus between simulated nodes and their clients."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
 from palpate.instrument.errors import BenchError
 from palpate.simulators.clock import VirtualClock
 
-canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle, the default is a second
+canopen.Network.NOTIFIER_CYCLE = 0.05  # s; closing waits for one cycle; canopen's default of 1 s is too slow
 
 for _name in ("can", "canopen"):
-    logging.getLogger(_name).addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
+    logging.getLogger(_name).addHandler(logging.NullHandler())  # keeps a client's bad frames out of our stderr
 
 _numbers = itertools.count(1)
-GROUPS = 1 << 16  # of multicast, 239.74.0.0/16
+GROUPS = 1 << 16  # number of multicast groups, 239.74.0.0/16
 
 Payload = tuple[int, bytes]  # identifier and data of a frame
 
 
 class _Frame(can.Message):
-    """A message that nobody changes after it was sent: its receivers on the virtual bus share it."""
+    """A CAN frame that is constant after it was sent, so that all receivers on the virtual bus can share it."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, cob_id: int, data: bytes, timestamp: float = 0.0, channel: Any = None) -> Self:
-        """As python-can makes one, which looks at more, for each of a million."""
+        """Make a frame faster than python-can's constructor, which checks arguments that are known to be good here."""
         frame = cls.__new__(cls)
         frame.arbitration_id, frame.data, frame.dlc = cob_id, bytearray(data), len(data)
         frame.timestamp, frame.channel, frame.is_rx = timestamp, channel, True
@@ -51,10 +51,13 @@ class _Frame(can.Message):
 
 
 class _Virtual(VirtualBus):
-    """python-can's bus of this process."""
+    """python-can's virtual bus, which connects clients in this process."""
 
     def burst(self, payloads: Sequence[Payload]) -> None:
-        """All under one lock of each receiver's queue: under one for each frame the two threads wait for each other."""
+        """Send frames that follow each other, and lock each receiver's queue once for all of them.
+
+        With one lock for each frame the sending and the receiving thread wait for each other.
+        """
         self._check_if_open()
         now, channel = time.time(), self.channel_id
         frames = [_Frame.of(cob_id, data, now, channel) for cob_id, data in payloads]
@@ -66,7 +69,7 @@ class _Virtual(VirtualBus):
 
 
 def own_channel(interface: str) -> str:
-    """A channel of python-can that no other bench of this machine uses."""
+    """A channel of python-can that no other bench on this machine uses."""
     if interface != MULTICAST:
         return f"palpate-{os.getpid()}-{next(_numbers)}"
     while True:
@@ -77,31 +80,31 @@ def own_channel(interface: str) -> str:
 
 
 def _claimed(group: str) -> socket.socket:
-    """A claim on a multicast group among the served benches of this machine, until it is closed or its process ends.
+    """Claim a multicast group for one served bench of this machine, until the claim is closed or the process ends.
 
-    Nodes of two benches would answer for each other. Who listens to a bench claims nothing.
+    On a shared group the nodes of two benches would answer each other's clients. A client claims nothing.
 
-    Raises BenchError: a bench is served there.
+    Raises BenchError: another bench is served on this group.
     """
     claim = socket.socket(socket.AF_UNIX)
     try:
-        claim.bind(f"\0palpate {group}")  # a name that is no file (Linux)
+        claim.bind(f"\0palpate {group}")  # an abstract name: Linux makes no file for it
     except OSError:
         claim.close()
         raise BenchError(
-            f"CAN bus {MULTICAST}:{group} is that of another served bench; leave the channel out, or give another"
+            f"CAN bus {MULTICAST}:{group} is in use by another served bench; leave the channel out, or give another one"
         ) from None
     return claim
 
 
 def open_bus(interface: str, channel: str) -> can.BusABC:
-    """A bus of python-can. Raises BenchError."""
+    """Open a bus of python-can. Raises BenchError: it cannot be opened, or another bench is served on it."""
     with ExitStack() as stack:
         claim = stack.enter_context(_claimed(channel)) if interface == MULTICAST else None
-        options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # does not leave this machine
+        options: dict[str, Any] = {"hop_limit": 0} if interface == MULTICAST else {}  # frames stay on this machine
         try:
             bus = _Virtual(channel) if interface == "virtual" else can.Bus(channel, interface, **options)
-        except Exception as error:  # each interface of python-can has its own, down to NameError
+        except Exception as error:  # each interface of python-can raises other types, even NameError
             raise BenchError(
                 f"CAN bus {interface}:{channel} cannot be opened: {error}; give another interface"
             ) from error
@@ -123,7 +126,10 @@ def _release_with(bus: can.BusABC, claim: socket.socket) -> None:
 
 
 def burst(bus: can.BusABC, payloads: Sequence[Payload]) -> None:
-    """Send frames that follow each other: at once on a bus of this process, unless a fault stands in for its `send`."""
+    """Send frames that follow each other.
+
+    A virtual bus takes them all at once, unless an injected fault has replaced its `send`.
+    """
     if isinstance(bus, _Virtual) and "send" not in vars(bus):
         bus.burst(payloads)
         return
@@ -132,21 +138,24 @@ def burst(bus: can.BusABC, payloads: Sequence[Payload]) -> None:
 
 
 class Listener(MessageListener):
-    """canopen's listener, which takes an extended identifier for the standard one; what is no frame ends nothing."""
+    """canopen's listener, with two of its faults mended.
+
+    canopen takes an extended identifier for a standard one, and stops at the first data that are no frame.
+    """
 
     def on_message_received(self, msg: can.Message) -> None:
         if not (msg.is_extended_id or msg.is_fd):
             super().on_message_received(msg)  # type: ignore[no-untyped-call]
 
     def on_error(self, exc: Exception) -> None:
-        """Goes on, unless the bus itself has failed."""
+        """Go on after an error, unless the bus itself has failed."""
         if isinstance(exc.__cause__, OSError) or self.network.notifier is None:
             raise NotImplementedError
-        self.network.notifier.exception = None  # canopen would send nothing any more
+        self.network.notifier.exception = None  # while it is set, canopen sends nothing
 
 
 class LockedNetwork(canopen.Network):
-    """canopen's network; what it hears, and so sends, is done under the clock's lock."""
+    """canopen's network; it handles each frame, and so sends each answer, under the clock's lock."""
 
     def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
         super().__init__(bus)
@@ -155,7 +164,7 @@ class LockedNetwork(canopen.Network):
         self.listeners = [Listener(self)]
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """As canopen does, but that no receiver needs a copy."""
+        """Send a frame like canopen does, but without a copy for each receiver."""
         burst(self._own, [(can_id, data)])
         self.check()
 
@@ -165,7 +174,7 @@ class LockedNetwork(canopen.Network):
 
 
 class _Periodic:
-    """A periodic message on the virtual clock, as canopen's heartbeat wants it."""
+    """A periodic message on the virtual clock, with the methods that canopen's heartbeat calls."""
 
     def __init__(self, network: VirtualNetwork, cob_id: int, data: bytes, period_ns: int) -> None:
         self._network = network
@@ -187,7 +196,7 @@ class _Periodic:
 
 
 class VirtualNetwork(LockedNetwork):
-    """canopen's network with its periodic messages on the bench's clock."""
+    """canopen's network with periodic messages sent on the bench's clock."""
 
     def __init__(self, bus: can.BusABC, clock: VirtualClock) -> None:
         super().__init__(bus, clock)

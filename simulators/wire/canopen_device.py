@@ -1,4 +1,4 @@
-"""What all simulated CANopen nodes share: objects by the contract, and refusing what a node refuses."""
+"""What all simulated CANopen nodes share: the objects of their contract, and the refusal of what a node must refuse."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CanopenDevice:
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """The node of a simulated bench; one that takes more than clock, node id and serial number says so itself."""
+        """Make the node for its place on a bench; a node whose constructor takes more arguments overrides this."""
         return cls(place.clock, place.unit, place.serial)
 
     def __init__(self, clock: VirtualClock, node_id: int, serial: int) -> None:
@@ -38,15 +38,15 @@ class CanopenDevice:
         self.reset()
 
     def reset(self) -> None:
-        """As after power-on."""
+        """Return to the state after power-on."""
         self.settings = {f.name: float(f.default) for f in self.contract.fields if f.type != "text"}
         self.settings["serial"] = float(self._serial)
 
     def start(self) -> None:
-        """NMT state operational is entered."""
+        """Called when the node enters the NMT state operational."""
 
     def read(self, field: Field) -> Any:
-        """Raw value of an object, for its SDO server."""
+        """Raw value of an object, for the SDO server."""
         if field.name == "hardware_version":
             return "simulated"
         if field.type == "text":
@@ -54,12 +54,12 @@ class CanopenDevice:
         return round(self.settings[field.name] / field.scale)
 
     def write(self, field: Field, value: float) -> None:
-        """Take a new setting, already checked."""
+        """Store a new physical value of a setting, which has been checked against the contract."""
         self.settings[field.name] = value
 
 
 def local_node(device: CanopenDevice) -> canopen.LocalNode:
-    """canopen's node of a device, with all objects of its contract."""
+    """canopen's local node for a device, with all objects of the device's contract."""
     local = canopen.LocalNode(device.id, object_dictionary(device.contract))
     local.sdo = SdoServer(local.sdo.rx_cobid, local.sdo.tx_cobid, local)  # type: ignore[no-untyped-call]
     return local
@@ -68,12 +68,12 @@ def local_node(device: CanopenDevice) -> canopen.LocalNode:
 def attach(
     network: LockedNetwork, local: Any, device: CanopenDevice, before: Callable[[], object] = lambda: None
 ) -> None:
-    """Let `local` answer for a device's objects; before it takes an SDO frame, `before` is called."""
+    """Put a device on a network: `local` answers for its objects, and calls `before` ahead of each SDO frame."""
     network.add_node(local)
     local.add_read_callback(_reader(device))
-    # before canopen's own, which would start a heartbeat with a period that is then refused
+    # ahead of canopen's own callback, which would start a heartbeat even with a period that the writer refuses
     local._write_callbacks.insert(0, _writer(device))
-    local.sdo._index = local.sdo._subindex = 0  # what it aborts may not have begun
+    local.sdo._index = local.sdo._subindex = 0  # canopen names them in an abort, even before any transfer has begun
 
     def handle(cob_id: int, data: bytearray, timestamp: float) -> None:
         if local.nmt.state != "STOPPED" and len(data) == SDO_FRAME:
@@ -86,7 +86,7 @@ def attach(
 
 @contextmanager
 def serve(device: CanopenDevice, interface: str, channel: str) -> Iterator[None]:
-    """A device alone on a bus."""
+    """Serve one device alone on a bus, as a context manager."""
     network = LockedNetwork(open_bus(interface, channel), device.clock)
     network.connect()
     try:
@@ -97,7 +97,10 @@ def serve(device: CanopenDevice, interface: str, channel: str) -> Iterator[None]
 
 
 def _field(device: CanopenDevice, index: int, subindex: int) -> Field | None:
-    """None for what canopen itself holds. Raises SdoAbortedError: canopen's arrays have any number of elements."""
+    """The contract's field at an index and subindex; None for an object that canopen itself holds.
+
+    Raises SdoAbortedError: there is no such subindex (canopen's arrays would answer for any).
+    """
     siblings = {f.subindex: f for f in device.contract.fields if f.index == index}
     if siblings and subindex not in (0, *siblings):
         raise SdoAbortedError(NO_SUBINDEX)

@@ -1,4 +1,4 @@
-"""What all simulated Modbus devices share: settings by the contract, and refusing what a device refuses."""
+"""What all simulated Modbus devices share: the settings of their contract, and the refusal of what a device refuses."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from palpate.simulators.clock import NEVER, VirtualClock
 
 @dataclass(frozen=True)
 class Place:
-    """Where a simulated device stands.
+    """What a simulated device gets from its bench.
 
     Attributes:
-        rig: the scene's state, a `Rig` (`simulators/rig/rig.py`), which stands above the wire.
-        unit: or node id, by which it is asked.
-        serial: number that it tells; text on Modbus, an integer on CANopen.
-        settings: of its kind.
-        find: gives the simulated device that fills a role, once all are there.
-        samples: that a sample changer holds.
+        clock: the bench's clock.
+        rig: the physical state of the scene, a `Rig`; untyped, because `simulators/rig` may import the wire.
+        unit: Modbus unit id, or CANopen node id.
+        serial: serial number: text on Modbus, an integer on CANopen.
+        settings: settings of its device kind, from the bench file.
+        find: returns the simulated device that fills a role; call it once all devices exist.
+        samples: samples in the sample changer.
     """
 
     clock: VirtualClock
@@ -35,7 +36,7 @@ class Place:
 
 
 class Refused(Exception):
-    """The device answers a write with this Modbus exception code."""
+    """The device refuses a write, with this Modbus exception code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"exception code {code}")
@@ -51,11 +52,11 @@ class SimulatedDevice:
     """One device on a Modbus server. Methods are called under the clock's lock."""
 
     contract: ClassVar[Contract]
-    readings: ClassVar[tuple[str, ...]] = ()  # fields of its display, which may be stuck
+    readings: ClassVar[tuple[str, ...]] = ()  # names of displayed fields, which the fault `stuck_display` can freeze
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """The device of a simulated bench; one that takes more than clock and serial number says so itself."""
+        """Make the device for its place on a bench; a device whose constructor takes more arguments overrides this."""
         return cls(place.clock, place.serial)
 
     def __init__(self, clock: VirtualClock, serial: str) -> None:
@@ -65,34 +66,34 @@ class SimulatedDevice:
         clock.add(self)
 
     def read(self, name: str) -> float:
-        """Physical value of a field now."""
+        """Present physical value of a field, in the contract's unit."""
         return self.settings[name]
 
     def write(self, values: dict[str, float]) -> None:
-        """Take what a client writes, already checked against the contract's limits. Raises Refused."""
+        """Store what a client writes, which has been checked against the contract's limits. Raises Refused."""
         self.settings.update(values)
 
     def turn(self, values: dict[str, float]) -> None:
-        """Take what somebody sets at the front panel. Raises Refused."""
+        """Store what somebody sets at the front panel. Raises Refused."""
         self.write(values)
 
     def read_text(self, name: str) -> str:
-        """What a text field says now."""
+        """Present content of a text field."""
         raise NotImplementedError
 
     def write_text(self, name: str, text: str) -> None:
-        """Take a text, already checked as in `write`. Raises Refused."""
+        """Store a text that a client writes. Raises Refused."""
         raise NotImplementedError
 
     def reset(self) -> None:
-        """As after power-on."""
+        """Return to the state after power-on."""
         self.turn({f.name: float(f.default) for f in self.contract.fields if f.access == "rw"})
 
     def out_of_range(self) -> None:
-        """A write was refused because a value lies outside the contract's limits."""
+        """Called after a write was refused because a value lies outside the contract's limits."""
 
     def requested(self) -> None:
-        """A request of any kind has come in."""
+        """Called when a request of any kind has come in."""
 
     def next_event_ns(self) -> int:
         return NEVER

@@ -1,4 +1,4 @@
-"""Modbus servers of the simulated bench: TCP on loopback sockets, RTU on a pseudo-terminal line."""
+"""Modbus servers of the simulated bench: TCP on loopback sockets, RTU on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from palpate.simulators.physics.stages import LineEffect
 
 LOOPBACK = "127.0.0.1"
-OUTER = 4  # bytes of a frame around its data: unit, function, check sum
-BLOCKS = 64  # of registers, whose fields are remembered
-HOLDING_REGISTERS = (3, 6, 16)  # the functions that read and write them
+OUTER = 4  # bytes of a frame around its data: unit id, function code, CRC
+BLOCKS = 64  # number of register blocks whose fields are cached
+HOLDING_REGISTERS = (3, 6, 16)  # codes of the functions that read and write holding registers
 T = TypeVar("T")
 
 
 class ServerThread:
-    """One event loop in one thread for all servers of a bench; leaving it stops everything it started."""
+    """A thread with one event loop for all Modbus servers of a bench. Leaving the context stops all that it started."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -62,15 +62,15 @@ class ServerThread:
                 await task
 
     def catch_up(self) -> None:
-        """Return when the requests that have come up to now have been taken up."""
+        """Wait until the servers have taken up all requests that have arrived up to now."""
         done = threading.Event()
-        # the servers look for what has come before the second of two turns
+        # a callback scheduled twice runs after the loop has polled its sockets once
         self._loop.call_soon_threadsafe(self._loop.call_soon, done.set)
         done.wait()
 
     @property
     def transactions(self) -> int:
-        """Requests that came in so far."""
+        """Number of requests that have come in so far."""
         return sum(server.transactions for server in self._servers if isinstance(server, TcpServer | SerialServer))
 
     def serve_tcp(
@@ -79,9 +79,9 @@ class ServerThread:
         device: SimulatedDevice,
         address: tuple[str, int] = (LOOPBACK, 0),
     ) -> int:
-        """Serve one device, where no port is given on an ephemeral one; returns the port.
+        """Serve one device; port 0 takes any free port. Returns the port.
 
-        Raises BenchError: the port is in use, or the host is not of this machine.
+        Raises BenchError: the port is in use, or the host is no address of this machine.
         """
 
         async def start() -> int:
@@ -99,15 +99,16 @@ class ServerThread:
         except OSError:
             host, taken = address
             raise BenchError(
-                f"{host}:{taken} cannot be listened on; it is in use, or not an address of this machine"
+                f"cannot listen on {host}:{taken}: the port is in use, or the host is no address of this machine; give "
+                "another"
             ) from None
 
     def put_between(self, device: SimulatedDevice, link: Relay) -> None:
-        """From now on what the clients of a device on TCP ask passes over `link`."""
+        """From now on let requests to a device on TCP pass through `link`, which may damage them."""
         self._of_device[id(device)].link = link
 
     def make_noisy(self, noise: Noise) -> None:
-        """From now on frames of the serial line pass through `noise`."""
+        """From now on let frames of the serial line pass through `noise`, which may damage them."""
 
         async def make() -> None:
             terminal: Any = next(server.transport for server in self._servers if isinstance(server, SerialServer))
@@ -116,7 +117,7 @@ class ServerThread:
         self._run(make())
 
     def serve_rtu(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> str:
-        """Serve several units on one serial line; returns the path of the line's other end."""
+        """Serve devices on one serial line, by unit id. Returns the path of the terminal that a client opens."""
         line = _Line(devices, timing)
 
         async def start() -> str:
@@ -143,7 +144,7 @@ def _sim_device(unit: int, device: SimulatedDevice) -> SimDevice:
     async def action(
         function: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
     ) -> ExcCodes | None:
-        # never awaits: pymodbus could answer another request meanwhile
+        # never awaits: meanwhile pymodbus could answer another request
         if function not in HOLDING_REGISTERS:
             return ExcCodes.ILLEGAL_FUNCTION
         with clock.lock:
@@ -181,14 +182,14 @@ def _refresh(device: SimulatedDevice, fields: Iterable[Field], start: int, curre
 
 
 def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> tuple[dict[str, float], dict[str, str]]:
-    """Physical values and texts of a write, as a real device would check it."""
+    """Physical values and texts of a write, after the checks of a real device. Raises Refused."""
     values: dict[str, float] = {}
     texts: dict[str, str] = {}
     for field in _within(device.contract.fields, address, len(registers)):
         at = field.address - address
         if field.access == "ro":
             raise Refused(ExcCodes.ILLEGAL_ADDRESS)
-        if at < 0 or at + field.size // 2 > len(registers):  # half of a 32-bit value
+        if at < 0 or at + field.size // 2 > len(registers):  # only a part of a value, as one half of 32 bits
             raise Refused(ExcCodes.ILLEGAL_VALUE)
         data = b"".join(r.to_bytes(2, "big") for r in registers[at : at + field.size // 2])
         if field.type == "text":
@@ -206,7 +207,7 @@ def _checked(device: SimulatedDevice, address: int, registers: list[int]) -> tup
 
 
 def _identity(device: SimulatedDevice) -> Identity:
-    """What a device says it is, as it is asked."""
+    """A function that returns the identity objects of a device (function 43/14), read anew for each request."""
 
     def objects() -> dict[int, bytes]:
         identity = device.contract.identity
@@ -224,9 +225,10 @@ def _identity(device: SimulatedDevice) -> Identity:
 
 
 class _Line:
-    """What happens on a serial line beside the devices: absent units are silent, and frames take their time.
+    """The serial line itself: absent units are silent, and each frame takes time.
 
-    A wait here blocks the server and no coroutine: the client waits for its reply, and nobody else moves the clock.
+    A wait here blocks the servers' whole thread. That is right: the client waits for its reply, and nobody else moves
+    the clock on.
     """
 
     def __init__(self, devices: dict[int, SimulatedDevice], timing: LineEffect | None) -> None:
@@ -242,7 +244,7 @@ class _Line:
     def trace_packet(self, sending: bool, data: bytes) -> bytes:
         if sending:
             if data and data[0] not in self._units:
-                return b""  # pymodbus would answer for a unit that is not there
+                return b""  # pymodbus would answer for an absent unit
             self._pass(len(data))
         return data
 

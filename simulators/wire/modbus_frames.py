@@ -1,4 +1,4 @@
-"""Requests as a Modbus server finds them on the wire: whole or not, for anybody or nobody."""
+"""Splits the bytes that a Modbus server receives into requests, and recognises malformed ones."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 
 IDENTIFY, READ_IDENTITY = 43, b"\x0e"
-FUNCTIONS = (3, 6, 16, IDENTIFY)  # that read and write holding registers, and that
-HEADER = 6  # bytes of an MBAP header up to its length
-UNIT_AND_CHECK = 3  # bytes around a request on a serial line
+FUNCTIONS = (3, 6, 16, IDENTIFY)  # supported function codes: read and write holding registers, identify
+HEADER = 6  # bytes of an MBAP header up to the end of its length field
+UNIT_AND_CHECK = 3  # bytes around a request on a serial line: unit id and CRC
 LONGEST_REQUEST = 256  # bytes on a serial line
-LENGTHS = range(2, 255)  # that an MBAP header may give
-EXCEPTION = 0x80  # bit of a function code
+LENGTHS = range(2, 255)  # values that the length field of an MBAP header may have
+EXCEPTION = 0x80  # the bit of a function code that marks an exception
 
 
 class Refusal(ModbusPDU):
-    """A request that is answered with an exception code, whatever it asks for."""
+    """A request that gets an exception code as its answer, whatever it asks for."""
 
     def __init__(self, function: int, code: ExcCodes) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class Refusal(ModbusPDU):
 
 
 class _WholeFrame(ModbusPDU):
-    """A request on a serial line whose length only its end tells."""
+    """A request with an unknown function code on a serial line: only the end of its bytes tells its length."""
 
     @classmethod
     def calculateRtuFrameSize(cls, data: bytes) -> int:
@@ -39,14 +39,14 @@ class _WholeFrame(ModbusPDU):
 
 
 class RequestDecoder(DecodePDU):
-    """Every request comes out: as itself, or as the refusal that answers it."""
+    """Decodes every request: a good one as itself, a bad one as the `Refusal` that answers it."""
 
     def decode(self, frame: bytes) -> ModbusPDU:
         function, kind = frame[0], frame[1:2]
         if function not in FUNCTIONS or (function == IDENTIFY and kind != READ_IDENTITY):
             return Refusal(function, ExcCodes.ILLEGAL_FUNCTION)
         request = super().decode(frame)
-        if request is None or not _same(request, frame):  # count 0 or too large, bytes that are missing or too many
+        if request is None or not _same(request, frame):  # a count of 0 or too large, missing or surplus bytes
             return Refusal(function, ExcCodes.ILLEGAL_VALUE)
         return request
 
@@ -58,7 +58,10 @@ class RequestDecoder(DecodePDU):
 
 
 class LineFramer(FramerRTU):
-    """Takes one frame at a time: a pseudo-terminal hands on what came after it without the pause between them."""
+    """Takes one frame at a time.
+
+    A pseudo-terminal may deliver two frames in one piece, without the silence between them.
+    """
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
         used, unit, transaction, frame = super().decode(data)
@@ -68,7 +71,7 @@ class LineFramer(FramerRTU):
         return self._last(data) or (used, unit, transaction, frame)
 
     def _last(self, data: bytes) -> tuple[int, int, int, bytes] | None:
-        """The whole request at the end of what is none: what was broken off and the next may be heard at once."""
+        """The whole request at the end of `data`, after the bytes of a broken one that arrived together with it."""
         for at in range(max(1, len(data) - LONGEST_REQUEST), len(data) - UNIT_AND_CHECK):
             tail, check = data[at:], int.from_bytes(data[-2:], "big")
             kind = self.decoder.lookupPduClass(tail) if tail[1] in FUNCTIONS else None
@@ -78,7 +81,7 @@ class LineFramer(FramerRTU):
 
 
 def _same(request: ModbusPDU, frame: bytes) -> bool:
-    """Whether nothing but this request gives these bytes."""
+    """Whether the request encodes to exactly these bytes."""
     try:
         return frame == bytes([request.function_code]) + request.encode()
     except (ModbusException, ValueError):
@@ -86,12 +89,15 @@ def _same(request: ModbusPDU, frame: bytes) -> bool:
 
 
 def alien(data: bytes) -> bool:
-    """Whether no request on TCP begins like this."""
+    """Whether `data` cannot be the beginning of a request on TCP, by its MBAP header."""
     return any(data[2:4]) or (len(data) >= HEADER and int.from_bytes(data[4:HEADER], "big") not in LENGTHS)
 
 
 def whole_frame(data: bytes) -> bytes:
-    """The first whole request on TCP; empty: there is none. What cannot be one is handed on with all that follows."""
+    """The first whole request on TCP; empty if it is incomplete.
+
+    Bytes that cannot begin a request are returned with everything after them.
+    """
     if alien(data):
         return data
     size = HEADER + int.from_bytes(data[4:HEADER], "big")

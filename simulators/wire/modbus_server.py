@@ -1,8 +1,8 @@
-"""pymodbus' servers, completed where they fall short of the Modbus specification.
+"""pymodbus' servers, corrected where they do not follow the Modbus specification.
 
-Taken alone they answer the first of several pipelined requests only, name no function in the answer to one they
-cannot read, give code 4 for a unit that is absent, echo what a register holds instead of what was written to it, and
-keep one identity for all servers of a process.
+pymodbus' own servers answer only the first of several pipelined requests, name no function code in the answer to a
+request that they cannot decode, answer for an absent unit with code 4, echo the content of a register instead of the
+written value, and keep one identity for all servers of a process.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from palpate.simulators.wire.modbus_frames import EXCEPTION, IDENTIFY, LineFrame
 from palpate.simulators.wire.relay import Damage, Relay
 from palpate.simulators.wire.terminal import Terminal
 
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what a client sends is no news on our stderr
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # keeps a client's bad frames out of our stderr
 
 BROADCAST = 0
-SELF = (0, 255)  # unit ids by which a device on TCP may be addressed as well (Modbus messaging on TCP/IP)
-PIPELINE = 65536  # bytes of requests that may wait
-MOST_CONNECTIONS = 32  # to one port
-MOST_WAITING = 64  # requests of one client, above which nothing more is read from it
-IDLE = 60.0  # s, after which a client that asks nothing makes room for another
-PIECE = 4096  # bytes that are read from a client before it is the next one's turn
+SELF = (0, 255)  # unit ids that also address a device on TCP (Modbus Messaging on TCP/IP Implementation Guide)
+PIPELINE = 65536  # bytes of received requests that may wait
+MOST_CONNECTIONS = 32  # clients of one port
+MOST_WAITING = 64  # requests of one client that may wait before the server stops reading from it
+IDLE = 60.0  # s of silence after which a client makes room for another
+PIECE = 4096  # bytes that are read from one client before the next one has its turn
 UNREAD = 65536  # bytes of answers that a client may leave unread
-CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # of identity objects, by read device id code
-ONE_OBJECT = 4
-AT_ONCE = struct.pack("ii", 1, 0)  # to linger: closing resets the connection
+CATEGORIES = {1: range(3), 2: range(0x80), 3: range(0x100)}  # read device id code: numbers of its identity objects
+ONE_OBJECT = 4  # the read device id code that asks for a single object
+AT_ONCE = struct.pack("ii", 1, 0)  # value of SO_LINGER with which closing resets the connection
 
 Identity = Callable[[], Mapping[int, bytes]]
 
 
 def _done(update: Coroutine[Any, Any, ModbusPDU]) -> ModbusPDU:
-    """The answer of a device, whose action never awaits."""
+    """The answer of an update, which ends in one step because a device's action never awaits."""
     try:
         update.send(None)
     except StopIteration as done:
@@ -85,7 +85,7 @@ class _Connection(ServerRequestHandler):
         used, answering = 0, bool(self._waiting)
         while used < len(data):
             if isinstance(self.framer, FramerSocket) and alien(data[used:]):
-                self.close()  # nothing tells where its next request would begin
+                self.close()  # where the next request begins can no longer be told
                 return len(data)
             size = TransactionManager.callback_data(self, data[used:], addr)
             if not size:
@@ -98,7 +98,7 @@ class _Connection(ServerRequestHandler):
         return used
 
     def _answer(self) -> None:
-        """The first of the requests that wait; the next in its turn among those of other clients."""
+        """Answer the first waiting request; the next one waits until other clients have had their turn."""
         request = self._waiting.popleft()
         self._completed.transactions += 1
         if request.dev_id == BROADCAST and self._completed.broadcast_enable:
@@ -113,7 +113,7 @@ class _Connection(ServerRequestHandler):
             self.loop.call_soon(self._answer)
 
     def _answered(self) -> None:
-        """After each answer."""
+        """Called after each answer."""
 
     def _response(self, request: ModbusPDU) -> ModbusPDU:
         identity = self._completed.identities.get(request.dev_id)
@@ -123,17 +123,17 @@ class _Connection(ServerRequestHandler):
             return _identification(request, identity())
         response = _done(request.datastore_update(self._completed.context, request.dev_id))
         if isinstance(request, WriteSingleRegisterRequest) and not response.isError():
-            response.registers = request.registers  # a command register has fallen back to idle meanwhile
+            response.registers = request.registers  # the register itself may be a command, which is idle again by now
         return response
 
 
 class _TcpConnection(_Connection):
-    """One client among others: none can take the time or the memory of the rest."""
+    """One client on TCP, limited so that it cannot take the time or the memory of the others."""
 
-    asked = -math.inf  # when it did last [s of the loop]
+    asked = -math.inf  # time of its last request on the loop's clock [s]
     unwanted = False
-    _late = b""  # an answer that the next request brings
-    _kept: bytearray | None = None  # answers, in place of their being sent
+    _late = b""  # an answer held back until the next request
+    _kept: bytearray | None = None  # collects answers instead of sending them; None: they are sent
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if self.unwanted:
@@ -143,7 +143,7 @@ class _TcpConnection(_Connection):
         super().connection_made(transport)
 
     def leave(self) -> None:
-        """Make room for another; the connection may still be on its way."""
+        """Close, to make room for another client; the connection may not even be established yet."""
         self.unwanted = True
         self.listener = None
         if self.transport:
@@ -157,7 +157,7 @@ class _TcpConnection(_Connection):
         return used
 
     def _struck(self, data: bytes, link: Relay) -> int:
-        """Requests on a link that has faults, one whole frame after the other."""
+        """Answer requests over a link with faults, one whole frame after the other."""
         used = 0
         while (frame := whole_frame(data[used:])) and self.transport:
             used += len(frame)
@@ -189,12 +189,12 @@ class _TcpConnection(_Connection):
         if self._kept is not None:
             self._kept += data
             return
-        begun = self.recv_buffer  # of the next request; pymodbus forgets it
+        begun = self.recv_buffer  # the beginning of the next request, which pymodbus would drop
         super().send(data, addr)
         self.recv_buffer = begun
 
     def _answered(self) -> None:
-        """Reads on, unless the answers are left unread."""
+        """Read on, or disconnect a client that does not read its answers."""
         self.asked = self.loop.time()
         transport: Any = self.transport
         if transport is None:
@@ -207,14 +207,14 @@ class _TcpConnection(_Connection):
 
 
 class _Refused(asyncio.Protocol):
-    """One client too many."""
+    """Turns away one client too many."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         transport.abort()  # type: ignore[attr-defined]
 
 
 class _Completed:
-    """What both servers have in common."""
+    """What the TCP and the serial server have in common."""
 
     identities: dict[int, Identity]
     decoder: DecodePDU
@@ -229,9 +229,9 @@ class _Completed:
 
 
 class TcpServer(_Completed, ModbusTcpServer):
-    """One device on a TCP port, by its unit id and by those that mean the device itself."""
+    """One device on a TCP port, addressed by its unit id or by one of `SELF`."""
 
-    link: Relay | None = None  # where it has faults
+    link: Relay | None = None  # damages requests and answers; None: no faults
 
     def __init__(self, device: SimDevice, identity: Identity, address: tuple[str, int]) -> None:
         super().__init__([device], address=address)
@@ -243,13 +243,13 @@ class TcpServer(_Completed, ModbusTcpServer):
         return _TcpConnection(self)
 
     def stop_listening(self) -> None:
-        """Clients that are connected stay so."""
+        """Accept no new clients; connected clients stay connected."""
         listening: Any = self.transport
         self._address = listening.sockets[0].getsockname()[:2]
         listening.close()
 
     def listen_again(self) -> None:
-        """At the address of before; clients can connect as soon as this returns, and are served in the loop."""
+        """Listen at the same address again; clients can connect at once, and the loop serves them."""
         host, _ = self._address
         end = socket.create_server(self._address, family=socket.AF_INET6 if ":" in host else socket.AF_INET)
         asyncio.run_coroutine_threadsafe(self._attend(end), self.loop)
@@ -258,7 +258,11 @@ class TcpServer(_Completed, ModbusTcpServer):
         self.transport = await self.loop.create_server(self.handle_new_connection, sock=end)  # type: ignore[assignment]
 
     def handle_new_connection(self) -> Any:
-        """A place for one more client: where there is none, that of the longest silent, unless it has just asked."""
+        """Accept one more client.
+
+        On a full server it takes the place of the client with the longest silence, if that exceeds `IDLE`; else it is
+        turned away.
+        """
         if len(self.active_connections) >= MOST_CONNECTIONS:
             clients: Iterable[Any] = self.active_connections.values()
             silent = min(clients, key=lambda client: client.asked)
@@ -270,7 +274,7 @@ class TcpServer(_Completed, ModbusTcpServer):
 
 
 class SerialServer(_Completed, ModbusSerialServer):
-    """Several units on a serial line; what is sent to unit 0 all of them carry out, and none answers."""
+    """Several units on a serial line. All carry out a request to unit 0 (broadcast), and none answers it."""
 
     def __init__(self, devices: list[SimDevice], identities: dict[int, Identity], **traces: Any) -> None:
         super().__init__(devices, broadcast_enable=True, **traces)

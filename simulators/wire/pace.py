@@ -1,4 +1,4 @@
-"""Wall time for a simulated bench that is served: a thread moves its clock on."""
+"""Lets the clock of a served simulated bench follow the wall clock, by a thread that moves it on."""
 
 from __future__ import annotations
 
@@ -10,19 +10,28 @@ from typing import Self
 
 from palpate.simulators.clock import VirtualClock
 
-TICK = 0.002  # s of the wall between two moves of the clock
-PIECE = 0.05  # s of the wall that the clock is moved on at once: requests wait meanwhile
-LATE = 0.01  # s of the wall between two moves, after which requests may have been waiting
-MOST = 0.5  # s of the wall that are made up for: well below a watchdog's time, since its owner goes by the wall
+TICK = 0.002  # s of wall time between two moves of the clock
+PIECE = 0.05  # s of wall time by which the clock moves at most at once, because requests wait meanwhile
+LATE = 0.01  # s of wall time since the last move, above which requests may have been waiting
+MOST = 0.5  # s of wall time made up for at most: far less than a watchdog's time, which its client keeps by wall time
 
 
 class Pacer:
-    """A context manager: inside it `clock` goes on at `speed` times the speed of the wall's.
+    """A context manager inside which `clock` runs at `speed` times the speed of the wall clock.
 
-    On a busy machine it makes up for the time in which it had no processor, or its clients' waits would be too short
-    for the bench; what came before is answered first, by `catch_up`, as a device must not miss what came in time. Where
-    the scene cannot keep up, or a request has moved the clock on itself, time goes on from where it stands; what was
-    lost is counted in `behind`, in seconds of the wall.
+    On a busy machine it makes up for the time in which it had no processor; else the waits of its clients would be too
+    short for the bench. Before it does so, `catch_up` lets the servers answer the requests that have arrived, because a
+    device must not miss a request that came in time. Where the simulation is too slow, or a request has moved the clock
+    on itself, the clock goes on from where it stands.
+
+    Args:
+        clock: the clock to move on.
+        speed: seconds of the clock for each second of wall time.
+        failed: called with an error of the simulation, which would otherwise end this thread unnoticed.
+        catch_up: lets the servers take up all requests that have arrived.
+
+    Attributes:
+        behind: wall time that was lost, and not made up for [s].
     """
 
     def __init__(
@@ -49,7 +58,7 @@ class Pacer:
         self._thread.join()
 
     def turn(self, passed: float) -> None:
-        """Go on after `passed` s of the wall."""
+        """Move the clock on after `passed` seconds of wall time."""
         self.behind += max(0.0, passed - MOST)
         due = min(passed, MOST)
         pieces = math.ceil(due / PIECE)
@@ -61,9 +70,9 @@ class Pacer:
     def _run(self) -> None:
         last = time.monotonic()
         try:
-            while not self._stop.wait(TICK):  # not a sleep: leaving wakes it at once
+            while not self._stop.wait(TICK):  # no sleep, so that leaving ends it at once
                 now = time.monotonic()
                 self.turn(now - last)
                 last = now
-        except BaseException as error:  # of the scene: nobody else would hear of it
+        except BaseException as error:  # in a thread it would go unnoticed
             self._failed(error)

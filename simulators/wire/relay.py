@@ -1,30 +1,30 @@
-"""What may stand between the two ends of a link: the wire knows these protocols, and not who damages its frames."""
+"""Protocols for what may stand between the two ends of a link and damage frames; the faults implement them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, Literal, Protocol
 
-Send = Callable[[Any], None]  # of a frame, which is python-can's message already
+Send = Callable[[Any], None]  # sends one frame, a `can.Message`
 
 
 class Listener(Protocol):
-    """The server of a device, which a relay may stop and start."""
+    """The server of a device, as far as a relay can stop and start it."""
 
     def stop_listening(self) -> None: ...
 
     def listen_again(self) -> None:
-        """Listen again at once, without waiting for any thread: the servers' thread may be waiting for the clock."""
+        """Listen again without waiting for another thread: the servers' thread may itself be waiting for the clock."""
 
 
 class Damage(Protocol):
-    """What becomes of one request and its reply.
+    """What a fault does to one request and its reply.
 
     Attributes:
         forwards: whether the request reaches the device.
-        holds: whether the reply is kept until the next request comes.
-        then: what becomes of the connection.
-        lasts_ns: how long it goes on.
+        holds: whether the reply is held back until the next request comes.
+        then: what becomes of the connection: it stays, is reset, or is reset and new ones are refused.
+        lasts_ns: how long new connections are refused [ns].
     """
 
     @property
@@ -37,27 +37,27 @@ class Damage(Protocol):
     def lasts_ns(self) -> int: ...
 
     def segments(self, request: bytes, reply: bytes) -> list[bytes]:
-        """What is sent, piece by piece. `reply` is empty where the request was not forwarded."""
+        """The pieces in which the damaged reply is sent. `reply` is empty if the request was not forwarded."""
 
 
 class Relay(Protocol):
     """Stands between a Modbus TCP server and its clients."""
 
     def struck(self) -> Damage | None:
-        """What becomes of the present request; None: it passes."""
+        """The damage to the present request; None: it passes unharmed."""
 
     def refuse(self, server: Listener, lasts_ns: int) -> None:
-        """Stop listening for a time, or until the clock goes on."""
+        """Let a server stop listening for a time [ns]; 0: until the clock moves on."""
 
 
 class Noise(Protocol):
-    """What passes frames on between the two ends of a line."""
+    """Passes frames on between the two ends of a serial line, and may damage them."""
 
     def watch(self, client: int) -> None:
-        """Let the client's terminal tell when it is opened anew, in the first byte of what is read from it."""
+        """Put the client's terminal into the mode in which the first byte read from it tells that it was reopened."""
 
     def to_device(self, client: int, told: bytes) -> bytes:
-        """What the device hears of the bytes that were read from the client's terminal."""
+        """The bytes that the device receives, from those that were read from the client's terminal."""
 
     def to_client(self, frame: bytes) -> bytes:
-        """What the client hears of the bytes that a device has written."""
+        """The bytes that the client receives, from those that a device has written."""

@@ -1,7 +1,7 @@
-"""canopen's SDO server, completed where it falls short of CiA 301.
+"""canopen's SDO server, corrected where it does not follow CiA 301.
 
-Taken alone it takes four bytes where a client does not say how many of them count, gathers segments without end,
-answers segments of no transfer, and answers a block upload in a way that the client did not offer.
+canopen's own server takes four bytes if a client does not say how many of them are valid, collects segments without a
+limit, answers segments that belong to no transfer, and answers a block upload in a way that the client did not offer.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer as CanopenSdoServer
 
-EXPEDITED, SIZED, SUBCOMMAND = 2, 1, 3  # bits of a command
+EXPEDITED, SIZED, SUBCOMMAND = 2, 1, 3  # bits of a command byte
 NOT_TOGGLED, UNKNOWN_COMMAND = 0x0503_0000, 0x0504_0001
 NOT_WRITABLE = 0x0601_0002
 TOO_LONG, TOO_SHORT = 0x0607_0012, 0x0607_0013
 WORDS = struct.Struct("<BHB")  # command, index, subindex
-ANY = 4  # bytes of an expedited transfer
+ANY = 4  # most data bytes of an expedited transfer
 LONGEST_TEXT = 1000  # bytes
 
 
 class SdoServer(CanopenSdoServer):
-    """One transfer at a time; what belongs to none is refused."""
+    """Serves one transfer at a time, and refuses segments that belong to no transfer."""
 
-    _begun = ""  # "upload" or "download": whose segments may come
+    _begun = ""  # the transfer whose segments may come: "upload", "download", or none
 
     def abort(self, abort_code: int = 0x0800_0000) -> None:
         self._begun = ""
@@ -46,7 +46,7 @@ class SdoServer(CanopenSdoServer):
         self._begun = "upload" if self._buffer else ""
 
     def init_download(self, request: bytearray) -> None:
-        """Refused before a byte of it has come where it cannot end well."""
+        """Begin a download, or refuse at once one whose announced size does not fit the object."""
         command, index, subindex = WORDS.unpack_from(request)
         self._index, self._subindex, self._begun = index, subindex, ""
         least, most = self._writable_sizes(index, subindex)
@@ -68,9 +68,9 @@ class SdoServer(CanopenSdoServer):
         self._begun = "" if command & 1 else "download"
 
     def block_upload(self, data: bytearray) -> None:
-        """Answered by an ordinary upload where the client has offered that for an object of this size."""
+        """Answer with an ordinary upload if the client allows that for an object of this size; else refuse."""
         _, self._index, self._subindex = WORDS.unpack_from(data)
-        offered = data[5]  # the protocol switch threshold; 0: none
+        offered = data[5]  # the protocol switch threshold [bytes]; 0: the client allows no ordinary upload
         if data[0] & SUBCOMMAND or not offered:
             raise SdoAbortedError(UNKNOWN_COMMAND)
         if len(self._node.get_data(self._index, self._subindex, check_readable=True)) > offered:
@@ -84,7 +84,7 @@ class SdoServer(CanopenSdoServer):
             raise SdoAbortedError(NOT_TOGGLED)
 
     def _writable_sizes(self, index: int, subindex: int) -> tuple[int, int]:
-        """The least and the most bytes of an object that can be written. Raises SdoAbortedError."""
+        """Least and most bytes that a write of an object may have. Raises SdoAbortedError: it is not writable."""
         found: ODVariable = self._node._find_object(index, subindex)
         if not found.writable:
             raise SdoAbortedError(NOT_WRITABLE)

@@ -1,4 +1,4 @@
-"""The end of a serial line at which simulated devices sit: a pseudo-terminal, whose other end a client opens."""
+"""The serial line of simulated devices: a pseudo-terminal, whose other end a client opens."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ if TYPE_CHECKING:
     from pymodbus.transport import ModbusProtocol
 
 PIECE = 4096  # bytes
-BITS = character_bits(parity=True, stop_bits=2)  # of the longest character
+BITS = character_bits(parity=True, stop_bits=2)  # bits of the longest character
 SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if re.fullmatch(r"B[1-9]\d*", name)}
-SLOWEST = 1200  # bit/s, for a speed that has no name
+SLOWEST = 1200  # bit/s, taken for a speed that `termios` does not name
 
 
 class Terminal(asyncio.Transport):
-    """What a server of the running loop reads from and writes to; `path` is the client's end.
+    """The transport of a serial Modbus server in the running event loop; a client opens `path`.
 
-    The client's end is held open here as well, so that a client may leave and come back. What a client leaves unread
-    until the terminal is full is lost, as on a line.
+    It keeps the client's end open too, so that a client may leave and come back. Bytes that the client does not read
+    are lost once the terminal is full, as on a real line.
 
-    A terminal takes bytes at once, so what a wire does to time at the client's baud rate is done here: no answer begins
-    before its request can have been sent, and after a silence a new request begins, whatever there is of the old one.
+    A pseudo-terminal carries bytes at once. The timing of a real wire at the client's baud rate is therefore made here:
+    no answer begins before its request can have been sent completely, and after a silence a new request begins, even
+    if the old one is incomplete.
     """
 
     def __init__(self, server: ModbusProtocol) -> None:
@@ -48,7 +49,7 @@ class Terminal(asyncio.Transport):
         server.connection_made(self)
 
     def make_noisy(self, noise: Noise) -> None:
-        """From now on frames pass through `noise`; called in the servers' loop."""
+        """From now on pass frames through `noise`; call it in the servers' event loop."""
         noise.watch(self._own)
         self._noise = noise
 
@@ -80,7 +81,7 @@ class Terminal(asyncio.Transport):
                 os.write(self._own, data)
 
     def close(self) -> None:
-        """Hear nothing more; the line is gone for its client."""
+        """Close both ends: the server hears nothing more, and the client's line is gone."""
         if self._descriptors:
             self._loop.remove_reader(self._own)
         while self._descriptors:

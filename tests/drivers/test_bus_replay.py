@@ -149,12 +149,14 @@ def test_what_the_log_does_not_hold_at_that_place_is_an_error_that_names_it(sim:
         with bench:
             bench.device("signal_generator").sine(12.6, 0.5)
 
-    asked = "asked is 'signal_generator <- write frequency = 12.6 Hz, .*the log goes on with .*frequency = 12.5 Hz"
+    asked = (
+        "the replay sends 'signal_generator <- write frequency = 12.6 Hz, .*the log goes on with .*frequency = 12.5 Hz"
+    )
     with pytest.raises(ConfigError, match=asked):
         replayed(sim, log, other)
     changed(log, lambda packets: [p for p in packets if p.link is not Link.CAN])
-    with pytest.raises(ConfigError, match="asked is 'node 1 read vendor', and there the log goes on with 'a look"):
+    with pytest.raises(ConfigError, match="the replay sends 'node 1 read vendor', but the log goes on with 'a look"):
         replayed(sim, log)
     changed(log, lambda packets: packets[:9])
-    with pytest.raises(ConfigError, match="there the log ends"):
+    with pytest.raises(ConfigError, match="but the log ends here"):
         replayed(sim, log)

@@ -126,7 +126,7 @@ def test_an_unknown_run_is_refused(palpate: Palpate, command: tuple[str, ...], n
 def test_a_bench_file_excludes_what_only_a_scene_has(palpate: Palpate, lab: str, option: tuple[str, str]) -> None:
     said = palpate(*SWEEP, "--bench", lab, *option)
     assert said.status == 2
-    assert f"{option[0]}: only a simulated bench has it" in said.complaint
+    assert f"{option[0]}: only for a simulated bench" in said.complaint
     assert nothing_in_runs()
 
 

@@ -94,7 +94,12 @@ def test_a_request_that_the_log_does_not_hold_there_is_named_in_one_error(
         writer.end()
     nothing_simulated(monkeypatch)
     asked, held = (f"'node 1 write sync_period = 0.00{period} s'" for period in (2, 4))
-    failed(palpate("bus", "replay", "trace.blf"), 2, f"trace.pcapng: asked is {asked}", f"the log goes on with {held}")
+    failed(
+        palpate("bus", "replay", "trace.blf"),
+        2,
+        f"trace.pcapng: the replay sends {asked}",
+        f"the log goes on with {held}",
+    )
 
 
 @pytest.mark.parametrize("content", [None, b"", bytes(40)])

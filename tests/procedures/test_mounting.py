@@ -47,7 +47,9 @@ def test_without_a_terminal_nothing_is_asked_of_a_bench_on_which_nobody_could_co
         Path(headless).write_text(sim.description.model_copy(update={"design": design}).to_toml(), encoding="utf-8")
         said = palpate(*command, "--bench", headless)
         assert (said.status, sim.servers.transactions) == (2, 0)
-        assert said.complaint.startswith(f"a person {work} on this bench, and standard input is no terminal")
+        assert said.complaint.startswith(
+            f"a person {work} on this bench and has to confirm it, but standard input is no terminal"
+        )
         assert "--assume-mounted" in said.complaint
         assert not Path("runs").exists()
 

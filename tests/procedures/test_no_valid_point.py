@@ -62,7 +62,7 @@ def test_every_flag_of_a_point_is_explained_with_the_numbers_that_count() -> Non
     }  # fmt: skip
     assert set(FLAGS) == flags
     assert all(
-        f"than {1e5 * agreement.FALSE_ALARMS:.0f} points of 100,000 are by chance" in FLAGS[flag]
+        f"by noise alone only {1e5 * agreement.FALSE_ALARMS:.0f} points of 100,000 differ so much" in FLAGS[flag]
         for flag in ("force", "frequency")
     )
     assert f"after {ATTEMPTS} attempts" in MARKS["NO"]

@@ -107,7 +107,7 @@ def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
         with pytest.raises(KeyboardInterrupt):
             palpate.run(held, bench, out="third", progress=stop)
         assert not bench.bench.driving
-        with pytest.raises(palpate.UsageError, match="it was closed when a run on it failed; open it anew"):
+        with pytest.raises(palpate.UsageError, match="it was closed when a run failed; open the bench anew"):
             palpate.run(held, bench, out="fourth")
     assert palpate.read("third").status == "stopped"
 

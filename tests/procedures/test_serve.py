@@ -271,7 +271,7 @@ def test_a_scene_that_fails_ends_the_serving_with_its_reason(palpate: Palpate, m
     with typing("", monkeypatch):
         said = palpate("serve", "thesis_single", "--can", "virtual", "--quiet")
     assert said.status == 1
-    assert said.complaint == "the scene cannot go on: the chain flies apart"
+    assert said.complaint.startswith("the simulation has failed: the chain flies apart; serve the bench again")
 
 
 def test_the_page_shows_outputs_readings_faults_and_traffic(wish: Wish) -> None:
@@ -312,7 +312,10 @@ def test_a_port_in_use_is_named(palpate: Palpate) -> None:
         port = taken.getsockname()[1]
         said = palpate("serve", "thesis_single", "--can", "virtual", "--port", str(port))
     assert said.status == 1
-    assert said.complaint == f"127.0.0.1:{port} cannot be listened on; it is in use, or not an address of this machine"
+    assert said.complaint == (
+        f"cannot listen on 127.0.0.1:{port}: the port is in use, "
+        "or the host is no address of this machine; give another"
+    )
 
 
 @pytest.mark.parametrize(

@@ -160,8 +160,8 @@ def test_a_fault_of_a_sample_changer_is_refused_where_there_is_none(sim: Simulat
 
 
 WRONG: list[tuple[str, type[PalpateError], str]] = [
-    ("fault", UsageError, "a place and a kind belong behind it"),
-    ("fault shaker_amplifier", UsageError, "a place and a kind belong behind it"),
+    ("fault", UsageError, "needs a PLACE and a KIND"),
+    ("fault shaker_amplifier", UsageError, "needs a PLACE and a KIND"),
     ("fault shaker_amplifier over_temp", ConfigError, "fault: unknown fault 'over_temp' (did you mean"),
     ("fault amplifier over_current", ConfigError, "unknown place of a over_current 'amplifier'"),
     ("fault sensor_node_9 emergency", ConfigError, "'sensor_node_9'"),
@@ -176,10 +176,10 @@ WRONG: list[tuple[str, type[PalpateError], str]] = [
     ("fault line 'silence", UsageError, "close the quotation"),
     ("fault strain_indicator zero_drift", ConfigError, "has bridge_open already; clear that first"),
     ("fault strain_indicator bridge_open", ConfigError, "has bridge_open already; clear that first"),
-    ("clear", UsageError, "or all belong behind it"),
+    ("clear", UsageError, "and perhaps a KIND, or all"),
     ("clear line silence", UsageError, "there is no such fault; there are: strain_indicator bridge_open"),
-    ("clear a b c", UsageError, "or all belong behind it"),
-    ("faults all", UsageError, "0 word(s) belong behind it"),
+    ("clear a b c", UsageError, "and perhaps a KIND, or all"),
+    ("faults all", UsageError, "takes no argument, not 1"),
 ]
 
 

@@ -40,7 +40,7 @@ def test_two_benches_of_this_machine_never_share_a_multicast_group(monkeypatch: 
     with open_bus(MULTICAST, group):
         other = own_channel(MULTICAST)
         assert other != group
-        with pytest.raises(BenchError, match=f"{group} is that of another served bench; leave the channel out"):
+        with pytest.raises(BenchError, match=f"{group} is in use by another served bench; leave the channel out"):
             open_bus(MULTICAST, group)
     with open_bus(MULTICAST, group):
         pass

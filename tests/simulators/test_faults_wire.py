@@ -101,7 +101,7 @@ def test_devices_with_faults_are_served_at_the_address_that_is_asked_for(scene: 
             bench.device("signal_generator").read()
         sim.clock.wait(0.1)
         assert bench.device("signal_generator").read() == (10.0, 0.0, 0.0)
-        with pytest.raises(BenchError, match=f"127.0.0.2:{port} cannot be listened on"):
+        with pytest.raises(BenchError, match=f"cannot listen on 127.0.0.2:{port}"):
             SimulatedBench(struck, Place("127.0.0.2", port)).__enter__()
 
 
