@@ -9,12 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-import selectors
-import socket
 import struct
-import threading
-import tty
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from functools import partial
@@ -24,7 +19,6 @@ from typing import Any, Self
 import can
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.clock import WallClock
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     CLOCK,
@@ -38,13 +32,13 @@ from palpate.drivers.logs.bus_log import (
     unpacked,
 )
 from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
+from palpate.drivers.logs.replay_wire import LOOPBACK, ReplayWire
 from palpate.instrument.bench.description import BenchDescription, SerialLine, TcpLink
-from palpate.instrument.bench.serial_line import FASTEST, character_bits, reply_begins
+from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import parse
 from palpate.instrument.contracts import shaker_amplifier
 from palpate.instrument.errors import ConfigError, UsageError
 
-LOOPBACK = "127.0.0.1"
 CHUNK = 4096  # bytes read at once
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
 AMPLIFIER = shaker_amplifier.CONTRACT
@@ -52,7 +46,6 @@ ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # a writ
 FIRST = bytes([0, 0, 0, 1])  # the first counter of a token
 LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # a read of the status alone
 LOOKED = b"\3\2\0\0"  # the answer to it
-BITS = character_bits(parity=True, stop_bits=2)  # bits of the longest character
 
 
 class BusReplay:
@@ -119,7 +112,7 @@ class BusReplay:
             channel = f"replay-{os.getpid()}-{id(self)}"
             self._bus = can.Bus(interface="virtual", channel=channel)
             stack.callback(self._bus.shutdown)
-            self._wire = stack.enter_context(_Wire())
+            self._wire = stack.enter_context(ReplayWire())
             places: dict[str, dict[str, Any]] = {}
             for name, link in recorded.links.items():
                 if isinstance(link, TcpLink):
@@ -227,88 +220,3 @@ def _without_heartbeats(packets: Iterable[Packet]) -> Iterator[Packet]:
             unheard = _is_heartbeat(packet)
         if not (of_amplifier and unheard):
             yield packet
-
-
-class _Wire:
-    """The devices' ends of the Modbus links. Each sends its reply once the whole request has arrived."""
-
-    def __init__(self) -> None:
-        self._selector = selectors.DefaultSelector()
-        self._due: dict[str, deque[tuple[int, bytes]]] = {}
-        self._got: dict[str, int] = {}
-        self._lines: set[str] = set()
-        self._stack = ExitStack()
-        self._thread = threading.Thread(target=self._run, name="bus replay", daemon=True)
-
-    def __enter__(self) -> Self:
-        ours, self._stop = socket.socketpair()
-        for end in (ours, self._stop):
-            self._stack.enter_context(end)
-        self._selector.register(ours, selectors.EVENT_READ, None)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.send(b".")
-        self._thread.join()
-        for key in list(self._selector.get_map().values()):
-            if isinstance(key.fileobj, socket.socket):
-                key.fileobj.close()
-        self._selector.close()
-        self._stack.close()
-
-    def listen(self, name: str) -> int:
-        """Listen on a new TCP port for a link; returns the port."""
-        server = socket.create_server((LOOPBACK, 0))
-        self._add(server, name)
-        port: int = server.getsockname()[1]
-        return port
-
-    def line(self, name: str) -> str:
-        """Make a serial line; returns the path of the client's end."""
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        for descriptor in (master, slave):
-            self._stack.callback(os.close, descriptor)
-        self._add(master, name)
-        self._lines.add(name)
-        return os.ttyname(slave)
-
-    def _add(self, end: socket.socket | int, name: str) -> None:
-        self._due[name], self._got[name] = deque(), 0
-        self._selector.register(end, selectors.EVENT_READ, name)
-
-    def expect(self, name: str, size: int, reply: bytes) -> None:
-        """Expect a request of `size` bytes, and answer it with this reply."""
-        self._due[name].append((size, reply))
-
-    def _run(self) -> None:
-        while True:
-            for key, _ in self._selector.select():
-                if key.data is None:
-                    return
-                if isinstance(key.fileobj, socket.socket) and key.fileobj.getsockopt(
-                    socket.SOL_SOCKET, socket.SO_ACCEPTCONN
-                ):
-                    connection, _ = key.fileobj.accept()
-                    self._got[key.data] = 0
-                    self._selector.register(connection, selectors.EVENT_READ, key.data)
-                elif not self._serve(key.fd, key.data) and isinstance(key.fileobj, socket.socket):
-                    self._selector.unregister(key.fileobj)
-                    key.fileobj.close()
-
-    def _serve(self, end: int, name: str) -> bool:
-        """Read the bytes that have arrived and send the replies that are due. Returns whether the end is still open."""
-        try:
-            data = os.read(end, CHUNK)
-            self._got[name] += len(data)
-            due = self._due[name]
-            while due and self._got[name] >= due[0][0]:
-                size, reply = due.popleft()
-                self._got[name] -= size
-                if name in self._lines:
-                    WallClock().wait(reply_begins(size, FASTEST, BITS))  # the client drops a reply that comes sooner
-                os.write(end, reply)
-        except OSError:  # the other side is closed
-            return False
-        return bool(data)

@@ -11,7 +11,8 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.calibration.files import read_calibration, read_film_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError
 from palpate.instrument.sensor.design import Design

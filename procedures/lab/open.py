@@ -15,7 +15,7 @@ from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.logs.bus_log import BusLog, check_log
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.operator import Operator
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.console.terminal import say

@@ -11,7 +11,7 @@ from typing import Any
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.quantity import parse

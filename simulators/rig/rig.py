@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY
+from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import EFFECTS

@@ -17,7 +17,7 @@ from types import FrameType
 import numpy as np
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct

@@ -17,7 +17,8 @@ import numpy as np
 from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
 from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import LoadCellCalibration, calibrate_load_cell
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import calibrate_load_cell
 from palpate.instrument.findings.compression import Series, compress
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.mean_ratio import mean_ratio

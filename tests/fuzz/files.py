@@ -19,7 +19,8 @@ from unittest.mock import patch
 
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.films import FilmCalibration
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.config import Config, parse
 from palpate.instrument.models.prices import price_list
 from palpate.instrument.models.stored.surface import STORED, ResponseSurface, read

@@ -11,7 +11,8 @@ import pytest
 
 from palpate.instrument.calibration.classification import Run
 from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration, calibrate_load_cell
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import ConfigError, EstimateError, RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.interpolation import best_degree, interpolate

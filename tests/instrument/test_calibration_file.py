@@ -10,8 +10,9 @@ import pytest
 
 from palpate.instrument.calibration.classification import Classification
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import Curvature
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, RecordError
 
 hypothesis = pytest.importorskip("hypothesis", reason="property tests need the test extra")

@@ -18,7 +18,7 @@ from palpate.instrument.calibration.classification import (
     lower_limit_factor,
     quantities,
 )
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.uncertainty.interpolation import interpolate
 
 LOAD = np.arange(1.0, 11.0)

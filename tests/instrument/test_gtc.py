@@ -18,8 +18,9 @@ from GTC import rp
 
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
 from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_curve import Curvature
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import film_forces, pickup_u, ratio_scatter, scatter_covariance
 from palpate.instrument.findings.load_line import LoadLine

@@ -15,7 +15,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main

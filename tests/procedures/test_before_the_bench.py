@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.calibration.files import write_calibration
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab.calibrations import check_store, load_cell_path

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import Palpate

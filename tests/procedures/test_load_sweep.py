@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError, UnreachableError
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample

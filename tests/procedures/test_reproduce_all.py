@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, ratio_by

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.virtual import waveforms as scene_plot
+from palpate.procedures.virtual import waveforms as drawing
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
@@ -135,7 +135,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[Design, 
     monkeypatch.setattr(Figure, "savefig", lambda figure, _path, **_: figures.append(figure))
 
     def draw(design: Design, seen: Waveforms) -> Figure:
-        scene_plot.draw(design, seen, "scene try", tmp_path / "try.png")
+        drawing.draw(design, seen, "scene try", tmp_path / "try.png")
         return figures[-1]
 
     return draw
@@ -145,9 +145,7 @@ def test_the_picture_is_a_png_with_something_on_it(tmp_path: Path) -> None:
     save = Figure.savefig
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", lambda figure, path, **_: save(figure, path, dpi=20))
-        scene_plot.draw(
-            get_design("single"), waveforms(read_scene("ideal"), Question(), 1), "try", tmp_path / "try.png"
-        )
+        drawing.draw(get_design("single"), waveforms(read_scene("ideal"), Question(), 1), "try", tmp_path / "try.png")
     assert matplotlib.image.imread(tmp_path / "try.png").std() > 0.05
 
 

@@ -14,7 +14,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import Recording, SensorNode, acquire
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.progress import Progress

@@ -18,8 +18,8 @@ from scipy import integrate, optimize, stats
 
 from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.calibration.load_cell_curve import Run
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.load_line import LoadLine, Series, _reading_u
 from palpate.instrument.findings.mean_ratio import apart

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.keys import Keyboard

@@ -12,7 +12,8 @@ from typing import Any
 
 from palpate.instrument.calibration.classification import Classification, iso_376_class_of
 from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING
 from palpate.procedures.records.run import Run, storing

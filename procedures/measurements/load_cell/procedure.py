@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner
-from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, calibrate_load_cell
+from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, calibrate_load_cell
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.quantity import show
 from palpate.procedures.engine.plan import Plan, Step

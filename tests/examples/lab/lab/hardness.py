@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
