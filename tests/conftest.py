@@ -5,11 +5,13 @@ The bench is imported where it is used: the process that hands the tests to the 
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import stat
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -110,3 +112,34 @@ def bench(sim: SimulatedBench) -> Iterator[Bench]:
 
     with Bench(sim.description, sim.clock, sim.operator) as opened:
         yield opened
+
+
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Puts a package where Python looks for installed ones: modules, and what it says of its entry points."""
+    from palpate.instrument.additions import additions
+
+    site = tmp_path / "site-packages"
+    site.mkdir()
+    monkeypatch.syspath_prepend(str(site))
+
+    def installed(package: str, group: str, entries: Mapping[str, str], **modules: str) -> None:
+        about = site / f"{package}-1.2.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
+        lines = [f"[{group}]", *(f"{name} = {place}" for name, place in entries.items())]
+        (about / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
+        for module, text in modules.items():
+            (site / f"{module}.py").write_text(text, encoding="utf-8")
+        importlib.invalidate_caches()
+        additions.cache_clear()
+
+    before = set(sys.modules)
+    yield installed
+    for module in set(sys.modules) - before:
+        if getattr(sys.modules[module], "__file__", None) and Path(sys.modules[module].__file__ or "").parent == site:
+            del sys.modules[module]
+    additions.cache_clear()

@@ -111,6 +111,12 @@ def device_kind(name: str) -> DeviceKind:
     return kind
 
 
+def packages(kinds: Iterable[DeviceKind]) -> dict[str, str]:
+    """The installed packages that some kinds come from, with their versions."""
+    found = [entry for kind in kinds if kind.name not in KINDS and (entry := addition(GROUP, WHAT, kind.name))]
+    return {entry.package: entry.version for entry in found}
+
+
 def all_kinds() -> list[DeviceKind]:
     """This package's kinds, then those of installed packages, by name.
 

@@ -20,7 +20,7 @@ from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.lab.open import Calibrating, OpenBench
 from palpate.procedures.lab.operator import Mounting, weaker
-from palpate.procedures.lab.software import commit, versions
+from palpate.procedures.lab.software import added_by, commit, versions
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder, put_file
@@ -164,7 +164,7 @@ def recording(
         "calibration": lab.calibration.model_dump(),
         "film_calibration": lab.films.model_dump() if lab.films else None,
         "calibration_files": _calibration_files(lab),
-        "versions": versions(),
+        "versions": versions() | added_by(lab.bench.description, scene),
         "arithmetic": arithmetic(),
         "commit": commit(),
         **(logged.header if logged is not None else {}),

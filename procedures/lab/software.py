@@ -8,6 +8,11 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.kinds import packages as kind_packages
+from palpate.simulators.effects import packages as effect_packages
+from palpate.simulators.scenes.scene import Scene
+
 PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
 
 
@@ -15,6 +20,12 @@ PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results depend on, by name."""
     return {"python": platform.python_version(), **{package: metadata.version(package) for package in PACKAGES}}
+
+
+def added_by(bench: BenchDescription, scene: Scene | None) -> dict[str, str]:
+    """Versions of the installed packages that devices and effects come from."""
+    kinds = kind_packages(each.kind for each in bench.devices)
+    return kinds | (effect_packages(scene.effects) if scene is not None else {})
 
 
 @functools.cache

@@ -1,11 +1,21 @@
-"""The effects a scene may call for, by name. A module is imported only when a scene names it."""
+"""The effects a scene may call for, by name. A module is imported only when a scene names it.
+
+A package that is installed beside this one adds an effect by an entry point:
+
+[project.entry-points."palpate.effects"]
+cable_sag = "cable_sag:CableSag"
+"""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterable, Mapping
+from typing import TypeVar, get_args
 
+from palpate.instrument.additions import addition, additions, load_addition, unusable
 from palpate.instrument.errors import ConfigError, UnknownName
-from palpate.simulators.physics.effect import Effect
+from palpate.simulators.physics.effect import Effect, Kind
+from palpate.simulators.physics.stages import PLACES
 
 # In the order of the chain.
 EFFECTS: dict[str, str] = {
@@ -36,12 +46,62 @@ EFFECTS: dict[str, str] = {
 }
 
 
+GROUP, WHAT = "palpate.effects", "effect"
+T = TypeVar("T")
+
+
+def effect_names() -> list[str]:
+    """All effects in the order of the chain: ours, then those of installed packages by name."""
+    return [*EFFECTS, *(name for name in additions(GROUP) if name not in EFFECTS)]
+
+
+def in_order(effects: Mapping[str, T]) -> dict[str, T]:
+    """What belongs to some effects, in the order of `effect_names`."""
+    return {name: effects[name] for name in (*EFFECTS, *sorted(effects.keys() - EFFECTS.keys())) if name in effects}
+
+
+def origin(name: str) -> str:
+    """Of an effect of an installed package, ", of PACKAGE VERSION"; of one of ours, nothing."""
+    entry = addition(GROUP, WHAT, name) if name not in EFFECTS else None
+    return f", of {entry.origin}" if entry else ""
+
+
+def packages(names: Iterable[str]) -> dict[str, str]:
+    """The installed packages that some effects come from, with their versions."""
+    found = [entry for name in names if name not in EFFECTS and (entry := addition(GROUP, WHAT, name))]
+    return {entry.package: entry.version for entry in found}
+
+
 def effect_class(name: str) -> type[Effect]:
-    """The class of an effect. Raises UnknownName, and ConfigError: the class is not named after the effect."""
+    """The class of an effect: one of ours, or of an installed package.
+
+    Raises:
+        UnknownName: there is none of that name. ConfigError: the package that adds it cannot be used, or the class is
+            not named after the effect.
+    """
     if name not in EFFECTS:
-        raise UnknownName("effect", name, EFFECTS)
+        return _added(name)
     module, class_name = EFFECTS[name].split(":")
     found: type[Effect] = getattr(importlib.import_module(module), class_name)
     if found.name != name:
         raise ConfigError(f"effect {name!r}: its class {class_name} is named after {found.name!r}; rename one of them")
+    return found
+
+
+def _added(name: str) -> type[Effect]:
+    """The class of an effect of an installed package, as far as it can be checked without a scene."""
+    entry = addition(GROUP, WHAT, name)
+    if entry is None:
+        raise UnknownName(WHAT, name, effect_names())
+    found = load_addition(entry, WHAT)
+    if not (isinstance(found, type) and issubclass(found, Effect) and found.name == name):
+        raise unusable(entry, WHAT, f"is no Effect whose class is named after {name!r}")
+    if not issubclass(found, PLACES):
+        raise unusable(entry, WHAT, f"inherits from none of {', '.join(place.__name__ for place in PLACES)}")
+    if getattr(found, "kind", None) not in get_args(Kind) or not hasattr(found, "cancels_in_ratio"):
+        raise unusable(entry, WHAT, f"does not say its kind ({', '.join(get_args(Kind))}) and cancels_in_ratio")
+    try:
+        hash(found.model_validate({}))
+    except Exception as error:  # whatever its validators do
+        raise unusable(entry, WHAT, f"cannot be made with the defaults of its parameters: {error}") from error
     return found

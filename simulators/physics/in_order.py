@@ -22,6 +22,25 @@ from palpate.simulators.physics.stages import (
     StackEffect,
 )
 
+ONE_ALONE = (
+    StackEffect, HysteresisEffect, AmplifierEffect, LeakEffect, ConverterEffect, CanEffect, LineEffect, CellEffect,
+)  # fmt: skip
+
+
+def rival(effect: Effect, among: Mapping[str, Effect]) -> str | None:
+    """An effect that cannot stand beside this one: one excludes the other, or only one can act at their place."""
+    for name, other in among.items():
+        if name == effect.name:
+            continue
+        if name in effect.excludes or effect.name in other.excludes:
+            return name
+        if any(isinstance(effect, place) and isinstance(other, place) for place in ONE_ALONE):
+            return name
+        films = [each for each in (effect, other) if isinstance(each, FilmsEffect) and each.scatter is not None]
+        if len(films) > 1:
+            return name
+    return None
+
 
 class Effects(Mapping[str, Effect]):
     """Effects by name, in the order in which they were given; and by place, for which nobody else asks for types.

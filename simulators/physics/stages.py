@@ -199,3 +199,10 @@ class CellEffect(Effect, ABC):
     @abstractmethod
     def display(self, ideal_mV: float, stream: Stream, update: int) -> float:
         """Reading [mV] at the display's update number `update`, of a bridge whose ideal reading is `ideal_mV`."""
+
+
+# An effect has one of these places, or it would do nothing.
+PLACES = (
+    DriveEffect, ShakerEffect, StackEffect, HysteresisEffect, FilmsEffect, SourceEffect, AmplifierEffect, LeakEffect,
+    InputEffect, ConverterEffect, CanEffect, LineEffect, CellEffect,
+)  # fmt: skip

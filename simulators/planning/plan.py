@@ -17,16 +17,17 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
-from palpate.instrument.errors import RangeError
+from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import check_force
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.effects import EFFECTS, effect_class, effect_names, origin
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.physics.dwells import Dwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect
+from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.parts import Touch
 from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, followed, phasors, steady_state
 from palpate.simulators.rig.rig import Rig
@@ -137,6 +138,7 @@ def plan(scene: Scene, question: Question) -> Plan:
         steady = steady_state(rig, followed(rig) if path == TRANSITIONS else phasors(rig))
     costs = _costs(scene, question, path, found)
     case = case_of(scene.design, scene.model, scene.effects, question, scene.rig, scene.file.parameters)
+    omitted, problems = _omitted(scene, case)
     return Plan(
         path=path,
         why=why,
@@ -145,9 +147,9 @@ def plan(scene: Scene, question: Question) -> Plan:
             Included(name, effect.kind, effect.cancels_in_ratio, scene.called[name], costs[name])
             for name, effect in scene.effects.items()
         ),
-        omitted=tuple(_omitted(scene, case)),
+        omitted=tuple(omitted),
         seconds=sum(costs.values()),
-        warnings=tuple(_warnings(scene, question)),
+        warnings=(*_warnings(scene, question), *problems),
         steady=steady,
     )
 
@@ -247,15 +249,27 @@ _NAMES = {
 }
 
 
-def _omitted(scene: Scene, case: Case) -> list[Omitted]:
-    left = []
-    for name in EFFECTS:
-        if name in scene.effects:
-            continue
-        effect = effect_class(name)()
-        bound = Bound(0.0, 0.0) if set(effect.excludes) & set(scene.effects) else bound_of(case, effect)
-        left.append(Omitted(name, effect.kind, _finite(bound.force), _finite(bound.ratio)))
-    return left
+def _omitted(scene: Scene, case: Case) -> tuple[list[Omitted], list[str]]:
+    """The effects that the scene leaves out, and what is wrong with those of other packages that cannot be weighed."""
+    left = [_weighed(name, scene, case) for name in EFFECTS if name not in scene.effects]
+    problems = []
+    for name in effect_names()[len(EFFECTS) :]:
+        if name not in scene.effects:
+            try:
+                left.append(_weighed(name, scene, case))
+            except ConfigError as error:
+                problems.append(f"left out and not weighed: {error}")
+            except Exception as error:  # whatever its package does
+                problems.append(
+                    f"left out and not weighed: effect {name!r}{origin(name)}, fails: {error!r}; mend its package"
+                )
+    return left, problems
+
+
+def _weighed(name: str, scene: Scene, case: Case) -> Omitted:
+    effect = effect_class(name)()
+    bound = Bound(0.0, 0.0) if rival(effect, scene.effects) else bound_of(case, effect)
+    return Omitted(name, effect.kind, _finite(bound.force), _finite(bound.ratio))
 
 
 def _finite(value: float) -> float | None:

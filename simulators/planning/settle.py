@@ -16,9 +16,10 @@ from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.simulators.effects import EFFECTS, effect_class
+from palpate.simulators.effects import EFFECTS, effect_class, effect_names, in_order, origin
 from palpate.simulators.guests import Guest, guests
 from palpate.simulators.physics.effect import Bound, Effect
+from palpate.simulators.physics.in_order import rival
 from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of, shipped
 
 if TYPE_CHECKING:
@@ -117,26 +118,26 @@ def _faults(
 
 
 def _listed(file: SceneFile, path: Path) -> dict[str, Effect]:
-    """The effects that a file names, checked, in the order of the registry."""
-    if unknown := [name for name in file.effects if name not in EFFECTS]:
-        raise ConfigError(
-            "\n".join(
-                f"{path}: effects.{name}: unknown effect{nearest(name, EFFECTS)}; valid: {', '.join(EFFECTS)}"
-                for name in unknown
+    """The effects that a file names, checked, in the order of the chain."""
+    if outside := [name for name in file.effects if name not in EFFECTS]:
+        names = effect_names()
+        if unknown := [name for name in outside if name not in names]:
+            raise ConfigError(
+                "\n".join(
+                    f"{path}: effects.{name}: unknown effect{nearest(name, names)}; valid: {', '.join(names)}"
+                    for name in unknown
+                )
             )
-        )
     listed = {}
-    for name in EFFECTS:
-        if name in file.effects:
-            given = file.effects[name]
-            if _when(given) not in (ON, AUTO):
-                key = f"effects.{name}.{WHEN}" if isinstance(given, dict) else f"effects.{name}"
-                raise ConfigError(f"{path}: {key}: {_when(given)!r} is neither {ON!r} nor {AUTO!r}, nor a table")
-            parameters = {k: v for k, v in given.items() if k != WHEN} if isinstance(given, dict) else {}
-            listed[name] = check(parameters, effect_class(name), f"{path}: effects.{name}")
+    for name, given in in_order(file.effects).items():
+        if _when(given) not in (ON, AUTO):
+            key = f"effects.{name}.{WHEN}" if isinstance(given, dict) else f"effects.{name}"
+            raise ConfigError(f"{path}: {key}: {_when(given)!r} is neither {ON!r} nor {AUTO!r}, nor a table")
+        parameters = {k: v for k, v in given.items() if k != WHEN} if isinstance(given, dict) else {}
+        listed[name] = check(parameters, effect_class(name), f"{path}: effects.{name}")
     for name, effect in listed.items():
-        if others := [other for other in effect.excludes if other in listed]:
-            raise ConfigError(f"{path}: effects.{name} and effects.{others[0]} exclude each other; leave one out")
+        if other := rival(effect, listed):
+            raise ConfigError(f"{path}: effects.{name} and effects.{other} exclude each other; leave one out")
     return listed
 
 
@@ -161,6 +162,7 @@ def _called_for(
             called[name] = f"can change force by {bound.force:.2g} and ratio by {bound.ratio:.2g}, above {tolerance:g}"
         else:
             beside = others
+    called = {name: why + origin(name) for name, why in called.items()}
     return {name: effect for name, effect in listed.items() if name in called}, called
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.effects import EFFECTS
+from palpate.simulators.effects import in_order
 from palpate.simulators.linear.lti import Floats, StateSpace
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
@@ -36,7 +36,7 @@ class Rig:
     """The state of a scene. All times are integer nanoseconds of the clock; call its methods under the clock's lock."""
 
     def __init__(self, scene: Scene, clock: VirtualClock) -> None:
-        self.effects = Effects({name: scene.effects[name] for name in EFFECTS if name in scene.effects})
+        self.effects = Effects(in_order(scene.effects))
         self.scene = scene = replace(scene, effects=self.effects)
         self._clock = clock
         self._films = scene.design.films

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Iterator
-from pathlib import Path
-
 import pytest
 
-from palpate.instrument.additions import addition, additions
+from palpate.instrument.additions import addition
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import all_kinds, device_kind
 from palpate.instrument.config import check
@@ -17,8 +13,7 @@ from palpate.procedures.engine.known import procedure_class
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
-
-Install = Callable[..., None]
+from tests.conftest import Install
 
 OVEN = """
 from palpate.instrument.bench.kinds import DeviceKind
@@ -29,27 +24,6 @@ from palpate.simulators.wire.device import SimulatedDevice
 class Simulated(SimulatedDevice):
     contract = CONTRACT
 """
-
-
-@pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Puts a package where Python looks for installed ones: a module and what it says of its entry points."""
-    monkeypatch.syspath_prepend(str(tmp_path))
-
-    def installed(package: str, group: str, entries: dict[str, str], **modules: str) -> None:
-        about = tmp_path / f"{package}-1.2.dist-info"
-        about.mkdir()
-        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
-        lines = [f"[{group}]", *(f"{name} = {place}" for name, place in entries.items())]
-        (about / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
-        for module, text in modules.items():
-            (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
-        importlib.invalidate_caches()
-        additions.cache_clear()
-
-    additions.cache_clear()
-    yield installed
-    additions.cache_clear()
 
 
 def test_an_addition_knows_the_package_it_comes_from_and_its_version(install: Install) -> None:
@@ -70,20 +44,18 @@ def test_an_addition_knows_the_package_it_comes_from_and_its_version(install: In
         ("", "AttributeError: module .* has no attribute 'KIND'"),
     ],
 )
-def test_a_package_that_cannot_be_imported_is_named_and_hinders_no_other(
-    text: str, why: str, install: Install, tmp_path: Path
-) -> None:
-    module = f"broken_{tmp_path.name[-1]}{len(text)}"  # of its own: what was imported once stays
-    install("broken", "palpate.devices", {"broken-oven": f"{module}:KIND"}, **{module: text})
-    good = f"good_{module}"
+def test_a_package_that_cannot_be_imported_is_named_and_hinders_no_other(text: str, why: str, install: Install) -> None:
+    install("broken", "palpate.devices", {"broken-oven": "broken_oven:KIND"}, broken_oven=text)
     install(
         "good",
         "palpate.devices",
-        {"good-oven": f"{good}:KIND"},
-        **{good: OVEN.format(name="good-oven", product="GO", module=good)},
+        {"good-oven": "good_oven:KIND"},
+        good_oven=OVEN.format(name="good-oven", product="GO", module="good_oven"),
     )
     assert device_kind("good-oven").name == "good-oven"
-    with pytest.raises(ConfigError, match=rf"^kind of device 'broken-oven' of broken 1.2 \({module}:KIND\): .*{why}"):
+    with pytest.raises(
+        ConfigError, match=rf"^kind of device 'broken-oven' of broken 1.2 \(broken_oven:KIND\): .*{why}"
+    ):
         device_kind("broken-oven")
     with pytest.raises(UnknownName, match=r"did you mean 'good-oven'.*broken-oven"):
         device_kind("good-ovne")

@@ -18,7 +18,7 @@ PLAYED = NOISY + '\n[effects.hysteresis]\nweights = [0.1]\nradii = ["50 mN"]\n'
 @pytest.fixture
 def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds of what is left out take most of a plan's time."""
-    monkeypatch.setattr(planning, "_omitted", lambda *_: [])
+    monkeypatch.setattr(planning, "_omitted", lambda *_: ([], []))
 
 
 # --- what is said --------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ def planned(question: Question | None = None, **effects: Effect) -> Plan:
 @pytest.fixture
 def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds of what is left out take most of a plan's time."""
-    monkeypatch.setattr(planning, "_omitted", lambda *_: [])
+    monkeypatch.setattr(planning, "_omitted", lambda *_: ([], []))
 
 
 # --- the path ------------------------------------------------------------------------------------------

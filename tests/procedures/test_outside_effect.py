@@ -1,0 +1,239 @@
+"""An effect that palpate knows nothing of: scenes name it, plans weigh it, and a lie about it is caught."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from palpate.instrument.errors import ConfigError
+from palpate.instrument.sensor.design import Design
+from palpate.procedures.records.run import Run
+from palpate.simulators.effects.amplifier_clip import AmplifierClip
+from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.effects.gain_scatter import GainScatter
+from palpate.simulators.effects.jitter import Jitter
+from palpate.simulators.effects.mains_hum import MainsHum
+from palpate.simulators.effects.off_axis import OffAxis
+from palpate.simulators.effects.pink_noise import PinkNoise
+from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.simulators.linear.lti import Times
+from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Kind, Rates
+from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.planning.plan import Question, plan
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.randomness import Stream
+from palpate.simulators.scenes.scene import Scene
+from palpate.testing import EffectConformance
+from tests.conftest import Install
+from tests.procedures.conftest import Palpate
+
+QUESTION = Question("2", 3.0, dwell=0.5)
+SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
+WET_GLUE = """
+from typing import ClassVar
+import numpy as np
+from pydantic import Field
+from palpate.instrument.quantity import Seconds
+from palpate.simulators.physics.stages import FilmsEffect
+
+class WetGlue(FilmsEffect):
+    kind: ClassVar = "lti"
+    cancels_in_ratio: ClassVar[bool] = True
+    loss: float = Field(default=0.1, ge=0, lt=1, strict=True)
+    dried: Seconds = Field(default=0.0, ge=0)
+
+    def matrix(self, design, stream, set_at_ns):
+        return (1 - self.loss) * np.eye(len(design.films))
+"""
+
+
+@pytest.fixture
+def wet_glue(install: Install) -> None:
+    install("acme", "palpate.effects", {"wet_glue": "wet_glue:WetGlue"}, wet_glue=WET_GLUE)
+
+
+def scene_of(effects: str, folder: Path) -> Scene:
+    path = folder / "mine.toml"
+    path.write_text(SCENE + effects, encoding="utf-8")
+    return read_scene(str(path))
+
+
+@pytest.mark.usefixtures("wet_glue")
+def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -> None:
+    scene = scene_of('[effects.wet_glue]\nloss = 0.2\ndried = "3 ms"\n[effects.adc]\n', tmp_path)
+    assert list(scene.effects) == ["adc", "wet_glue"]
+    assert scene.called["wet_glue"] == "called for, of acme 1.2"
+    assert scene.effects["wet_glue"].model_dump() == {"loss": 0.2, "dried": "0.003 s"}
+    (priced,) = [each for each in plan(scene, QUESTION).included if each.name == "wet_glue"]
+    assert priced.seconds >= 0
+    automatic = scene_of('[effects.wet_glue]\nwhen = "auto"\n', tmp_path)
+    assert automatic.called["wet_glue"].startswith("can change force by 0.1")
+    assert not scene_of('[effects.wet_glue]\nwhen = "auto"\nloss = 1e-9\n', tmp_path).effects
+    with pytest.raises(ConfigError, match=r"mine.toml: effects.wet_glue: dried: .*needs a unit"):
+        scene_of("[effects.wet_glue]\ndried = 3.0\n", tmp_path)
+    with pytest.raises(
+        ConfigError, match=r"effects.wet_glu: unknown effect \(did you mean 'wet_glue'\?\); valid: .*adc"
+    ):
+        scene_of('[effects]\nwet_glu = "on"\n', tmp_path)
+
+
+@pytest.mark.usefixtures("wet_glue")
+def test_the_record_of_its_scene_names_package_and_version(palpate: Palpate, tmp_path: Path) -> None:
+    scene_of("[effects.wet_glue]\n", tmp_path)
+    done = palpate("sweep", "loads", "--scene", "mine.toml", "--samples", "1", "--loads", "2 N", "--out", "a", "--json")
+    assert done.object["scene"] == "mine"
+    assert Run.open(Path("a")).header["versions"]["acme"] == "1.2"
+
+
+@pytest.mark.usefixtures("wet_glue")
+def test_a_plan_weighs_it_where_it_is_left_out_and_names_one_that_cannot_be(install: Install, tmp_path: Path) -> None:
+    install("odd", "palpate.effects", {"odd": "odd_effects:Odd", "lost": "no_such:Lost"}, odd_effects="Odd = 3")
+    found = plan(scene_of("", tmp_path), QUESTION)
+    (left,) = [each for each in found.omitted if each.name == "wet_glue"]
+    assert left.force == pytest.approx(0.1)
+    assert left.ratio == pytest.approx(0.0, abs=1e-12)
+    lost, odd = found.warnings[-2:]
+    assert "effect 'lost' of odd 1.2 (no_such:Lost): cannot be loaded" in lost
+    assert "effect 'odd' of odd 1.2 (odd_effects:Odd): is no Effect whose class is named after 'odd'" in odd
+
+
+WRONG = {
+    "from palpate.simulators.physics.effect import Effect as Glue\nclass WetGlue(Glue): ...": "inherits from none of",
+    WET_GLUE.replace('kind: ClassVar = "lti"', ""): "does not say its kind (lti, static_nl, ",
+    WET_GLUE.replace("default=0.1, ", ""): "cannot be made with the defaults of its parameters: ",
+    WET_GLUE.replace("def matrix", "def matrices"): "cannot be made with .*abstract",
+    WET_GLUE.replace("loss: float", "losses: list[float] = [0.0]\n    loss: float"): "cannot be made .*unhashable",
+    WET_GLUE.replace("class WetGlue", "class WetGlues")
+    + "WetGlue = WetGlues": "is no Effect whose class is named after",
+}
+
+
+@pytest.mark.parametrize("number", range(len(WRONG)))
+def test_what_cannot_be_an_effect_is_refused(number: int, install: Install, tmp_path: Path) -> None:
+    text, why = list(WRONG.items())[number]
+    install("acme", "palpate.effects", {"wet_glue": "wet_glue:WetGlue"}, wet_glue=text)
+    with pytest.raises(ConfigError, match=rf"^effect 'wet_glue' of acme 1.2 \(wet_glue:WetGlue\): {_plain(why)}"):
+        scene_of("[effects.wet_glue]\n", tmp_path)
+
+
+def _plain(why: str) -> str:
+    return why.replace("(", r"\(")
+
+
+def test_two_effects_at_a_place_where_only_one_can_act_are_refused(install: Install, tmp_path: Path) -> None:
+    text = (
+        "from palpate.simulators.effects.charge_amplifier import ChargeAmplifier\n"
+        "class SlowAmplifier(ChargeAmplifier):\n    excludes = ()\n"
+    )
+    install("acme", "palpate.effects", {"slow_amplifier": "slow:SlowAmplifier"}, slow=text)
+    with pytest.raises(ConfigError, match=r"charge_amplifier and effects\.slow_amplifier exclude each other"):
+        scene_of("[effects.slow_amplifier]\n[effects.charge_amplifier]\n", tmp_path)
+    assert scene_of("[effects.slow_amplifier]\n", tmp_path).effects["slow_amplifier"] == _slow()
+
+
+def _slow() -> Effect:
+    from palpate.simulators.effects import effect_class
+
+    assert issubclass(effect_class("slow_amplifier"), ChargeAmplifier)
+    return effect_class("slow_amplifier")()
+
+
+# --- effects that lie about themselves -------------------------------------------------------------------
+
+
+class Modest(OffAxis):
+    """Says that it changes nothing."""
+
+    def known_bound(self, case: Case) -> Bound:
+        return Bound(0.0, 0.0)
+
+
+class Fickle(FilmsEffect):
+    """Draws gains and does not say so."""
+
+    kind: ClassVar[Kind] = "lti"
+    cancels_in_ratio: ClassVar[bool] = False
+
+    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
+        return np.diag(1 + 0.1 * stream.normal(set_at_ns // 1000, len(design.films)))
+
+
+class Loud(WhiteNoise):
+    """Understates its noise."""
+
+    def error(self, case: Case, rates: Rates) -> float:
+        return 0.01 * super().error(case, rates)
+
+
+class Far(AmplifierClip):
+    """A limit that looks for itself too far away."""
+
+    def nearer(self, share: float) -> Effect:
+        return Far(rail="100 V")
+
+
+class Quiet(WhiteNoise):
+    """Boasts of noise that would make a converter's steps average out."""
+
+    def volts(self, stream: Stream, time_ns: Times, period_ns: int, rates: Callable[[], Floats]) -> Floats:
+        return np.zeros(len(time_ns))
+
+
+class Hidden(WhiteNoise):
+    """Understates what it adds to a sample."""
+
+    def largest(self, case: Case, rates: Rates) -> float:
+        return 0.1 * super().largest(case, rates)
+
+
+class Alike(Modest):
+    """Says that it cancels in the ratio."""
+
+    def matrix(self, design: Design, stream: Stream, set_at_ns: int) -> Floats:
+        return np.diag(np.linspace(1.0, 0.9, len(design.films)))
+
+
+def suite(effect: Effect) -> EffectConformance:
+    class Suite(EffectConformance):
+        pass
+
+    Suite.effect = effect
+    return Suite()
+
+
+@pytest.mark.parametrize(
+    "effect", [Modest(), Loud(density="100 µV/√Hz"), Far(rail="1 V")], ids=lambda effect: effect.name
+)
+def test_an_effect_that_changes_more_than_its_bound_is_caught(effect: Effect) -> None:
+    with pytest.raises(AssertionError, match="more than its bound"):
+        suite(effect).hold_bound(effect, {}, QUESTION)
+
+
+def test_an_effect_that_draws_gains_and_does_not_say_so_is_caught() -> None:
+    with pytest.raises(AssertionError, match="gains differ, and `scatter` is None"):
+        suite(Fickle()).test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter()
+
+
+def test_an_effect_that_boasts_of_noise_or_understates_it_is_caught() -> None:
+    with pytest.raises(AssertionError, match="V in each sample, 0 V are white"):
+        suite(Quiet(density="100 µV/√Hz")).test_its_noise_is_as_strong_and_as_weak_as_it_says()
+    with pytest.raises(AssertionError):
+        suite(Hidden(density="100 µV/√Hz")).test_its_noise_is_as_strong_and_as_weak_as_it_says()
+
+
+def test_an_effect_that_does_not_cancel_as_it_says_is_caught() -> None:
+    with pytest.raises(AssertionError):
+        suite(Alike()).test_where_it_says_so_it_cancels_in_the_ratio()
+
+
+def test_an_honest_effect_passes() -> None:
+    suite(OffAxis()).hold_bound(OffAxis(), {}, QUESTION)
+    suite(OffAxis()).test_where_it_says_so_it_cancels_in_the_ratio()
+    suite(OffAxis()).test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter()
+    suite(GainScatter()).test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter()
+    for noise in (WhiteNoise(), MainsHum(), PinkNoise(), Jitter(delay="1 ms")):
+        suite(noise).test_its_noise_is_as_strong_and_as_weak_as_it_says()
