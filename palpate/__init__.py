@@ -15,6 +15,7 @@ this package give them import names of their own (`palpate.drivers`), which do n
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -141,6 +142,12 @@ __all__ = [
     "run",
     "unknown_object",
 ]
+
+if (_LINK := Path(__file__).parent / "procedures").is_file():
+    raise ImportError(
+        f"{_LINK} is a file, not a symbolic link: this checkout was made without links; "
+        "clone with `git clone -c core.symlinks=true`, or install a wheel"
+    )
 
 if not TYPE_CHECKING:  # else a type checker would accept any name
 

@@ -14,19 +14,19 @@ from palpate.instrument.config import Hashed, read_data, read_hashed
 from palpate.instrument.errors import RecordError
 
 
-def read_calibration(path: Path) -> LoadCellCalibration:
+def read_calibration(path: str | Path) -> LoadCellCalibration:
     """The calibration in a TOML file.
 
     Raises:
         ConfigError: there is no such file, it is not TOML, it was changed by hand, or keys are unknown, missing or
             invalid (one error lists them all).
     """
-    return read_hashed(path, LoadCellCalibration)
+    return read_hashed(Path(path), LoadCellCalibration)
 
 
-def read_film_calibration(path: Path) -> FilmCalibration:
+def read_film_calibration(path: str | Path) -> FilmCalibration:
     """Read the calibration of films from a TOML file. Raises ConfigError as `read_calibration` does."""
-    return read_hashed(path, FilmCalibration)
+    return read_hashed(Path(path), FilmCalibration)
 
 
 def accept_calibration(path: Path, today: date) -> LoadCellCalibration | FilmCalibration | None:

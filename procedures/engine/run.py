@@ -10,6 +10,7 @@ from palpate.procedures.console.progress import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.settings import check_settings
 from palpate.procedures.lab.calibrations import check_store
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.open import Chosen, OpenBench, opened
@@ -24,6 +25,7 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
 
     Returns what may refuse it yet when the bench is open, "" where nothing is known.
     """
+    check_settings(procedure)
     procedure.check(target)
     loads = procedure.loads_to_tell()
     if by_store and loads is not None:

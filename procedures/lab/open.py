@@ -170,7 +170,7 @@ class OpenBench:
 @contextmanager
 def open_bench(
     *,
-    scene: str | None = None,
+    scene: str | Path | None = None,
     bench: str | Path | None = None,
     seed: int | None = None,
     model: str | None = None,
@@ -195,7 +195,8 @@ def open_bench(
         ConfigError, UnknownName: a bench file or scene file is wrong.
         BenchError: a device cannot be opened or identified.
     """
-    chosen = choose(None if bench is None else Path(bench), scene, seed, model, None, assume_mounted, operator)
+    named = None if scene is None else str(scene)
+    chosen = choose(None if bench is None else Path(bench), named, seed, model, None, assume_mounted, operator)
     if log is not None:
         check_log(Path(log))
     with opened(chosen, None if log is None else Path(log)) as opened_bench:

@@ -141,8 +141,12 @@ def recording(
         ConfigError: a calibration is missing, damaged, expired, or belongs to another device.
         RecordError: the folder cannot be written.
     """
-    if opened.runs and (opened.log is not None or not opened.bench.is_open):
-        why = "its log holds a run already" if opened.bench.is_open else "it was closed when a run failed"
+    if not opened.bench.is_open or (opened.runs and opened.log is not None):
+        why = (
+            "its log holds a run already"
+            if opened.bench.is_open
+            else "it is closed, as its block ended or a run failed"
+        )
         raise UsageError(f"no other run can begin on this bench: {why}; open the bench anew")
     logged, scene = opened.chosen.logged, opened.scene
     mounting = opened.chosen.mounting(by_hand)

@@ -139,8 +139,8 @@ class Scene:
 
     def with_seed(self, seed: int) -> Scene:
         """The same scene with another seed, so with other noise and scatter. Raises RangeError."""
-        if not 0 <= seed <= LARGEST_SEED:
-            raise RangeError(f"seed {seed} is outside 0 to {LARGEST_SEED}; give one inside")
+        if not (isinstance(seed, int) and 0 <= seed <= LARGEST_SEED):
+            raise RangeError(f"seed {seed!r} is no whole number from 0 to {LARGEST_SEED}; give one inside")
         return replace(self, seed=seed)
 
 

@@ -143,7 +143,7 @@ def test_fails(bench):
     [
         ('"noisy_lap"', "unknown scene 'noisy_lap'*noisy_lab*"),
         ('"absent.toml"', "*absent.toml*"),
-        ("seed=-1", "seed -1 is outside 0 to 9223372036854775807*"),
+        ("seed=-1", "seed -1 is no whole number from 0 to 9223372036854775807*"),
         ("sed=1", "*unexpected keyword argument 'sed'"),
         ('faults=[{"kind": "bit_eror"}]', "*unknown fault 'bit_eror'*bit_error*"),
         ('faults=[{"kind": "bit_error", "on": "can", "at": "1 s"}]', "*unknown place of a bit_error 'can'*line*"),

@@ -107,9 +107,48 @@ def test_a_bench_takes_run_after_run_and_none_once_one_has_failed(
         with pytest.raises(KeyboardInterrupt):
             palpate.run(held, bench, out="third", progress=stop)
         assert not bench.bench.driving
-        with pytest.raises(palpate.UsageError, match="it was closed when a run failed; open the bench anew"):
+        with pytest.raises(
+            palpate.UsageError, match="it is closed, as its block ended or a run failed; open the bench anew"
+        ):
             palpate.run(held, bench, out="fourth")
     assert palpate.read("third").status == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("procedure", "wrong"),
+    [
+        (palpate.LoadSweep, "is no procedure; give an object of one"),
+        (palpate.LoadSweep(dwell="1 s"), "dwell = '1 s': input should be a valid number; its type is float"),  # type: ignore[arg-type]
+        (palpate.LoadSweep(samples="12"), "samples = '12': input should be a valid tuple"),  # type: ignore[arg-type]
+        (palpate.LoadSweep(loads=()), r"loads = \(\): nothing is given; give at least one"),
+        (palpate.FrequencySweep(()), r"frequencies = \(\): nothing is given"),
+    ],
+)
+def test_a_setting_of_a_wrong_type_is_refused_before_anything_is_sent(
+    procedure: palpate.LoadSweep, wrong: str, tmp_path: Path
+) -> None:
+    with palpate.open_bench(scene="ideal") as bench, pytest.raises(palpate.UsageError, match=wrong):
+        palpate.run(procedure, bench, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_list_is_as_good_as_a_tuple(tmp_path: Path) -> None:
+    sweep = palpate.LoadSweep(samples=["1"], loads=[2.0], dwell=0.2)  # type: ignore[arg-type]
+    with palpate.open_bench(scene="ideal") as bench:
+        done = palpate.run(sweep, bench, out=tmp_path / "run")
+    assert len(done.run.points()) == 1
+    with pytest.raises(
+        palpate.UsageError, match="it is closed, as its block ended or a run failed; open the bench anew"
+    ):
+        palpate.run(sweep, bench, out=tmp_path / "later")
+
+
+def test_a_checkout_without_symbolic_links_says_so(tmp_path: Path) -> None:
+    (tmp_path / "palpate").mkdir()
+    shutil.copy(palpate.__file__, tmp_path / "palpate")
+    (tmp_path / "palpate" / "procedures").write_text("../procedures")
+    done = subprocess.run([sys.executable, "-c", "import palpate"], cwd=tmp_path, capture_output=True, text=True)
+    assert "this checkout was made without links" in done.stderr
 
 
 @pytest.fixture

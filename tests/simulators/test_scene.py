@@ -346,7 +346,7 @@ def test_an_unknown_model_or_sample_or_a_seed_out_of_range_is_refused_outside_fi
     with pytest.raises(UnknownName, match="unknown sample '7'; valid: 1, 2, 3, 4, 5, 6"):
         get_sample("7")
     for seed in (-1, LARGEST_SEED + 1):
-        with pytest.raises(RangeError, match=f"seed {seed} is outside 0 to {LARGEST_SEED}"):
+        with pytest.raises(RangeError, match=f"seed {seed} is no whole number from 0 to {LARGEST_SEED}"):
             scene.with_seed(seed)
     assert issubclass(ConfigError, UsageError) and issubclass(RangeError, UsageError)
 
