@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.run import plan, run
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench, open_bench
+    from palpate.procedures.measurements.characterise.procedure import Characterisation
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
@@ -76,6 +77,7 @@ _PLACES = {
     "procedures.engine.run": "plan run",
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench open_bench",
+    "procedures.measurements.characterise.procedure": "Characterisation",
     "procedures.measurements.films.procedure": "FilmSeries",
     "procedures.measurements.frequency.procedure": "FrequencySweep",
     "procedures.measurements.load_cell.procedure": "LoadCellSeries",
@@ -93,6 +95,7 @@ _PLACES = {
 
 __all__ = [
     "BenchError",
+    "Characterisation",
     "ConfigError",
     "EstimateError",
     "FilmCalibration",

@@ -13,7 +13,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.characterise import procedure as characterise
+from palpate.procedures.measurements.characterise.procedure import Characterisation
 from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.measurements.frequency.procedure import FrequencySweep
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
@@ -46,10 +46,6 @@ class Value:
 
 
 Found = dict[str, Value]
-
-
-def silent(_done: int, _total: int, _what: str) -> None:
-    pass
 
 
 def _ratios(
@@ -126,8 +122,7 @@ def _softness(bench: Bench, record: Recorder) -> Found:
 
 
 def _characterise(bench: Bench, record: Recorder) -> Found:
-    settings = characterise.CharacteriseSettings(SAMPLE, LOADS, DWELL, FREQUENCY, 2.0)
-    result = characterise.run(bench, SINGLE, THESIS_LOAD_CELL, settings, record, silent)
+    result = conduct(Characterisation(SAMPLE, LOADS, DWELL, FREQUENCY, 2.0), _lab(bench), record)
     found = {f"{row.film} {row.quantity}": Value(row.value, APART * row.u) for row in result.rows}
     for i, p in enumerate(result.points):
         for film, volts in zip(result.films, p.voltages_V, strict=True):

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from palpate.procedures.commands.options import FILE_NAME, OUT, Group, Output, output_options
-
-if TYPE_CHECKING:
-    from palpate.procedures.lab.logged import LoggedRun
 
 
 @click.group(cls=Group)
@@ -59,7 +55,6 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
     come out are not kept for later runs. It ends at the first request that the log does not hold at that place.
     """
     from palpate.procedures.commands.measure import tell
-    from palpate.procedures.commands.resume import unconverted
     from palpate.procedures.engine.known import class_of
     from palpate.procedures.engine.replay import do_again
     from palpate.procedures.lab.logged import LoggedRun
@@ -67,25 +62,7 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
 
     check_holes(log)
     logged, output = LoggedRun(log), Output(as_json, quiet)
-    if logged.run.procedure in unconverted():
-        return _replay_unconverted(logged, out, output)
     procedure = class_of(logged.run, "replayed").recorded(logged.run)
     with output.progress() as progress:
         done = do_again(procedure, logged, out, progress)
     return tell(procedure, done, output)
-
-
-def _replay_unconverted(logged: LoggedRun, out: Path | None, output: Output) -> None:
-    from palpate.instrument.errors import PalpateError
-    from palpate.procedures.commands.options import Choice
-    from palpate.procedures.commands.resume import unconverted
-    from palpate.procedures.engine.unconverted import conduct
-    from palpate.procedures.records.resumed import settings_of
-
-    procedure = unconverted()[logged.run.procedure]()
-    settings = settings_of(logged.run, procedure.settings)
-    try:
-        conduct(procedure, settings, Choice(None, None, None, out), output, replay=logged)
-    except PalpateError as error:
-        error.__notes__ = []  # on outputs that cannot be switched off: there are none
-        raise

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
-
 import click
 
 from palpate.procedures.commands.options import (
@@ -16,10 +13,6 @@ from palpate.procedures.commands.options import (
     dwell_option,
     frequency_option,
 )
-
-if TYPE_CHECKING:
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.lab.session import Outcome, Session
 
 
 @click.command(
@@ -45,36 +38,11 @@ def characterise(
     and the sensor's spatial resolution: loads up, loads down, then the middle one held.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.engine.unconverted import conduct
-    from palpate.procedures.measurements.characterise import procedure
+    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.measurements.characterise.procedure import Characterisation
     from palpate.procedures.steps.checks import parse_loads
 
-    settings = procedure.CharacteriseSettings(
+    asked = Characterisation(
         sample, parse_loads(loads), parse(dwell, "s"), parse(frequency, "Hz"), parse(drift_time, "s")
     )
-    conduct(of_characterise(), settings, choice, output)
-
-
-def of_characterise() -> Procedure[Any, Any]:
-    from palpate.procedures.commands.measure import tell_result
-    from palpate.procedures.engine.unconverted import Procedure
-    from palpate.procedures.measurements.characterise import procedure
-    from palpate.procedures.measurements.characterise.characteristics import CharacteriseResult
-    from palpate.procedures.measurements.characterise.report import plot_characteristics, print_characteristics
-
-    def tell(session: Session, result: CharacteriseResult, outcome: Outcome, output: Output) -> None:
-        plot = plot_characteristics(result, session.lab.bench.simulated, session.record.folder)
-        points = [asdict(p) for p in result.points]
-        found = {**outcome, "points": points, **result.summary(), "plot": str(plot)}
-        tell_result(output, found, lambda: print_characteristics(result, outcome, plot), result.budgets)
-
-    return Procedure(
-        procedure.PROCEDURE,
-        procedure.CharacteriseSettings,
-        lambda settings, target: procedure.check(settings, target.design, target.force_limit, target.nodes),
-        lambda session, settings, progress, _: procedure.run(
-            session.lab.bench, session.lab.design, session.lab.calibration, settings, session.record, progress
-        ),
-        tell,
-        loads=lambda settings: (settings.loads, False),
-    )
+    measure(asked, choice, output)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Choice, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
 from palpate.procedures.lab.store import result_folder
 
 if TYPE_CHECKING:
@@ -81,21 +81,25 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
 
 def _opener(folder: Path, seed: int | None) -> Open:
     """Opens the simulated bench of a scene, its run in a folder of its own."""
-    from palpate.procedures.engine.unconverted import open_session
-    from palpate.procedures.lab.session import Session
+    from palpate.procedures.lab.open import choose, opened
+    from palpate.procedures.lab.session import Session, recording
 
     @contextmanager
-    def opened(
+    def open_one(
         scene: str, procedure: str, model: str | None = None, parameters: str | None = None
     ) -> Iterator[Session]:
         taken = sum(1 for path in folder.iterdir() if path.is_dir())
         name = "-".join(part for part in (f"{taken + 1}-{procedure}-{scene}", parameters) if part)
-        choice = Choice(None, scene, seed, folder / name)
-        with open_session(procedure, choice, {}, lambda _: None, model=model, parameters=parameters) as session:
+        started = datetime.now(UTC)
+        with (
+            result_folder(folder / name, procedure, started) as place,
+            opened(choose(None, scene, seed, model, parameters), None, started=started) as bench,
+            recording(bench, procedure, {}, place) as session,
+        ):
             yield session
             session.record.finish("complete", {})
 
-    return opened
+    return open_one
 
 
 @reproduce.command(

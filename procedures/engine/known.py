@@ -23,6 +23,7 @@ SHIPPED = {
     "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
     "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",
     "softness": "palpate.procedures.measurements.softness.procedure:SoftnessTest",
+    "characterise": "palpate.procedures.measurements.characterise.procedure:Characterisation",
 }
 
 

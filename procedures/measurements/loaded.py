@@ -70,10 +70,14 @@ class Loaded:
         """Drive with a load [N, peak to peak]. Raises as `LoadServo.set`."""
         carry_out(self.lab.bench, what, partial(self.servo.set, load))
 
-    def measured(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
-        """The films under a load [N, peak to peak] that is set now. Arguments and errors as `set` and `measure`."""
-        self.set(load, what)
+    def held(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
+        """The films under a load [N, peak to peak] that has been set. Arguments and errors as `measure`."""
         return measure(self.films, self.servo, load, dwell, self.record, what, compare)
+
+    def measured(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
+        """The films under a load [N, peak to peak] that is set first. Arguments and errors as `set` and `measure`."""
+        self.set(load, what)
+        return self.held(load, what, dwell, compare)
 
     def end(self) -> None:
         """Outputs to zero, the probe home, and the load cell still at its zero. Raises BenchError: it is not."""

@@ -46,6 +46,7 @@ SIGNATURES = {
     "LoadCellSeries": "loads runs positions degree creep valid_days",
     "FilmSeries": "loads frequencies dwell valid_days extrapolate",
     "ModulusTest": "sample strain steps extrapolate",
+    "Characterisation": "sample loads dwell frequency drift_time",
     "SoftnessTest": "objects loads dwell frequency model",
     "unknown_object": "design thickness modulus",
     "Taken": "point waveforms error",

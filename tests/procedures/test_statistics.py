@@ -38,7 +38,7 @@ from palpate.instrument.signals.noise_parts import _power, _typical
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
-from palpate.procedures.measurements.characterise.characteristics import _of_greatest
+from palpate.procedures.measurements.characterise.result import _of_greatest
 from palpate.procedures.measurements.frequency import procedure as frequency
 from palpate.procedures.measurements.loads.procedure import floor_of
 from palpate.procedures.measurements.softness import result as softness

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import SensorNode
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.console.progress import Progress
-from palpate.procedures.measurements.characterise.characteristics import (
+from palpate.procedures.engine.plan import Plan, Step, point_seconds
+from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.measurements.characterise.result import (
     HOLDING,
     LEAST_DRIFT_POINTS,
     LEAST_LOADS,
@@ -23,103 +22,128 @@ from palpate.procedures.measurements.characterise.characteristics import (
     FilmsPoint,
     evaluate,
 )
+from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.begin import Points, begin
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time, preload_for
-from palpate.procedures.steps.film_point import FilmPoint, measure
+from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, finish, press
 
-PROCEDURE = "characterise"
 LARGEST_DRIFT_TIME = 86_400.0  # s
-DRIFT_POINTS = 10
+DRIFT_POINTS = 10  # after the first point of the load that is held
 
 
 @dataclass(frozen=True, slots=True)
-class CharacteriseSettings:
-    """Sample, loads in N peak to peak up and then down, dwell in s, frequency in Hz; how long drift is watched [s]."""
+class CharacteriseStep(Step):
+    """A load that is set on the way up or down, or held: `direction` is LOADING, UNLOADING or HOLDING."""
 
-    sample: str
-    loads: tuple[float, ...]
-    dwell: float
-    frequency: float
-    drift_time: float
+    direction: str
+    load_N: float
 
 
-def check(settings: CharacteriseSettings, design: Design, force_limit: float, nodes: int) -> None:
-    """Refuse what cannot be done, before any device is spoken to.
+@dataclass(frozen=True)
+class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult]):
+    """Name of the sample, loads in N peak to peak, dwell in s, frequency in Hz.
 
-    Raises:
-        RangeError: too few loads for a line, a load beyond the force limit in N, a frequency, dwell or drift time that
-            gives no estimate, a sensor whose films the bench's sensor nodes cannot take.
-        UnknownName: an unknown sample.
+    The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time` s.
     """
-    get_sample(settings.sample)
-    check_nodes(design, nodes)
-    if len(settings.loads) < LEAST_LOADS:
-        raise RangeError(f"{len(settings.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
-    check_force(settings.loads, force_limit)
-    check_frequency(settings.frequency)
-    check_time(settings.dwell, settings.frequency)
-    least = LEAST_DRIFT_POINTS * settings.dwell
-    if not least <= settings.drift_time <= LARGEST_DRIFT_TIME:
-        raise RangeError(
-            f"drift time {settings.drift_time:g} s is outside {least:g} s, {LEAST_DRIFT_POINTS} dwells, to"
-            f" {LARGEST_DRIFT_TIME:g} s; give one inside"
-        )
+
+    name = "characterise"
+    point = FilmsPoint
+
+    sample: str = "1"
+    loads: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5)
+    dwell: float = 1.0
+    frequency: float = 10.0
+    drift_time: float = 300.0
+
+    def check(self, target: Target) -> None:
+        """Refuse what cannot be done, before any device is spoken to.
+
+        Raises:
+            RangeError: too few loads for a line, a load beyond the force limit, a frequency, dwell or drift time that
+                gives no estimate, too few sensor nodes.
+            UnknownName: an unknown sample.
+        """
+        get_sample(self.sample)
+        check_nodes(target.design, target.nodes)
+        if len(self.loads) < LEAST_LOADS:
+            raise RangeError(f"{len(self.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
+        check_force(self.loads, target.force_limit)
+        check_frequency(self.frequency)
+        check_time(self.dwell, self.frequency)
+        least = LEAST_DRIFT_POINTS * self.dwell
+        if not least <= self.drift_time <= LARGEST_DRIFT_TIME:
+            raise RangeError(
+                f"drift time {self.drift_time:g} s is outside {least:g} s, {LEAST_DRIFT_POINTS} dwells, to"
+                f" {LARGEST_DRIFT_TIME:g} s; give one inside"
+            )
+
+    def loads_to_tell(self) -> Loads:
+        return Loads(self.loads)
+
+    def plan(self, target: Target) -> Plan[CharacteriseStep]:
+        """Every load up, every load down, then the middle one several times."""
+        middle = self.loads[len(self.loads) // 2]
+        places = [(LOADING, load) for load in self.loads] + [(UNLOADING, load) for load in self.loads[::-1]]
+        steps = [
+            self._step(direction, load, point_seconds(self.frequency, self.dwell, first=not number))
+            for number, (direction, load) in enumerate([*places, (HOLDING, middle)])
+        ]
+        held = self._step(HOLDING, middle, max(self.interval, self.dwell))
+        return Plan(self.name, steps + [held] * DRIFT_POINTS)
+
+    def _step(self, direction: str, load: float, seconds: float) -> CharacteriseStep:
+        what, group = f"{direction}, {show(load, 'N')}", f"mount sample {self.sample}"
+        return CharacteriseStep(self.dwell, seconds, None, direction, load, what=what, group=group)
+
+    @property
+    def interval(self) -> float:
+        """Time between two points of the load that is held [s]."""
+        return self.drift_time / DRIFT_POINTS
+
+    def begin(self, lab: Lab, record: Recorder) -> Characterising:
+        return Characterising(lab, record, self)
+
+    def evaluate(self, points: Sequence[FilmsPoint], lab: Lab) -> CharacteriseResult:
+        return evaluate(points, lab.design, lab.calibration, self.dwell, lab.bench.force_limit)
+
+    def report(self, result: CharacteriseResult, lab: Lab) -> Report:
+        from palpate.procedures.measurements.characterise.report import plot_characteristics, print_characteristics
+
+        simulated = lab.bench.simulated
+        return Report(partial(print_characteristics, result), partial(plot_characteristics, result, simulated))
 
 
-def run(
-    bench: Bench,
-    design: Design,
-    calibration: LoadCellCalibration,
-    settings: CharacteriseSettings,
-    record: Recorder,
-    progress: Progress,
-) -> CharacteriseResult:
-    """Loads up, loads down, then one load for a while. Each point is durable before `progress` hears of it.
+class Characterising(Loaded):
+    """Loads up, loads down, then one load that is held."""
 
-    Raises:
-        RangeError, UnknownName: as `check`, or a load outside the calibrated range; the outputs have stayed off.
-        UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
-        EstimateError: too few points are valid.
-    """
-    check(settings, design, bench.force_limit, len(bench.all(SensorNode)))
-    films = begin(bench, design, calibration, settings.loads, settings.frequency, (settings.sample,))
-    preloaded = press(bench, calibration, get_sample(settings.sample), preload_for(settings.loads))
-    servo = LoadServo(bench, calibration, settings.frequency, preloaded)
-    middle = settings.loads[len(settings.loads) // 2]
-    pause = settings.drift_time / DRIFT_POINTS
-    steps = [
-        *((LOADING, load) for load in settings.loads),
-        *((UNLOADING, load) for load in settings.loads[::-1]),
-        *((HOLDING, middle) for _ in range(DRIFT_POINTS + 1)),
-    ]
-    points = Points[FilmsPoint](films, record, progress, len(steps))
-    held_ns = 0
-    for direction, load in steps:
-        what = f"{direction}, {show(load, 'N')}"
-        points.tell(what)
-        if direction != HOLDING or not held_ns:
-            carry_out(bench, what, partial(servo.set, load))
-        if direction == HOLDING:
-            if held_ns:
-                bench.clock.wait(max(0.0, pause - settings.dwell))
-            held_ns = held_ns or bench.clock.now_ns()
-        measured = measure(films, servo, load, settings.dwell, record, what, compare=False)
-        point = _point(direction, load, 1e-9 * (bench.clock.now_ns() - held_ns) if held_ns else 0.0, measured)
-        points.keep(point, measured, what)
-    finish(bench, calibration)
-    return evaluate(points.taken, design, calibration, settings.dwell, bench.force_limit)
+    def __init__(self, lab: Lab, record: Recorder, asked: Characterisation) -> None:
+        super().__init__(lab, record, asked.loads, asked.frequency, (asked.sample,))
+        self._asked = asked
+        self._held_ns: int | None = None  # bench time since which the last load is held
+
+    def arrange(self, step: CharacteriseStep) -> None:
+        self.press(get_sample(self._asked.sample))
+
+    def take(self, step: CharacteriseStep) -> Taken[FilmsPoint]:
+        clock = self.lab.bench.clock
+        if self._held_ns is None:
+            self.set(step.load_N, step.what)
+        else:
+            clock.wait(max(0.0, self._asked.interval - self._asked.dwell))
+        if step.direction == HOLDING and self._held_ns is None:
+            self._held_ns = clock.now_ns()
+        measured = self.held(step.load_N, step.what, self._asked.dwell, compare=False)
+        time = 0.0 if self._held_ns is None else 1e-9 * (clock.now_ns() - self._held_ns)
+        return Taken(_point(step, time, measured), measured.waveforms(self.lab.design))
 
 
-def _point(direction: str, load: float, time: float, measured: FilmPoint) -> FilmsPoint:
+def _point(step: CharacteriseStep, time: float, measured: FilmPoint) -> FilmsPoint:
     fit = measured.fit
     return FilmsPoint(
-        direction=direction,
+        direction=step.direction,
         time_s=time,
-        load_N=load,
+        load_N=step.load_N,
         load_measured_N=measured.load_N,
         load_measured_u=measured.load_u,
         voltages_V=tuple(float(v) for v in 2 * fit.amplitude),

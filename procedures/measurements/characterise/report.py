@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.characterise.characteristics import (
+from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
+from palpate.procedures.measurements.characterise.result import (
     HOLDING,
     LOADING,
     UNLOADING,
     CharacteriseResult,
     Characteristic,
 )
-from palpate.procedures.measurements.characterise.definitions import ELSEWHERE
 from palpate.procedures.showing.figure import MARKERS, new_figure, save
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 
