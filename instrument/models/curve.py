@@ -72,11 +72,6 @@ class RatioCurve:
         values = self.polynomial(self.turns)
         return float(values.min()), float(values.max())
 
-    @property
-    def monotone(self) -> bool:
-        """Whether each ratio belongs to one modulus only."""
-        return len(self.turns) == 2
-
     def force_ratio(self, moduli: ArrayLike) -> Array:
         """Tooth force over total force, of the shape of `moduli` [Pa].
 

@@ -203,13 +203,6 @@ def symmetric_scale(matrix: Array) -> Array:
     return scale
 
 
-def solve_scaled(system: CoupledSystem) -> Array:
-    """Solve with unknowns and equations scaled symmetrically."""
-    scale = symmetric_scale(system.matrix)
-    answer: Array = scale * np.linalg.solve(system.matrix * np.outer(scale, scale), scale * system.right)
-    return answer
-
-
 def solve_condensed(system: CoupledSystem) -> Array:
     """Solve the potentials out first, each block scaled: Kuu + Kuφ Kφφ⁻¹ Kφu is positive definite."""
     m = system.mechanical

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.errors import RangeError, named
+from palpate.instrument.errors import RangeError
 
 Array = NDArray[np.float64]
 
@@ -126,12 +126,3 @@ FILM_MATERIALS: Mapping[str, FilmMaterial] = MappingProxyType(
     }
 )
 PVDF = FILM_MATERIALS["thesis"]
-
-
-def get_film_material(name: str) -> FilmMaterial:
-    """The film material of that name.
-
-    Raises:
-        UnknownName: no such material.
-    """
-    return named("film material", name, FILM_MATERIALS)

@@ -1,7 +1,7 @@
 """Choice of the dwell that gives a force ratio with a wanted uncertainty.
 
     floor = (Floor("gain scatter", design.ratio_scatter),)
-    dwell_for(0.05, fit, rigid, total, floor).dwell
+    dwell_of(0.05, ratio_noise(fit, rigid, total), fit.frequency, floor).dwell
 
 The part of the uncertainty that noise causes falls with the dwell T: u² = S (1/A₁² + 1/A₂² − 2 r/(A₁A₂))/T. S is
 measured at the point itself. The rest, called the floor, does not fall with the dwell.
@@ -65,36 +65,22 @@ def floor_u(floor: Sequence[Floor]) -> float:
     return math.hypot(*(part.u for part in floor))
 
 
-def dwell_for(
-    target: float,
-    fit: SineFit,
-    numerator: int,
-    denominator: int,
-    floor: Sequence[Floor] = (),
-    longest: float = LONGEST,
+def dwell_of(
+    target: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
 ) -> Dwell:
     """The shortest dwell that gives a ratio with the relative standard uncertainty `target`.
 
     Args:
         target: relative standard uncertainty.
-        fit: fit of a record under the same load. Its noise is known to 1/√(2 degrees of freedom) of itself, the dwell
-            to twice that.
-        numerator, denominator: channel numbers.
+        noise: of a record under the same load, as `ratio_noise` gives it [√s]. It is known to 1/√(2 degrees of freedom)
+            of itself, the dwell to twice that.
+        frequency: of the drive [Hz].
         floor: parts of the uncertainty that do not fall with the dwell.
         longest: greatest dwell that is accepted [s].
 
     Raises:
         RangeError: the target is not positive, is not above the floor, or takes longer than `longest`.
-        EstimateError: an amplitude is zero.
     """
-    noise = ratio_noise(fit, numerator, denominator)
-    return dwell_of(target, noise, fit.frequency, floor, longest)
-
-
-def dwell_of(
-    target: float, noise: float, frequency: float, floor: Sequence[Floor] = (), longest: float = LONGEST
-) -> Dwell:
-    """The same as `dwell_for`, with the noise as `ratio_noise` gives it [√s] and the frequency of the drive [Hz]."""
     check_target(target, floor)
     lowest = floor_u(floor)
     asked = noise**2 / ((target - lowest) * (target + lowest))

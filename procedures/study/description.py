@@ -34,7 +34,6 @@ DEFAULTS: Mapping[str, Value] = {"scene": "thesis_single", "sample": "2"}
 VALID: Mapping[str, Sequence[str]] = {"design": tuple(DESIGNS), "model": tuple(MODELS), "sample": tuple(SAMPLES)}
 MOST_CELLS, MOST_POINTS = 100_000, 1_000_000
 LARGEST_SEED = 2**63 - 1
-LONGEST_SEEDS = 39  # characters of two seeds with a dash
 DIGITS = 6  # of a number that is drawn from a range
 
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.dwell import dwell_for
+from palpate.instrument.signals.dwell import dwell_of, ratio_noise
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
 from palpate.instrument.signals.estimators import ESTIMATORS, LEAST_SQUARES, Floats, amplitude_ratios, ratio_bound
 from palpate.procedures.steps.film_point import pilot_length
@@ -96,7 +96,8 @@ def _dwells(rng: np.random.Generator) -> Iterator[Row]:
     found, dwells = [], []
     for _ in range(REPEATS):
         pilot = np.arange(round(pilot_length(FREQUENCY) * RATE)) / RATE
-        chosen = dwell_for(TARGET, fit_sine(pilot, _noisy(rng, pilot, sigma, 0.8, 1)[0], FREQUENCY), 0, 1)
+        noise = ratio_noise(fit_sine(pilot, _noisy(rng, pilot, sigma, 0.8, 1)[0], FREQUENCY), 0, 1)
+        chosen = dwell_of(TARGET, noise, FREQUENCY)
         time = np.arange(round(chosen.dwell * RATE)) / RATE
         found.append(amplitude_ratio(fit_sine(time, _noisy(rng, time, sigma, 0.8, 1)[0], FREQUENCY), 0, 1)[0] / 0.3)
         dwells.append(chosen)

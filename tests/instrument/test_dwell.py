@@ -12,7 +12,6 @@ from palpate.instrument.signals.dwell import (
     Floor,
     check_dwell,
     check_target,
-    dwell_for,
     dwell_of,
     ratio_noise,
     whole_steps,
@@ -32,7 +31,7 @@ def record(duration: float, sigma: Floats, seed: int, rho: float = 0.0) -> SineF
 
 def test_the_dwell_is_that_of_the_formula() -> None:
     sigma = np.array([0.01, 0.02])
-    asked = dwell_for(2e-3, record(40.0, sigma, 1), 0, 1).asked
+    asked = dwell_of(2e-3, ratio_noise(record(40.0, sigma, 1), 0, 1), FREQUENCY).asked
     density = sigma * math.sqrt(2 / RATE)
     assert asked == pytest.approx(float(((density / AMPLITUDES) ** 2).sum()) / 2e-3**2, rel=0.2)
 
@@ -48,7 +47,7 @@ def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
     target, sigma = 8e-3, np.array([0.02, 0.04])
     found, dwells = [], []
     for seed in range(200):
-        dwell = dwell_for(target, record(2.0, sigma, 2 * seed), 0, 1)
+        dwell = dwell_of(target, ratio_noise(record(2.0, sigma, 2 * seed), 0, 1), FREQUENCY)
         found.append(amplitude_ratio(record(dwell.dwell, sigma, 2 * seed + 1), 0, 1)[0])
         dwells.append(dwell)
     assert np.std(found) / 0.3 == pytest.approx(target, rel=0.12)
@@ -96,7 +95,7 @@ def test_a_target_just_above_the_floor_does_not_take_for_ever() -> None:
 def test_a_silent_film_has_no_dwell() -> None:
     time = np.arange(50) / RATE
     with pytest.raises(EstimateError, match="amplitude is zero"):
-        dwell_for(0.1, fit_sine(time, np.zeros((2, 50)), FREQUENCY), 0, 1)
+        ratio_noise(fit_sine(time, np.zeros((2, 50)), FREQUENCY), 0, 1)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from skfem import Mesh, MeshQuad1, MeshQuad2
 Vector = NDArray[np.float64]
 
 TOOTH, GAP, RING, OVERHANG = range(4)
-REGIONS = 4
 
 
 @dataclass(frozen=True, slots=True)
