@@ -1,4 +1,4 @@
-"""What procedures share that measure films under a dynamic load: their work on the bench.
+"""The bench work that all procedures with films under a dynamic load share.
 
 class _Sweeping(Loaded):
     def arrange(self, step):
@@ -25,7 +25,7 @@ from palpate.procedures.steps.servo import LoadServo, check_zero, finish, press,
 
 
 class Loaded:
-    """Films set up for loads at a frequency, and a servo for the load once the probe presses on something."""
+    """Films set up for loads at a frequency, and a servo for the load once the probe presses on a sample."""
 
     def __init__(
         self,
@@ -36,18 +36,20 @@ class Loaded:
         samples: Sequence[str] = (),
         extrapolate: bool = False,
     ) -> None:
-        """The probe is home and the load cell at its zero when this returns.
+        """Set the films up, move the probe home, and check the load cell's zero.
 
         Args:
-            loads: N, peak to peak.
-            frequency: Hz.
-            samples: names of those that will be mounted.
-            extrapolate: loads may lie outside the calibrated range.
+            lab: the open bench.
+            record: the record of the run.
+            loads: all loads, peak to peak [N].
+            frequency: frequency of the load [Hz].
+            samples: names of the samples that will be mounted.
+            extrapolate: whether loads may lie outside the calibrated range.
 
         Raises:
-            UnreachableError, RangeError: as `check_loads`; the outputs have stayed off.
-            UnknownName: the bench's sample changer does not hold one of the samples; the outputs have stayed off.
-            BenchError: the unloaded cell does not read its zero, or the bench could not.
+            UnreachableError, RangeError: as `check_loads` raises them; the outputs stay off.
+            UnknownName: the bench's sample changer does not hold one of the samples; the outputs stay off.
+            BenchError: the unloaded load cell does not read zero, or a device fails.
         """
         check_loads(loads, lab.calibration, extrapolate)
         if changer := lab.bench.maybe(SampleChanger):
@@ -59,11 +61,11 @@ class Loaded:
         check_zero(lab.bench, lab.calibration)
 
     def press(self, sample: Sample) -> None:
-        """Have a sample mounted and press on it; outputs are on, at zero. Raises as `press` of the servo."""
+        """Have a sample mounted and press on it; the outputs are then on, at zero. Raises as the servo's `press`."""
         self.hold(press(self.lab.bench, self.lab.calibration, sample, self.preload))
 
     def hold(self, preloaded: float) -> None:
-        """Begin to set loads on top of a static force [N] that has been reached."""
+        """Begin to set loads on top of a static force that has been reached [N]."""
         self.servo = LoadServo(self.lab.bench, self.lab.calibration, self.films.frequency, preloaded)
 
     def set(self, load: float, what: str) -> None:
@@ -71,14 +73,14 @@ class Loaded:
         carry_out(self.lab.bench, what, partial(self.servo.set, load))
 
     def held(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
-        """The films under a load [N, peak to peak] that has been set. Arguments and errors as `measure`."""
+        """Measure the films under a load [N, peak to peak] that has been set. Arguments and errors as `measure`."""
         return measure(self.films, self.servo, load, dwell, self.record, what, compare)
 
     def measured(self, load: float, what: str, dwell: float | DwellChoice, compare: bool = True) -> FilmPoint:
-        """The films under a load [N, peak to peak] that is set first. Arguments and errors as `set` and `measure`."""
+        """Set a load [N, peak to peak] and measure the films under it. Arguments and errors as `set` and `measure`."""
         self.set(load, what)
         return self.held(load, what, dwell, compare)
 
     def end(self) -> None:
-        """Outputs to zero, the probe home, and the load cell still at its zero. Raises BenchError: it is not."""
+        """Set the outputs to zero, move the probe home, and check the zero again. Raises BenchError: it has moved."""
         finish(self.lab.bench, self.lab.calibration)

@@ -1,4 +1,4 @@
-"""What procedures share that press on a sample with a steady force: their work on the bench."""
+"""The bench work that all procedures with a steady force on a sample share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from palpate.procedures.steps.servo import finish, press, read_indicator
 
 
 class Pressed:
-    """The probe on a sample, with a preload [N]. Each group of steps begins with the sample mounted anew."""
+    """Presses on a sample with a preload [N]. Each group of steps begins with mounting the sample again."""
 
     def __init__(self, lab: Lab, sample: str, force: float) -> None:
         self.lab, self.bench = lab, lab.bench
@@ -20,9 +20,9 @@ class Pressed:
         press(self.bench, self.lab.calibration, self.sample, self.force)
 
     def load(self) -> float:
-        """What the load cell reads now [N]. Raises DeviceError."""
+        """Force that the load cell reads now [N]. Raises DeviceError: there is no valid reading."""
         return self.lab.calibration.load(read_indicator(self.bench).reading_mV)[0]
 
     def end(self) -> None:
-        """The probe home, and the load cell still at its zero. Raises BenchError: it is not."""
+        """Move the probe home and check the load cell's zero. Raises BenchError: it has moved."""
         finish(self.bench, self.lab.calibration)

@@ -1,4 +1,7 @@
-"""The pytest plugin: a fresh bench for each test, simulated or real. What costs time is imported when a test asks."""
+"""The pytest plugin: a fresh bench for each test, simulated or real.
+
+Slow imports happen only when a test asks for a bench.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Raises UsageError: the bench file is missing or wrong, or several workers would share the bench."""
+    """Read the bench file of `--bench`.
+
+    Raises UsageError: the bench file is missing or wrong, or several workers would share the bench.
+    """
     config.addinivalue_line(
         "markers",
         "scene(name='thesis_single', *, seed=None, faults=()): what the simulated bench of this test is; a name, or"
@@ -44,9 +50,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """On a real bench what needs a scene is skipped. Raises UsageError: a marker names no scene or no fault.
+    """Skip tests that need a scene if the bench is real; else check the scene markers.
 
-    A worker of pytest-xdist must not end here: there the test fails.
+    A worker of pytest-xdist must not stop here, so that there the marked test itself fails.
+
+    Raises UsageError: a marker names a scene or a fault that does not exist.
     """
     marked = [item for item in items if item.get_closest_marker("scene")]
     if REAL in config.stash:
@@ -62,7 +70,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture
 def scene(request: pytest.FixtureRequest) -> Scene:
-    """The scene of this test's bench: that of its marker, or thesis_single. A real bench has none."""
+    """The scene of this test's bench: the marker's scene, or thesis_single. A real bench has no scene."""
     from palpate.procedures.testing.benches import marked_scene
 
     try:
@@ -74,7 +82,7 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    """A bench of this test's own, opened and identified; its outputs are off, before and after."""
+    """A bench for this test only, opened and identified. Its outputs are off before and after the test."""
     from palpate.procedures.testing.benches import real_bench, simulated_bench
 
     description = request.config.stash.get(REAL, None)
@@ -87,13 +95,13 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 @pytest.fixture
 def clock(bench: Bench) -> WatchedClock:
-    """The clock of this test's bench: wait with it, in bench time."""
+    """The clock of this test's bench, on which a test waits in bench time."""
     return bench.clock
 
 
 @pytest.fixture
 def operator(bench: Bench) -> Operator:
-    """Who mounts samples on this test's bench; on a real one a person, asked at the console (give -s)."""
+    """The operator of this test's bench, who mounts samples; on a real bench a person at the console (give -s)."""
     return bench.operator
 
 

@@ -1,4 +1,4 @@
-"""The benches of tests: what a marker asks for, and what is told of a test that failed."""
+"""The benches of tests: the scene that a marker asks for, and the report about the bench of a failed test."""
 
 from __future__ import annotations
 
@@ -26,12 +26,18 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene, with_faults
 from palpate.simulators.scenes.scene import Scene, shipped
 
-CYCLE = 0.002  # s, for which closing a bus waits; tests close many
+CYCLE = 0.002  # s that closing a bus waits; short, because tests close many
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """A bench that is not open yet, what it is, and what has gone over its links."""
+    """The bench of a test.
+
+    Attributes:
+        bench: the bench, not open yet.
+        what: what the bench is, with its scene, seed and faults.
+        traffic: the messages that went over its links.
+    """
 
     bench: Bench
     what: str
@@ -39,7 +45,7 @@ class Watch:
 
 
 def described(file: Path) -> BenchDescription:
-    """The bench of a bench file. Raises UsageError."""
+    """The description in a bench file. Raises UsageError: the file is missing or wrong."""
     try:
         return read_bench(file)
     except PalpateError as error:
@@ -47,7 +53,7 @@ def described(file: Path) -> BenchDescription:
 
 
 def marked_scene(item: pytest.Item) -> Scene:
-    """The scene that a test's marker asks for. Raises UsageError: it names no scene, or no fault that it can have."""
+    """The scene that a test's marker asks for. Raises UsageError: the scene or one of its faults is not possible."""
     marker = item.get_closest_marker("scene")
     try:
         return _asked(item.path.parent, *marker.args, **marker.kwargs) if marker else _read(DEFAULT_SCENE)
@@ -58,7 +64,7 @@ def marked_scene(item: pytest.Item) -> Scene:
 def _asked(
     folder: Path, name: str = DEFAULT_SCENE, *, seed: int | None = None, faults: Sequence[Mapping[str, Any]] = ()
 ) -> Scene:
-    """A file is looked for in the test's folder."""
+    """The scene for a marker's arguments; a scene file is looked for in the test's folder."""
     is_file = name not in shipped() and name.endswith(".toml")
     scene = _read(str(folder / name) if is_file else name)
     if seed is not None:
@@ -73,7 +79,7 @@ def _read(name: str) -> Scene:
 
 @contextmanager
 def simulated_bench(scene: Scene) -> Iterator[Watch]:
-    """Serve a scene."""
+    """Serve a scene, and give its bench."""
     canopen.Network.NOTIFIER_CYCLE = CYCLE
     with SimulatedBench(scene) as simulated:
         bench = Bench(simulated.description, simulated.clock, simulated.operator)
@@ -83,6 +89,7 @@ def simulated_bench(scene: Scene) -> Iterator[Watch]:
 
 @contextmanager
 def real_bench(description: BenchDescription) -> Iterator[Watch]:
+    """The real bench of a bench file."""
     bench = Bench(description, WallClock(), ConsoleOperator())
     bench.waits = lambda why: click.echo(f"palpate: note: {why}", err=True)
     for caution in bench.cautions:
@@ -91,7 +98,7 @@ def real_bench(description: BenchDescription) -> Iterator[Watch]:
 
 
 def told(item: pytest.Item, watch: Watch) -> str:
-    """What is known of the bench of a test that failed, and the command that runs it again."""
+    """A report about the bench of a failed test, with the command that runs the test again."""
     config = item.config
     place = os.path.relpath(item.path, config.invocation_params.dir)
     name = item.nodeid.partition("::")[2]

@@ -1,4 +1,4 @@
-"""What every CANopen node must do."""
+"""Tests that every CANopen device kind must pass, with its driver and its simulator."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ SWAPPED_PROBE = 0x78563412
 
 
 class CanopenConformance:
-    """A driver and its simulated node, over the bus."""
+    """Tests of a driver and its simulated node, over a CAN bus."""
 
-    kind: ClassVar[str] = ""  # of a device of an installed package; one of the usual ones says where it is by `ends`
+    kind: ClassVar[str] = ""  # device kind of an installed package; tests of palpate's own devices override `ends`
 
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[CanopenDevice, SimulatedNode]:
@@ -47,14 +47,14 @@ class CanopenConformance:
     @pytest.fixture(scope="class")
     @classmethod
     def listener(cls, sim: SimulatedBench) -> Iterator[can.BusABC]:
-        """On the bus before the drivers: when a driver has its answer, the listener has it too."""
+        """A listener that joins the bus before the drivers, so that it has each answer before a driver has it."""
         with can.Bus(interface="virtual", channel=sim.channel) as bus:
             yield bus
 
     @pytest.fixture(scope="class")
     @classmethod
     def bench(cls, sim: SimulatedBench, listener: can.BusABC) -> Iterator[Bench]:
-        """One for all tests of a device; each leaves it as it was."""
+        """One bench for all tests of a device; each test leaves it unchanged."""
         with Bench(sim.description, sim.clock, sim.operator) as opened:
             yield opened
 
@@ -70,7 +70,7 @@ class CanopenConformance:
 
     @staticmethod
     def abort_code(node: CanopenDevice, field: Field, data: bytes) -> int:
-        """Write an object as any CANopen client would; returns the abort code, 0 for none."""
+        """Write an object like any CANopen client, without the driver's checks; returns the abort code, 0 for none."""
         try:
             node._node.sdo.download(field.index, field.subindex, data)
         except SdoAbortedError as abort:
@@ -197,7 +197,7 @@ class CanopenConformance:
     def test_a_late_answer_never_answers_the_next_request(
         self, node: CanopenDevice, simulated: SimulatedNode, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """The answer to a read of an object comes when the same object, changed, is read again."""
+        """The answer to a read of an object comes only when the same object, changed meanwhile, is read again."""
         field = first([f for f in settings(node.contract) if not f.choices], "setting that is a number")
         old, new = node.get(field.name), inside(field)[-1]
         sdo: Any = node._node.sdo
@@ -205,7 +205,7 @@ class CanopenConformance:
         swallowed = threading.Event()
 
         class Delayed(queue.Queue[bytes]):
-            """Keeps the first answer back until somebody listens again."""
+            """Holds the first answer back until the next read."""
 
             def put(self, item: bytes, block: bool = True, timeout: float | None = None) -> None:
                 if swallowed.is_set():

@@ -1,4 +1,4 @@
-"""Frames that were written down by hand from a device's manual, held against driver and simulator."""
+"""Tests driver and simulator against golden frames, which were written by hand from the device's manual."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from palpate.simulators.wire.device import SimulatedDevice
 
 
 class GoldenFrames:
-    """Beside a Modbus conformance suite: the registers travel as they stand in `golden`, a TOML file.
+    """Added to a Modbus conformance suite: each register must travel as in the golden frames.
 
-    A scale, sign or width that is wrong in the contract is wrong at both ends, and passes every other test.
+    A scale, sign or width that is wrong in the contract is wrong in driver and simulator, and passes every other test.
+
+    Attributes:
+        golden: a TOML file with a frame for each field of the contract.
     """
 
     golden: ClassVar[Path]
@@ -36,7 +39,7 @@ class GoldenFrames:
             else:
                 with monkeypatch.context() as patch:
                     patch.setattr(simulated, "read", {name: value}.__getitem__)
-                    patch.setattr(device, "_last_count", 0)  # as if it were the first: nothing else is read with it
+                    patch.setattr(device, "_last_count", 0)  # so that the driver reads this register alone
                     assert device.get(name) == value
                 frames = (wire.requests[-1], wire.replies[-1])
                 assert frames == (bytes.fromhex(golden["request"]), bytes.fromhex(golden["response"])), name

@@ -1,4 +1,4 @@
-"""A bench with one device beside the usual ones."""
+"""A scene whose bench has one additional device, for the conformance suites."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ NAME = "device"
 
 @functools.cache
 def guest_scene(kind: str) -> Scene:
-    """The thesis' scene with a device of that kind, or with the usual ones alone where the kind is empty."""
+    """The scene thesis_single with an additional device of a kind; without one if `kind` is empty."""
     scene = read_scene("thesis_single")
     return scene.with_devices({NAME: {"kind": kind}}) if kind else scene

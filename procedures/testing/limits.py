@@ -1,4 +1,4 @@
-"""Values at the limits of a field and just beyond them."""
+"""Test values of a contract's field: at its limits, between them, and just beyond them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ RAW_LIMITS = {
 
 
 def settings(contract: Contract) -> list[Field]:
-    """Numbers that keep what is written; a command register falls back to idle."""
+    """Numeric fields that keep what is written; a command register does not, because it returns to idle."""
     return [f for f in contract.fields if f.access == "rw" and "idle" not in f.choices and f.type != "text"]
 
 
 def writable(contract: Contract) -> list[Field]:
+    """Fields that can be written."""
     return [f for f in contract.fields if f.access != "ro"]
 
 
 def inside(field: Field) -> list[Value]:
-    """Every choice, or the limits and a value between them that the field can hold."""
+    """Allowed values: every choice, or both limits and a value between them."""
     if field.choices:
         return list(field.choices)
     if field.type == "text":
@@ -34,7 +35,7 @@ def inside(field: Field) -> list[Value]:
 
 
 def outside(field: Field) -> list[Value]:
-    """One step beyond each limit, and what is no number."""
+    """Values to refuse: one step beyond each limit, and values that are no finite number."""
     if field.type == "text":
         return ["x" * (field.length + 1), "ß" * (field.length // 2) + "x", "a\0b", "\x1b[2J", "\udcff"]
     beyond: list[Value] = [math.nan, math.inf, -math.inf, "nonsense"]
@@ -46,7 +47,7 @@ def outside(field: Field) -> list[Value]:
 
 
 def outside_raw(field: Field) -> list[tuple[int, bool]]:
-    """Raw values one step beyond each limit that the type can hold, and whether they are too high; of a text, none."""
+    """Raw values to refuse: one step beyond each limit if the type can hold that; with each, whether it is too high."""
     if field.type == "text":
         return [(int.from_bytes(data.ljust(field.length, b"\0")), True) for data in (b"\xff", b"\x1b[2J", b"a\0b")]
     limits = list(field.choices.values()) or [round(x / field.scale) for x in (field.minimum or 0, field.maximum or 0)]
@@ -56,4 +57,5 @@ def outside_raw(field: Field) -> list[tuple[int, bool]]:
 
 
 def number(field: Field, value: Value) -> float:
+    """The number of a value, which may be the name of a choice."""
     return field.choices[value] if isinstance(value, str) else value

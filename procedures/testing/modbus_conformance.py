@@ -1,4 +1,4 @@
-"""What every Modbus device must do."""
+"""Tests that every Modbus device kind must pass, with its driver and its simulator."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ T = TypeVar("T")
 
 
 def first(found: Sequence[T], what: str) -> T:
-    """The first of these; a device that has none needs no such test."""
+    """The first element; skips the test if there is none, because the device cannot be tested for this."""
     if not found:
         pytest.skip(f"the contract has no {what}")
     return found[0]
 
 
 class ModbusConformance:
-    """A driver and its simulated device, through the bench and over the wire."""
+    """Tests of a driver and its simulated device, through the bench and over the wire."""
 
-    kind: ClassVar[str] = ""  # of a device of an installed package; one of the usual ones says where it is by `ends`
+    kind: ClassVar[str] = ""  # device kind of an installed package; tests of palpate's own devices override `ends`
 
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
@@ -53,7 +53,7 @@ class ModbusConformance:
     @pytest.fixture(scope="class")
     @classmethod
     def bench(cls, sim: SimulatedBench) -> Iterator[Bench]:
-        """One for all tests of a device; each leaves it as it was."""
+        """One bench for all tests of a device; each test leaves it unchanged."""
         with Bench(sim.description, sim.clock, sim.operator) as opened:
             yield opened
 
@@ -71,7 +71,7 @@ class ModbusConformance:
 
     @pytest.fixture
     def write(self, device: ModbusDevice) -> Callable[[int, list[int]], int]:
-        """Write registers as any Modbus client would; returns the exception code, 0 for none."""
+        """Write registers like any Modbus client, without the driver's checks; returns the exception code, or 0."""
 
         def write(address: int, registers: list[int]) -> int:
             reply = device.link._client.write_registers(address, registers, device_id=device.unit)
@@ -157,7 +157,7 @@ class ModbusConformance:
     def test_a_refused_write_changes_nothing_at_all(
         self, device: ModbusDevice, simulated: SimulatedDevice, write: Callable[[int, list[int]], int]
     ) -> None:
-        """The first of two fields that stand together is good, the second is not."""
+        """Of two adjacent fields in one write, the first value is allowed, and the second is not."""
         for first, second in zip(device.contract.fields, device.contract.fields[1:], strict=False):
             adjacent = second.address == first.address + first.size // 2
             if not adjacent or first not in settings(device.contract) or not outside_raw(second):
@@ -183,7 +183,7 @@ class ModbusConformance:
     def test_the_device_knows_no_coils_and_no_input_registers(
         self, device: ModbusDevice, simulated: SimulatedDevice
     ) -> None:
-        """Its registers are holding registers: through another table nothing can be read or set."""
+        """All registers are holding registers, so that no other table can read or write them."""
         client, unit, before = device.link._client, device.unit, dict(simulated.settings)
         for field in writable(device.contract):
             replies = [
@@ -252,7 +252,7 @@ class ModbusConformance:
     def test_a_late_reply_never_answers_the_next_request(
         self, device: ModbusDevice, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """The reply to the first request comes when the link has just been opened again for the second."""
+        """The reply to the first request comes just after the link was opened again for the second request."""
         client = device.link._client
         readable = [f for f in device.contract.fields if f.access != "wo" and f.type != "text" and f.name != "probe"]
         field = first([*settings(device.contract), *readable], "register beside the probe")
@@ -279,7 +279,7 @@ class ModbusConformance:
 
 
 class RtuConformance(ModbusConformance):
-    """As above, on a line with other units."""
+    """The same tests for a device on a serial line with other units."""
 
     def test_an_absent_unit_on_the_line_is_silent(self, device: ModbusDevice) -> None:
         client = device.link._client

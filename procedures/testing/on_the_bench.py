@@ -1,4 +1,4 @@
-"""What a device of an installed package must do on a bench with the usual ones."""
+"""Tests that a device kind of an installed package must pass on a bench with the usual devices."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.places import places, struck
 from palpate.simulators.planning.settle import with_faults
 
-STRIKES = 4  # the request of its own that a fault strikes: the first ones identify it
+STRIKES = 4  # number of the request that a fault strikes, because the first ones identify the device
 
 
 class OnTheBench:
-    """A bench file finds it, and a fault of it ends in an error that names it, or in nothing."""
+    """A bench file finds the device, and each fault that can strike it causes at most an error that names it."""
 
     kind: ClassVar[str]
 

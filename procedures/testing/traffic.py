@@ -1,4 +1,4 @@
-"""What has lately gone over the links of a bench, with the names, values and units of the contracts."""
+"""Keeps the latest messages on the links of a bench, and shows them with the contracts' names, values and units."""
 
 from __future__ import annotations
 
@@ -16,15 +16,24 @@ from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.errors import BenchError
 
 SPAN = 2.0  # s of bench time
-MOST = 10_000  # messages that are kept
+MOST = 10_000  # number of messages that are kept
 NODE = sensor_node.CONTRACT
 STREAMS = {pdo.base: pdo for pdo in NODE.pdos}
-BROADCAST = 0x7F  # bits of a COB-ID that say which node
+BROADCAST = 0x7F  # bits of a COB-ID that hold the node id
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One transaction or frame; `address` and `data` as on the wire, big-endian registers or an object's bytes."""
+    """One transaction or frame.
+
+    Attributes:
+        time_ns: bench time [ns].
+        who: name of the device.
+        verb: what was done: "read", "write", "identify", "frame", or an NMT command.
+        address: register address, object address, or COB-ID.
+        data: bytes as on the wire: big-endian registers, or an object's or frame's bytes.
+        trouble: message of the error; empty: it succeeded.
+    """
 
     time_ns: int
     who: str
@@ -35,7 +44,7 @@ class Message:
 
 
 class Traffic:
-    """Listens to all links of a bench from before it is opened."""
+    """Listens to all links of a bench; make it before the bench is opened."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -51,7 +60,7 @@ class Traffic:
         self._messages.append(Message(self._bench.clock.now_ns(), who, verb, address, data, trouble))
 
     def _answered(self, who: str, verb: str, address: int, sent: bytes, ask: Callable[[], Any]) -> Any:
-        """What `ask` gives; kept with it is what was sent, or what was got."""
+        """The result of `ask`; the message is kept with the sent bytes or, if there are none, with the reply."""
         try:
             reply = ask()
         except BenchError as error:
@@ -103,7 +112,7 @@ class Traffic:
         link.command, link.subscribe = commanded, subscribed  # type: ignore[method-assign]
 
     def told(self) -> str:
-        """The messages of the last `SPAN` s of bench time, a line each; sample streams are counted."""
+        """The messages of the last `SPAN` seconds of bench time, one in a line; sample frames are only counted."""
         now = self._bench.clock.now_ns()
         kept = [message for message in list(self._messages) if message.time_ns >= now - SPAN * 1e9]
         lines = [f"bus traffic of the last {SPAN:g} s, up to bench time {now / 1e9:.6f} s:"]

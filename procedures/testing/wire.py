@@ -1,4 +1,4 @@
-"""What really travels between driver and simulator."""
+"""Records what really travels between driver and simulator, for tests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Wire:
 
 
 def listen(link: ModbusLink, monkeypatch: pytest.MonkeyPatch) -> Wire:
-    """Record every request that leaves the link from now on, and what came in reply."""
+    """Record every request that leaves the link from now on, and its reply."""
     client = link._client
     pdu = slice(7, None) if isinstance(client, ModbusTcpClient) else slice(1, -2)
     wire = Wire()
@@ -32,7 +32,7 @@ def listen(link: ModbusLink, monkeypatch: pytest.MonkeyPatch) -> Wire:
         if sending:
             wire.requests.append(data[pdu])
             wire.replies.append(b"")
-        else:  # called again with more of the reply, until it is complete
+        else:  # pymodbus calls again with a longer reply until it is complete
             wire.replies[-1] = data[pdu]
         return data
 
@@ -45,7 +45,7 @@ SHORT = 0.2  # s
 
 @contextmanager
 def impatient(link: ModbusLink) -> Iterator[None]:
-    """Inside, the link waits no longer than `SHORT`; a busy machine could miss that where an answer is wanted."""
+    """Inside, the link waits only `SHORT` for a reply; use it where no reply is expected, as a busy machine is slow."""
     client = link._client
     patient = client.comm_params.timeout_connect
     _wait_for(client, SHORT)
@@ -63,7 +63,7 @@ def _wait_for(client: ModbusTcpClient | ModbusSerialClient, timeout: float) -> N
 
 @contextmanager
 def impatient_node(node: CanopenDevice, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Inside, the node waits no longer than `SHORT`; after it, only for answers that come late."""
+    """Inside, the driver waits only `SHORT` for an answer; afterwards its wait for late answers stays that short."""
     short = node.link._description.model_copy(update={"timeout": SHORT})
     monkeypatch.setattr(node.link, "_description", short)
     with monkeypatch.context() as patch:
@@ -72,15 +72,16 @@ def impatient_node(node: CanopenDevice, monkeypatch: pytest.MonkeyPatch) -> Iter
 
 
 def frames(listener: can.BusABC) -> list[can.Message]:
-    """What has come to a listener on the bus so far."""
+    """All frames that a listener on the bus has received so far."""
     return list(iter(lambda: listener.recv(0), None))
 
 
 def payloads(messages: list[can.Message], cob_id: int) -> list[bytes]:
+    """The data of all frames with an identifier."""
     return [bytes(message.data) for message in messages if message.arbitration_id == cob_id]
 
 
 def transfers(listener: can.BusABC, node_id: int) -> tuple[list[bytes], list[bytes]]:
-    """SDO requests to a node, and its answers; each in order, as the two may overtake each other on the bus."""
+    """The SDO requests to a node and its answers, in two lists, because they may overtake each other on the bus."""
     messages = frames(listener)
     return payloads(messages, 0x600 + node_id), payloads(messages, 0x580 + node_id)

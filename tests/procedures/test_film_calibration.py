@@ -71,7 +71,7 @@ def test_a_point_that_stays_flagged_ends_the_calibration_with_what_was_taken(
     monkeypatch.setattr(loaded, "measure", flagged)
     with (
         Recorder.create(tmp_path / "run", HEADER) as record,
-        pytest.raises(DeviceError, match=r"10 Hz, 3 N: unsettled"),
+        pytest.raises(DeviceError, match=r"10 Hz, 3 N: the point is flagged .unsettled"),
     ):
         conduct(SERIES, Lab(bench, get_design("single"), THESIS_LOAD_CELL), record)
     assert [p["valid"] for p in Run.open(tmp_path / "run").points()] == [True, False]
@@ -111,10 +111,10 @@ def test_a_sweep_uses_and_names_the_stored_film_calibration_alone_for_its_design
         (("--loads", "2 N, 3 N"), "2 loads cannot show linearity and scatter; use at least 3"),
         (("--loads", "0.5 N, 2 N, 3 N"), "load 0.5 N lies outside the 1.373 to 7.257 N that the load cell"),
         (("--loads", "2 N, 3 N, 30 N"), "force limit of 10 N"),
-        (("--frequencies", "10 Hz, 10 Hz"), "must be distinct"),
+        (("--frequencies", "10 Hz, 10 Hz"), "each only once"),
         (("--frequencies", "500 Hz"), "frequency 500 Hz is outside"),
         (("--dwell", "0.05 s"), "dwell 50 ms is below one cycle of 10 Hz"),
-        (("--valid-days", "0"), "0 days are outside 1 to 791"),
+        (("--valid-days", "0"), "validity of 0 days is outside 1 to 791"),
     ],
 )
 def test_what_gives_no_film_calibration_is_refused(palpate: Palpate, arguments: tuple[str, str], message: str) -> None:

@@ -39,7 +39,7 @@ def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpat
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--frequencies", "1 Hz, 2 Hz"), "2 of them; a corner takes 3 to 200"),
+        (("--frequencies", "1 Hz, 2 Hz"), "2 frequencies; give 3 to 200 to find a corner"),
         (("--frequencies", "1 Hz:2 Hz:2"), "a count of 3 to 200"),
         (("--frequencies", "3 Hz, 2 Hz, 5 Hz"), "they must increase"),
         (("--frequencies", "0.01 Hz, 1 Hz, 2 Hz"), "frequency 0.01 Hz is outside 0.1 to 100 Hz"),

@@ -185,11 +185,11 @@ def test_creep_comes_with_its_time_constant_and_goes_with_the_weight() -> None:
         (("--loads", "1 N, 2 N, 3 N", "--degree", "2"), "3 loads cannot give a curve of degree 2"),
         (("--loads", "0 gf:300 gf:100 gf"), "loads must be above zero"),
         (("--loads", "1 N, 2 N, 2 N"), "increasing and distinct"),
-        (("--loads", "1 N, 2 N, 30 N"), "load 30 N is not above 0 and up to the bench's force limit of 10 N"),
+        (("--loads", "1 N, 2 N, 30 N"), "load 30 N is outside 0 to 10 N, the bench's force limit"),
         (("--runs", "0"), "0 runs give no reading"),
         (("--positions", "0,120,0"), "must be distinct, from 0 to below 360 degrees"),
         (("--positions", "0,north"), "'north' is not a quantity"),
-        (("--valid-days", "800"), "800 days are outside 1 to 791"),
+        (("--valid-days", "800"), "validity of 800 days is outside 1 to 791"),
     ],
 )
 def test_a_series_that_gives_no_calibration_is_refused_before_anything_is_made(

@@ -98,7 +98,7 @@ def test_more_force_than_the_limit_sends_the_probe_home(
     monkeypatch.setattr(modulus, "preload", lambda *_: 1.0 if bench.device("positioner").move(12e-3) is None else 0.0)
     monkeypatch.setattr(modulus.np, "linspace", lambda *_: modulus.np.array([12.2e-3, 12.4e-3, 12.6e-3]))
     monkeypatch.setattr(sim.indicator, "read", stiff)
-    with pytest.raises(SafetyError, match=r"more than the bench's force limit of 10 N; the probe is home again"):
+    with pytest.raises(SafetyError, match=r"more than the bench's force limit of 10 N; the probe has moved home"):
         compressed(bench, tmp_path / "run")
     assert sim.rig.position == 0
 
@@ -110,7 +110,7 @@ def test_more_force_than_the_limit_sends_the_probe_home(
         (("--sample", "1", "--strain", "0"), "strain 0 is outside 0 to 0.6; give one inside, such as 30 %"),
         (("--sample", "1", "--strain", "70 %"), "strain 0.7 is outside 0 to 0.6"),
         (("--sample", "1", "--strain", "1 N"), "'1 N' is in N where a plain number belongs"),
-        (("--sample", "1", "--steps", "2"), "2 steps do not give a line with its uncertainty; take 3 to 100"),
+        (("--sample", "1", "--steps", "2"), "steps 2 is outside 3 to 100, which give a line with its uncertainty"),
     ],
 )
 def test_what_cannot_be_tested_is_one_error_before_anything_moves(
@@ -128,7 +128,7 @@ def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypa
     ):
         THREE.check(Target(get_design("single"), 2.0, 1))
     monkeypatch.setitem(SAMPLES, "1", replace(get_sample("1"), thickness=30e-3))
-    with pytest.raises(RangeError, match="is 30 mm thick, beyond the positioner's travel of 25 mm; test a thinner pad"):
+    with pytest.raises(RangeError, match="is 30 mm thick, beyond the positioner's travel of 25 mm; test a thinner"):
         THREE.check(Target(get_design("single"), 10.0, 1))
 
 

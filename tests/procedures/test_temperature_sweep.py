@@ -76,7 +76,7 @@ def test_offsets_are_those_of_the_films_and_the_ratio_is_spared(palpate: Palpate
     [
         (("--temperatures", "0 K, 5 K"), "make 2 different changes; 3 to 50 give a slope"),
         (("--temperatures", "0 K, 5 K, 10 K, 15 K"), "make 2 different changes"),
-        (("--temperatures", "0 K, 20 K, 70 K"), "temperature 70 K against the start is outside -20 to 40 K"),
+        (("--temperatures", "0 K, 20 K, 70 K"), "temperature 70 K relative to the start is outside -20 to 40 K"),
         (("--temperatures", "0, 5, 15"), "'0' has no unit where K belongs"),
         (("--soak", "-1 s"), "soak -1 s is outside 0 to 86400 s"),
         (("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),

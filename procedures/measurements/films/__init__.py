@@ -1,1 +1,1 @@
-"""Film calibration against the load cell."""
+"""Calibration of the films against the load cell."""

@@ -1,4 +1,7 @@
-"""Film calibration against the load cell (thesis 5.4, A3.1): each tooth pressed alone, over loads and frequencies."""
+"""Film calibration against the load cell: a pin presses each tooth alone, over loads and frequencies.
+
+Thesis 5.4 and A3.1.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +34,8 @@ from palpate.procedures.steps.servo import lower, withdraw
 
 @dataclass(frozen=True, slots=True)
 class PressStep(Step):
+    """One load at one frequency on one tooth, which is numbered from 1."""
+
     tooth: int
     frequency_Hz: float
     load_N: float
@@ -38,9 +43,14 @@ class PressStep(Step):
 
 @dataclass(frozen=True)
 class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
-    """What to press with: loads in N peak to peak, frequencies in Hz, dwell in s; days until the calibration expires.
+    """A calibration of all films of a sensor.
 
-    `extrapolate` lets loads pass that lie outside the load cell's calibrated range.
+    Args:
+        loads: loads, peak to peak [N].
+        frequencies: frequencies of the load [Hz].
+        dwell: dwell [s].
+        valid_days: days until the calibration expires.
+        extrapolate: whether loads may lie outside the load cell's calibrated range.
     """
 
     name = "calibrate-films"
@@ -56,29 +66,31 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     extrapolate: bool = False
 
     def check(self, target: Target) -> None:
-        """Refuse what gives no calibration, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: fewer than three loads, a load beyond the force limit, a frequency or dwell that gives no
-                estimate, frequencies that repeat, a validity that is none, too few sensor nodes.
+            RangeError: there are fewer than three loads, a load exceeds the force limit, a frequency or the dwell is
+                outside its limits, frequencies repeat, the validity is outside its limits, or the bench has too few
+                sensor nodes.
         """
         check_nodes(target.design, target.nodes)
         if len(self.loads) < FEWEST:
             raise RangeError(f"{len(self.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
         check_force(self.loads, target.force_limit)
         if not self.frequencies or len(set(self.frequencies)) < len(self.frequencies):
-            raise RangeError(f"frequencies {self.frequencies} Hz must be distinct, one at least")
+            given = ", ".join(f"{frequency:g}" for frequency in self.frequencies) or "none"
+            raise RangeError(f"frequencies (Hz): {given}; give at least one, and each only once")
         for frequency in self.frequencies:
             check_frequency(frequency)
             check_time(self.dwell, frequency)
         if not 1 <= self.valid_days <= LONGEST_VALIDITY:
-            raise RangeError(f"{self.valid_days} days are outside 1 to {LONGEST_VALIDITY}")
+            raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
 
     def loads_to_tell(self) -> Loads:
         return Loads(self.loads, self.extrapolate)
 
     def plan(self, target: Target) -> Plan[PressStep]:
-        """Every load at every frequency on every tooth."""
+        """All points: every load at every frequency on every tooth."""
         teeth = range(1, len(target.design.teeth) + 1)
         return Plan(self.name, [self._step(n, f, load) for n in teeth for f in self.frequencies for load in self.loads])
 
@@ -120,7 +132,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
 
 
 class Pressing(Loaded):
-    """A pin on one tooth after the other."""
+    """The bench work: presses one tooth after the other with a pin."""
 
     def __init__(self, lab: Lab, record: Recorder, series: FilmSeries) -> None:
         super().__init__(lab, record, series.loads, series.frequencies[0], extrapolate=series.extrapolate)
@@ -154,14 +166,15 @@ class Pressing(Loaded):
             valid=measured.valid,
             flags=measured.flags,
         )
-        why = f"{step.what}: {', '.join(measured.flags)}; repair that and calibrate again"
+        why = f"{step.what}: the point is flagged ({', '.join(measured.flags)}); remove the cause and calibrate again"
         return Taken(point, measured.waveforms(design), None if measured.valid else DeviceError(why))
 
 
 def _voltages(design: Design, tooth: int, fit: SineFit) -> npt.NDArray[np.float64]:
-    """(films,) V, peak to peak; of films that the tooth is not theirs the part in phase with its own, with its sign.
+    """Voltages of all films, peak to peak, shape (films,) [V], while one tooth is pressed.
 
-    An amplitude is never negative: noise alone would pass for crosstalk.
+    For the films of other teeth it is the signed part in phase with the pressed tooth's film. An amplitude is never
+    negative, so that noise alone would look like crosstalk.
     """
     own = np.array([tooth in film.teeth for film in design.films])
     part = np.cos(fit.phase - fit.phase[np.argmax(own)])

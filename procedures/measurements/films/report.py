@@ -1,4 +1,4 @@
-"""What a calibration of the films found."""
+"""Prints and plots the result of a film calibration."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 
 
 def print_films(result: FilmResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Each film with its figures; crosstalk where there are several teeth; gain where there are several frequencies."""
+    """Print each film's results, the crosstalk between several teeth, and the gain over several frequencies."""
     c = result.calibration
     table = new_table(
         stamped(c.simulated, f"Film calibration, design {c.design}"),
@@ -56,7 +56,7 @@ def _rigid(design: Design) -> list[str]:
 
 
 def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
-    """Each film's voltages over the loads on its teeth with its line, and their deviation from it; returns the PNG."""
+    """Plot each film's voltages against the load, with its line, and their deviation from it; returns the PNG file."""
     c = result.calibration
     figure, (left, right) = new_figure(c.simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if c.simulated else ''}film calibration, design {c.design}")

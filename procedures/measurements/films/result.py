@@ -1,4 +1,4 @@
-"""What a film calibration reads and finds."""
+"""The points and the result of a film calibration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,19 @@ from palpate.instrument.uncertainty.budget import Budget
 
 @dataclass(frozen=True, slots=True)
 class PressedPoint:
-    """One tooth pressed alone. Loads and voltages are peak to peak; `_u` are standard uncertainties."""
+    """One tooth pressed alone. Loads and voltages are peak to peak; names with `_u` are standard uncertainties.
+
+    Attributes:
+        tooth: number of the tooth, from 1.
+        frequency_Hz: frequency of the load.
+        load_N: the asked load.
+        indicator_mV: reading of the indicator.
+        load_measured_N, load_measured_u: the measured load.
+        extrapolated: whether the load lies outside the load cell's calibrated range.
+        voltages_V, voltages_u: voltage of each film.
+        valid: whether the point is used.
+        flags: why it is not used, or what to know about it.
+    """
 
     tooth: int
     frequency_Hz: float
@@ -29,16 +41,18 @@ class PressedPoint:
 
 @dataclass(frozen=True, slots=True)
 class FilmResult:
+    """The calibration and the points that it comes from."""
+
     calibration: FilmCalibration
     points: Sequence[PressedPoint]
 
     @property
     def budgets(self) -> Sequence[Budget]:
-        """Of each film's sensitivity."""
+        """The budget of each film's sensitivity."""
         return self.calibration.budgets()
 
     def summary(self) -> dict[str, Any]:
-        """Under its public names: all of the calibration but where it comes from."""
+        """The calibration for JSON, without its origin."""
         found = self.calibration.model_dump()
         return {name: found[name] for name in ("films", "covariance", "crosstalk", "crosstalk_u", "frequencies_Hz",
                                                "gain", "least_N", "greatest_N", "load_cell", "expires")}  # fmt: skip

@@ -1,1 +1,1 @@
-"""Frequency sweep."""
+"""Frequency sweep of the films and of the drive."""

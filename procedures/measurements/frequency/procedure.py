@@ -1,4 +1,4 @@
-"""Frequency sweep (thesis 2.1.4, 6.2): gain and phase of each film, the charge amplifiers' corner, resonance."""
+"""Frequency sweep: gain and phase of each film, the charge amplifiers' corner, and resonance (thesis 2.1.4, 6.2)."""
 
 from __future__ import annotations
 
@@ -34,18 +34,28 @@ from palpate.procedures.steps.servo import press
 
 DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz
-MOST = 200  # frequencies
-CYCLES = 3  # at least, in a dwell
+MOST = 200  # greatest number of frequencies
+CYCLES = 3  # least number of cycles in a dwell
 
 
 @dataclass(frozen=True, slots=True)
 class FrequencyStep(Step):
+    """One frequency."""
+
     frequency_Hz: float
 
 
 @dataclass(frozen=True)
 class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
-    """Frequencies in Hz, a sample, a load in N peak to peak, the shortest dwell in s."""
+    """A sweep over frequencies.
+
+    Args:
+        frequencies: increasing frequencies [Hz].
+        sample: name of the sample.
+        load: load, peak to peak [N].
+        dwell: the shortest dwell; at low frequencies it is longer [s].
+        extrapolate: whether the load may lie outside the load cell's calibrated range.
+    """
 
     name = "sweep-frequency"
     point = FrequencyPoint
@@ -60,12 +70,12 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
     extrapolate: bool = False
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: a frequency outside 0.1 to 100 Hz or between the generator's steps, too few of them, a load
-                beyond the force limit in N, a dwell without end, or too few sensor nodes.
-            UnknownName: an unknown sample.
+            RangeError: a frequency is outside 0.1 to 100 Hz or between the generator's steps, there are too few of
+                them, the load exceeds the force limit, the dwell is not finite, or the bench has too few sensor nodes.
+            UnknownName: there is no such sample.
         """
         check_nodes(target.design, target.nodes)
         get_sample(self.sample)
@@ -81,7 +91,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         return Loads((self.load,), self.extrapolate)
 
     def plan(self, target: Target) -> Plan[FrequencyStep]:
-        """Every frequency, from low to high."""
+        """All points: every frequency, from low to high."""
         steps: list[FrequencyStep] = []
         for frequency in self.frequencies:
             dwell = dwell_at(frequency, self.dwell)
@@ -107,7 +117,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
 
 
 class Sweeping(Loaded):
-    """A frequency sweep on the bench: one load on one sample, set anew at each frequency."""
+    """The bench work: one load on one sample, set again at each frequency."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: FrequencySweep) -> None:
         super().__init__(lab, record, (sweep.load,), sweep.frequencies[0], (sweep.sample,), sweep.extrapolate)
@@ -128,12 +138,14 @@ class Sweeping(Loaded):
 
 
 def parse_frequencies(text: str) -> tuple[float, ...]:
-    """Frequencies in Hz from "0.1 Hz:100 Hz:16" (first, last, how many: evenly in the logarithm) or "1 Hz, 10 Hz".
+    """Frequencies from a text [Hz].
 
-    Those between are put on the generator's steps.
+    The text is a list as "1 Hz, 10 Hz", or "0.1 Hz:100 Hz:16" with first, last and number of frequencies, which are
+    spaced evenly in the logarithm and rounded to the generator's steps between the ends.
 
     Raises:
-        QuantityError: not a frequency. RangeError: not increasing, or fewer than 3 or more than 200 of them.
+        QuantityError: a part is no frequency.
+        RangeError: the frequencies do not increase, or there are fewer than 3 or more than 200.
     """
     parts = text.split(":")
     if len(parts) == 3:
@@ -152,12 +164,12 @@ def parse_frequencies(text: str) -> tuple[float, ...]:
     if list(found) != sorted(set(found)):
         raise RangeError(f"frequencies {text!r}: they must increase, each at least a step of {FREQUENCY_STEP:g} Hz")
     if not FEWEST <= len(found) <= MOST:
-        raise RangeError(f"frequencies {text!r}: {len(found)} of them; a corner takes {FEWEST} to {MOST}")
+        raise RangeError(f"frequencies {text!r}: {len(found)} frequencies; give {FEWEST} to {MOST} to find a corner")
     return found
 
 
 def dwell_at(frequency: float, shortest: float) -> float:
-    """Whole cycles, three at least, of `shortest` s or longer [s]."""
+    """Dwell of whole cycles at a frequency: at least three, and at least `shortest` [s]."""
     return max(CYCLES, math.ceil(shortest * frequency * (1 - 1e-9))) / frequency
 
 

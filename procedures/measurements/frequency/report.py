@@ -1,4 +1,4 @@
-"""What a frequency sweep found."""
+"""Prints and plots the result of a frequency sweep."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 
 
 def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Gains and phases, then the corner of each film and the resonance."""
+    """Print gains and phases, the corner of each film, and the resonance."""
     names = [film.name for film in design.films]
     points = new_table(
         stamped(outcome["simulated"], "Gain (mV/N) and phase (degrees, before the first base film)"),
@@ -55,7 +55,7 @@ def print_sweep(result: FrequencyResult, design: Design, outcome: Outcome, plot:
 
 
 def plot_sweep(result: FrequencyResult, design: Design, simulated: bool, folder: Path) -> Path:
-    """Bode plot with the band of touch, and the drive's response; returns the PNG."""
+    """Plot gains and phases with the band of touch, and the drive's response; returns the PNG file."""
     figure, (left, middle, right) = new_figure(simulated, 3)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}frequency response, design {design.name}")
     frequency = [p.frequency_Hz for p in result.points]

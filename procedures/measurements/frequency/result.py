@@ -1,4 +1,4 @@
-"""What a frequency sweep measures and finds: gains and phases of films, their amplifiers' corners, a resonance."""
+"""The points and the result of a frequency sweep: gains and phases of films, their amplifiers' corners, a resonance."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.frequency_response import Corner, Resonance, fit_corner, fit_resonance
 from palpate.instrument.uncertainty.budget import Budget
 
-FEWEST = 3  # points that show a corner
+FEWEST = 3  # least number of points for a corner
 
 
 @dataclass(frozen=True, slots=True)
 class FilmResponse:
-    """One film: voltage per newton of load, and its phase before that of the first base film.
+    """Response of one film. Names with `_u` are standard uncertainties.
 
-    The generator and the nodes share no clock, so no phase against the drive is known.
+    The generator and the nodes have no common clock, so the phase relative to the drive is unknown.
+
+    Attributes:
+        film: name of the film.
+        gain_V_per_N, gain_u: voltage over load.
+        phase_deg, phase_u: phase lead over the first base film.
     """
 
     film: str
@@ -31,7 +36,20 @@ class FilmResponse:
 
 @dataclass(frozen=True, slots=True)
 class FrequencyPoint:
-    """One frequency. `response_N_per_V`: load for the generator's amplitude, both peak to peak."""
+    """One frequency. Loads are peak to peak; names with `_u` are standard uncertainties.
+
+    Attributes:
+        frequency_Hz: the frequency.
+        tactile: whether it lies within the band of touch.
+        load_measured_N, load_measured_u: the measured load.
+        response_N_per_V: the measured load over the generator's voltage, both peak to peak.
+        films: the response of each film.
+        valid: whether the point is used.
+        dwell_s: the dwell.
+        settling_s: how long the films took to settle.
+        attempts: number of attempts.
+        flags: why the point is not used, or what to know about it.
+    """
 
     frequency_Hz: float
     tactile: bool
@@ -48,7 +66,14 @@ class FrequencyPoint:
 
 @dataclass(frozen=True, slots=True)
 class FrequencyResult:
-    """`corners`: of each film; None where the sweep shows none. `resonance`: of shaker, object and sensor."""
+    """The result of a frequency sweep.
+
+    Attributes:
+        points: the points.
+        corners: corner of each film's charge amplifier, by film; None: the sweep shows none.
+        resonance: resonance of shaker, object and sensor; None: the sweep shows none.
+        budgets: none.
+    """
 
     points: list[FrequencyPoint]
     corners: dict[str, Corner | None]
@@ -56,7 +81,7 @@ class FrequencyResult:
     budgets: tuple[Budget, ...] = ()
 
     def summary(self) -> dict[str, Any]:
-        """The result without its points, under public names."""
+        """The result for JSON, without its points."""
         return {
             "corners": [{"film": film, **_known(corner)} for film, corner in self.corners.items()],
             "resonance": None if self.resonance is None else asdict(self.resonance),
@@ -70,7 +95,7 @@ def _known(corner: Corner | None) -> dict[str, float | None]:
 
 
 def evaluate(points: Sequence[FrequencyPoint], design: Design) -> FrequencyResult:
-    """Corners and resonance by the valid points; None where there are too few."""
+    """Find corners and resonance from the valid points; they are None if there are too few points."""
     valid = [point for point in points if point.valid]
     frequency = [point.frequency_Hz for point in valid]
     corners: dict[str, Corner | None] = dict.fromkeys(film.name for film in design.films)

@@ -1,4 +1,4 @@
-"""The certificate of a load-cell calibration, as Markdown and as HTML, from the finished run on disk."""
+"""Writes the certificate of a load-cell calibration, as Markdown and as HTML, from the finished run on disk."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TITLE = "Calibration certificate of a load cell"
 STYLE = "body{font:15px sans-serif;max-width:60em;margin:2em auto}table{border-collapse:collapse}\
 td,th{border:1px solid #bbb;padding:2px 8px;text-align:left}.simulated{color:#c00;font-weight:bold}"
 
-PLACED = {"simulated": "placed by a simulated person", "confirmed": "each confirmed by name"}
+PLACED = {"simulated": "placed by the simulated operator", "confirmed": "each confirmed by name"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Section:
 
 
 def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
-    """Write `certificate.md` and `certificate.html` into the folder of the run; returns the Markdown.
+    """Write `certificate.md` and `certificate.html` into the folder of a run; returns the Markdown file.
 
     Raises:
         RecordError: the run cannot be read, or the files cannot be written.

@@ -1,4 +1,4 @@
-"""Load-cell calibration with dead weights (thesis 5.2, Table 5.1; runs and positions after ISO 376)."""
+"""Load-cell calibration with dead weights (thesis 5.2, Table 5.1; runs and positions as in ISO 376)."""
 
 from __future__ import annotations
 
@@ -32,18 +32,27 @@ from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import steady
 
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
-REPEATS = 10
-INTERVAL = 0.1  # s, the display is renewed ten times a second
-RECOVERY = 300.0  # s without load before that, so that the creep of the runs is gone
-RETURN_STEPS, RETURN_OF_SPAN = 1.5, 0.01  # that the zero may move by in a run [A]; ISO 376 allows classes 0.1 %
+REPEATS = 10  # readings of each weight
+INTERVAL = 0.1  # s between two readings: the display is updated ten times a second
+RECOVERY = 300.0  # s without load before the creep test, so that the creep of the runs is gone
+# The zero may move in a run by these steps of the display plus this fraction of the span [A]; ISO 376 has 0.1 %.
+RETURN_STEPS, RETURN_OF_SPAN = 1.5, 0.01
 LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
 CREEP, ZERO_BEFORE, ZERO_AFTER, LOADING, UNLOADING = "creep", "zero_before", "zero_after", "loading", "unloading"
-PLACING = 10.0  # s, for a person to change the weights [A]
+PLACING = 10.0  # s that a person takes to change the weights [A]
 
 
 @dataclass(frozen=True, slots=True)
 class WeightStep(Step):
-    """One weight. `creep_s`: how long it has lain then; 0: until the reading has settled."""
+    """One weight on the load cell.
+
+    Attributes:
+        position_deg: position of the cell about its axis.
+        run: number of the run, from 1.
+        direction: "loading", "unloading", "zero_before", "zero_after", or "creep_..._s".
+        load_N: the load.
+        creep_s: time since the weight was placed [s]; 0: no creep test, it is read once it has settled.
+    """
 
     position_deg: float
     run: int
@@ -54,15 +63,15 @@ class WeightStep(Step):
 
 @dataclass(frozen=True)
 class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
-    """What to put on the cell.
+    """A calibration of the load cell.
 
     Args:
-        loads: N, increasing.
-        runs: up and down, in each position.
-        positions: of the cell about its axis [degrees].
-        degree: of the curve; None: 2 where an F-test finds it better than 1.
-        creep: whether to watch the greatest load for 300 s.
-        valid_days: until the calibration expires.
+        loads: increasing loads [N].
+        runs: number of runs up and down in each position.
+        positions: positions of the cell about its axis [degrees].
+        degree: degree of the curve; None: 2 if an F-test finds it better than 1.
+        creep: whether to measure the creep under the greatest load for 300 s.
+        valid_days: days until the calibration expires.
     """
 
     name = "calibrate-load-cell"
@@ -80,22 +89,23 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     valid_days: int = 365
 
     def check(self, target: Target) -> None:
-        """Refuse what gives no calibration, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: a weight that is not above zero or above the force limit; loads that do not increase, or too
-                few for the curve; no run; positions that repeat or lie outside 0 to 360 degrees; a validity that ISO
-                376 does not know.
+            RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
+                the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
+                the limits of ISO 376.
         """
         loads = self.loads
         if bad := [load for load in loads if not 0 < load <= target.force_limit]:
             raise RangeError(
-                f"load {bad[0]:g} N is not above 0 and up to the bench's force limit of {target.force_limit:g} N; "
-                "take other weights"
+                f"load {bad[0]:g} N is outside 0 to {target.force_limit:g} N, the bench's force limit; take other "
+                "weights"
             )
         if any(later <= load for load, later in pairwise(loads)):
             raise RangeError(
-                f"loads {', '.join(f'{load:g}' for load in loads)} N must increase, each once; put them in order"
+                f"loads {', '.join(f'{load:g}' for load in loads)} N must increase, and none may repeat; put them in "
+                "order"
             )
         least = (self.degree or 1) + 2
         if len(loads) < least:
@@ -111,10 +121,13 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
                 f"positions {positions} must be distinct, from 0 to below 360 degrees, such as 0, 120, 240"
             )
         if not 1 <= self.valid_days <= LONGEST_VALIDITY:
-            raise RangeError(f"{self.valid_days} days are outside 1 to {LONGEST_VALIDITY}, the 26 months of ISO 376")
+            raise RangeError(
+                f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}, the 26 months of ISO 376; "
+                "give one inside"
+            )
 
     def plan(self, target: Target) -> Plan[WeightStep]:
-        """Every weight of every run."""
+        """All points: every weight of every run, then the creep test."""
         return Plan(self.name, list(self._steps()))
 
     def _steps(self) -> Iterator[WeightStep]:
@@ -170,7 +183,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
 
 
 class Weighing:
-    """Weights on the cell, one after the other."""
+    """The bench work: reads the load cell under one weight after the other."""
 
     def __init__(self, bench: Bench, series: LoadCellSeries) -> None:
         self._bench, self._series = bench, series
@@ -208,7 +221,7 @@ class Weighing:
             self._bench.operator.place_weight(0.0)
 
     def _creep(self, step: WeightStep) -> None:
-        """Wait until the greatest load has lain as long as the step says; before the first of them it is put on."""
+        """Wait until the greatest load has been on the cell for the step's time; the first step has it placed."""
         bench, clock = self._bench, self._bench.clock
         if step.creep_s == CREEP_TIMES[0]:
             clock.wait(RECOVERY)
@@ -232,13 +245,13 @@ class Weighing:
         )
 
     def _drift(self, before: float, after: float, span: float) -> DeviceError | None:
-        """What is wrong with the bridge where the zero after a run, mV, is not that before it."""
+        """An error if the zero has moved too far from before to after a run [mV]; else None."""
         allowed = RETURN_STEPS * self._resolution_mV + RETURN_OF_SPAN * abs(span)
         if not abs(after - before) <= allowed:
             name = self._bench.role(LoadIndicator).name
             return DeviceError(
-                f"{name}: the zero went from {before:.4g} to {after:.4g} mV in a run, more than {allowed:.2g} mV; let "
-                "cell and indicator warm up, look for loose wires, and calibrate again",
+                f"{name}: in a run the zero moved from {before:.4g} to {after:.4g} mV, by more than {allowed:.2g} mV; "
+                "let cell and indicator warm up, look for loose wires, and calibrate again",
                 device=name,
             )
         return None

@@ -1,4 +1,4 @@
-"""What a calibration of the load cell found."""
+"""Prints and plots the result of a load-cell calibration."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 
 
 def print_load_cell(result: LoadCellResult, outcome: Outcome, plot: Path) -> None:
-    """Readings, the curve, its figures of merit and its classes."""
+    """Print the readings, the curve, its figures of merit and its classes."""
     readings = new_table(
         stamped(outcome["simulated"], "Load-cell calibration"),
         "position", "run", "load gf", "load N", "loading mV", "unloading mV",
@@ -71,7 +71,7 @@ def _held(found: Classification) -> str:
 
 
 def plot_load_cell(result: LoadCellResult, simulated: bool, folder: Path) -> Path:
-    """Readings with the line, and their deviation from it; returns the PNG."""
+    """Plot the readings with the curve, and their deviation from it; returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}load-cell calibration")
     c = result.calibration

@@ -1,4 +1,4 @@
-"""What a load-cell calibration reads and finds."""
+"""The points and the result of a load-cell calibration."""
 
 from __future__ import annotations
 
@@ -13,14 +13,24 @@ from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.uncertainty.budget import Budget
 
-FILTER = 0.1  # s
-SETTLING = 1.0  # s
-CREEP_TIMES = (30.0, 300.0)  # s after the weight is on, ISO 376
+FILTER = 0.1  # s, time constant of the indicator's filter
+SETTLING = 1.0  # s between placing a weight and reading it
+CREEP_TIMES = (30.0, 300.0)  # s after the weight was placed, ISO 376
 
 
 @dataclass(frozen=True, slots=True)
 class LoadCellPoint:
-    """The mean of several displays under one weight. `direction` is "loading", "unloading", or says what else it is."""
+    """The readings under one weight.
+
+    Attributes:
+        position_deg: position of the cell about its axis.
+        run: number of the run, from 1.
+        direction: "loading", "unloading", "zero_before", "zero_after", or "creep_..._s".
+        load_gf, load_N: the load.
+        reading_mV: mean of the readings.
+        readings_mV: the readings.
+        incidents: number of incidents since the point before.
+    """
 
     position_deg: float
     run: int
@@ -34,11 +44,13 @@ class LoadCellPoint:
 
 @dataclass(frozen=True, slots=True)
 class LoadCellResult:
+    """The calibration and the points that it comes from."""
+
     calibration: LoadCellCalibration
     points: Sequence[LoadCellPoint]
 
     def summary(self) -> dict[str, Any]:
-        """Results under their public names. What has no unit is a fraction, linearity and reversibility of the span."""
+        """The results for JSON. Values without a unit are fractions; linearity and reversibility of the span."""
         c = self.calibration
         return {
             "sensitivity_mV_per_N": c.sensitivity_mV_per_N,
@@ -67,13 +79,13 @@ class LoadCellResult:
 
     @property
     def budgets(self) -> tuple[Budget, ...]:
-        """Of the least load, that in the middle, and the greatest."""
+        """The budgets of the least load, of the middle of the range, and of the greatest load."""
         c = self.calibration
         return tuple(load_budget(c, load) for load in (c.least_N, 0.5 * (c.least_N + c.greatest_N), c.greatest_N))
 
 
 def runs_of(points: Sequence[LoadCellPoint], loads: int) -> Iterator[Run]:
-    """The runs up and down of so many loads, with their zeros before and after."""
+    """The runs up and down with this number of loads each, with their zeros before and after."""
     length = 2 * loads + 2
     for start in range(0, len(points) - length + 1, length):
         before, *weighed, after = points[start : start + length]

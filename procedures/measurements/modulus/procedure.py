@@ -35,16 +35,21 @@ from palpate.procedures.steps.servo import (
 TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
 LARGEST_STRAIN = 0.6
 LARGEST_STEPS = 100
-LEAST_LOAD = 4.0  # steps of the indicator, at the largest strain
-DISPLAYS = 10  # at each position
-BARE = (0.05, 0.6)  # of the force limit, between which the bare support is pressed
-AREA_U = 0.01  # of the area: 0.05 mm on each edge of 10 mm [A]
+LEAST_LOAD = 4.0  # least load at the largest strain, in steps of the indicator
+DISPLAYS = 10  # readings at each position
+BARE = (0.05, 0.6)  # least and greatest force on the bare support, as fractions of the force limit
+AREA_U = 0.01  # relative standard uncertainty of the area: 0.05 mm on each edge of 10 mm [A]
 BARE_SUPPORT = "bare"
 
 
 @dataclass(frozen=True, slots=True)
 class CompressionStep(Step):
-    """`number` from 1, of equal steps of compression; those of unloading count down."""
+    """A position in a series.
+
+    Attributes:
+        series: "bare", "loading" or "unloading".
+        number: number of the equal steps of compression, from 1; it counts down in unloading.
+    """
 
     series: str
     number: int
@@ -52,9 +57,13 @@ class CompressionStep(Step):
 
 @dataclass(frozen=True)
 class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
-    """What to test: name of the sample, largest strain, and in how many equal steps.
+    """A compression test of a sample on a rigid support.
 
-    extrapolate: loads above the calibrated range are allowed, and marked.
+    Args:
+        sample: name of the sample.
+        strain: the largest strain.
+        steps: number of equal steps of strain.
+        extrapolate: whether loads above the load cell's calibrated range are allowed, and marked.
     """
 
     name = "test-modulus"
@@ -68,12 +77,12 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
     extrapolate: bool = False
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            UnknownName: an unknown sample.
-            RangeError: strain or steps out of their limits, a pad or deflection beyond the positioner's travel, a force
-                beyond the limit.
+            UnknownName: there is no such sample.
+            RangeError: strain or steps are outside their limits, the sample is thicker than the positioner's travel, or
+                the force exceeds the force limit.
         """
         sample = get_sample(self.sample)
         if not 0 < self.strain <= LARGEST_STRAIN:
@@ -82,12 +91,13 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
             )
         if not LEAST_POINTS <= self.steps <= LARGEST_STEPS:
             raise RangeError(
-                f"{self.steps} steps do not give a line with its uncertainty; take {LEAST_POINTS} to {LARGEST_STEPS}"
+                f"steps {self.steps} is outside {LEAST_POINTS} to {LARGEST_STEPS}, which give a line with its "
+                "uncertainty; give a number inside"
             )
         if not sample.thickness <= TRAVEL:
             raise RangeError(
                 f"sample {sample.name!r} is {show(sample.thickness, 'm')} thick, beyond the positioner's travel of"
-                f" {show(TRAVEL, 'm')}; test a thinner pad"
+                f" {show(TRAVEL, 'm')}; test a thinner sample"
             )
         force = _force(sample, self.strain)
         if force > target.force_limit:
@@ -98,7 +108,7 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
             )
 
     def plan(self, target: Target) -> Plan[CompressionStep]:
-        """Down on the bare support, then down and up on the sample."""
+        """All positions: down on the bare support, then down and up on the sample."""
         down = range(1, self.steps + 1)
         places = [(BARE_SUPPORT, n) for n in down] + [(LOADING, n) for n in down] + [(UNLOADING, n) for n in down[::-1]]
         return Plan(self.name, [self._step(series, number) for series, number in places])
@@ -132,13 +142,13 @@ def _series(points: Sequence[DisplaysPoint], name: str) -> Series:
 
 
 class Compressing:
-    """The probe on the bare support, then on the sample."""
+    """The bench work: compresses the bare support, then the sample."""
 
     def __init__(self, lab: Lab, test: ModulusTest) -> None:
-        """Raises UnreachableError, RangeError: the load cell does not tell the loads; nothing has moved."""
+        """Raises UnreachableError, RangeError: the load cell cannot measure the loads; nothing has moved yet."""
         self._bench, self._calibration, self._test = lab.bench, lab.calibration, test
         self._sample = sample = get_sample(test.sample)
-        self._pressed_bare: Sequence[tuple[float, float]] = ()  # position and load, lightly and hard
+        self._pressed_bare: Sequence[tuple[float, float]] = ()  # position [m] and load [N], pressed lightly and hard
         self._positions = np.empty(0)
         resolution, force = self._calibration.resolution(), _force(sample, test.strain)
         if force < LEAST_LOAD * resolution:
@@ -167,13 +177,13 @@ class Compressing:
         finish(self._bench, self._calibration)
 
     def _on_support(self) -> np.ndarray:
-        """Positions [m] on the bare support, between two forces that tell where it is and how much the bench yields."""
+        """Positions on the bare support [m]; the forces at both ends give its place and the bench's compliance."""
         self._bench.operator.lay_on_support(None)
         self._pressed_bare = (first, _), (last, _) = [self._press(share * self._bench.force_limit) for share in BARE]
         return np.linspace(first, last, self._test.steps)
 
     def _on_sample(self) -> np.ndarray:
-        """Positions [m] on the sample, in equal steps of strain. Raises UnreachableError: beyond the travel."""
+        """Positions on the sample, in equal steps of strain [m]. Raises UnreachableError: they exceed the travel."""
         bench, sample, strain, steps = self._bench, self._sample, self._test.strain, self._test.steps
         (first, light), (last, heavy) = self._pressed_bare
         compliance = (last - first) / (heavy - light)
@@ -192,13 +202,13 @@ class Compressing:
         return positions
 
     def _press(self, force: float) -> tuple[float, float]:
-        """Position [m] and load [N] where the probe presses with about this force [N]."""
+        """Press with about this force [N]; returns position [m] and load [N]."""
         what = f"preload of {show(force, 'N')} on the bare support"
         load = carry_out(self._bench, what, lambda: preload(self._bench, self._calibration, force))
         return self._bench.role(Positioner).position(), load
 
     def _pressed(self, position: float) -> list[float]:
-        """Displays at a position [m]."""
+        """Readings of the indicator at a position [m]; a list of DISPLAYS values [mV]."""
         self._bench.role(Positioner).move(position)
         self._bench.clock.wait(TRACK_SETTLING)
         shown = []
@@ -215,15 +225,15 @@ class Compressing:
         return shown
 
     def _within_limit(self, reading_mV: float) -> None:
-        """Raises SafetyError, with the probe home, where a display tells of more force than the bench may take."""
+        """Move the probe home and raise SafetyError if a reading exceeds the bench's force limit."""
         if not self._calibration.load(reading_mV)[0] <= self._bench.force_limit:
             self._bench.role(Positioner).home()
             raise SafetyError(
-                f"{reading_mV:g} mV is more than the bench's force limit of {self._bench.force_limit:g} N;"
-                " the probe is home again. Ask for a smaller strain"
+                f"the load cell reads {reading_mV:g} mV, more than the bench's force limit of"
+                f" {self._bench.force_limit:g} N; the probe has moved home. Ask for a smaller strain"
             )
 
 
 def _force(sample: Sample, strain: float) -> float:
-    """What the strain should take, by the sample's modulus on file [N]."""
+    """Expected force for a strain, by the sample's known modulus [N]."""
     return sample.modulus * sample.area * strain

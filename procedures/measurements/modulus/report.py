@@ -1,4 +1,4 @@
-"""What the compression of a sample found."""
+"""Prints and plots the result of a compression test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
-    """Steps, moduli beside the thesis' own, and what the bench yields."""
+    """Print the steps, the moduli with the thesis' values, and the bench's compliance."""
     sample, c = result.sample, result.compression
     steps = new_table(
         stamped(outcome["simulated"], f"Compression of sample {sample.name} ({sample.material})"),
@@ -50,7 +50,7 @@ def print_modulus(result: ModulusResult, outcome: Outcome, plot: Path) -> None:
 
 
 def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
-    """Stress and secant modulus against strain, the thesis' rows beside them; returns the PNG."""
+    """Plot stress and secant modulus against strain, with the thesis' values; returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}compression of sample {result.sample.name}")
     for direction, marker in (("loading", "^"), ("unloading", "v")):
@@ -80,7 +80,7 @@ def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
 
 
 def _thesis(sample: str) -> Table | None:
-    """The thesis' own compression of the sample; it has those of two."""
+    """The thesis' compression test of a sample; None: it has none (it tests two samples)."""
     return read_table(COMPRESSION_TABLES[sample]) if sample in COMPRESSION_TABLES else None
 
 

@@ -1,4 +1,4 @@
-"""What the compression of a sample reads and finds."""
+"""The points and the result of a compression test."""
 
 from __future__ import annotations
 
@@ -18,7 +18,15 @@ NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class DisplaysPoint:
-    """The indicator's displays at one place of the positioner, in a `series`: bare, loading or unloading."""
+    """Readings of the indicator at one position.
+
+    Attributes:
+        series: "bare", "loading" or "unloading".
+        position_m: position of the positioner.
+        reading_mV: mean of the readings.
+        readings_mV: the readings.
+        incidents: number of incidents since the point before.
+    """
 
     series: str
     position_m: float
@@ -29,26 +37,28 @@ class DisplaysPoint:
 
 @dataclass(frozen=True, slots=True)
 class ModulusResult:
+    """The tested sample and the evaluation of its compression."""
+
     sample: Sample
     compression: Compression
 
     @property
     def points(self) -> Sequence[CompressionPoint]:
-        """Stress and strain, of the sample alone."""
+        """Stress and strain of the sample, with the bench's compliance taken off."""
         return self.compression.points
 
     @property
     def budgets(self) -> Sequence[Propagated]:
-        """In the order of NAMES."""
+        """The results with their budgets, in the order of NAMES."""
         return self.results()
 
     def results(self) -> tuple[Propagated, ...]:
-        """In the order of NAMES."""
+        """The results, in the order of NAMES."""
         c = self.compression
         return c.tangent, c.secant, c.unloading, c.thickness, c.compliance
 
     def summary(self) -> dict[str, Any]:
-        """Results under their public names. linearity and energy_loss are fractions."""
+        """The results for JSON; linearity and energy_loss are fractions."""
         public: dict[str, Any] = {"sample": self.sample.name}
         for (name, unit), found in zip(NAMES, self.results(), strict=True):
             public |= {f"{name}_{unit}": found.value, f"{name}_u": found.u}

@@ -1,4 +1,7 @@
-"""Temperature sweep (thesis 2.1.6, 6.2): what warming films add to their signals, what a fitted trend takes away."""
+"""Temperature sweep: what a change of temperature adds to the films' signals, and what a fitted trend leaves of it.
+
+Thesis 2.1.6 and 6.2.
+"""
 
 from __future__ import annotations
 
@@ -36,23 +39,32 @@ from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.standing import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change
 
-RANGE = (-20.0, 40.0)  # K against the start; PVDF loses its polarisation from about 80 °C on [S]
-MOST = 50  # temperatures
+RANGE = (-20.0, 40.0)  # K relative to the start; PVDF loses its polarisation above about 80 °C [S]
+MOST = 50  # greatest number of temperatures
 LONGEST_SOAK = 86400.0  # s
-SETTING = 60.0  # s, for a person to set a temperature [A]
+SETTING = 60.0  # s that a person takes to set a temperature [A]
 
 
 @dataclass(frozen=True, slots=True)
 class TemperatureStep(Step):
+    """One temperature relative to the start, and its change from the one before."""
+
     temperature_K: float
     step_K: float
 
 
 @dataclass(frozen=True)
 class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureResult]):
-    """Temperatures in K against the start, a sample, a load in N peak to peak, dwell in s, frequency in Hz.
+    """A sweep over temperatures.
 
-    `soak`: s, before each change, in which the films take the temperature that was set before.
+    Args:
+        temperatures: temperatures relative to the start [K].
+        sample: name of the sample.
+        load: load, peak to peak [N].
+        dwell: dwell [s].
+        frequency: frequency of the load [Hz].
+        soak: wait before each change, in which the films reach the temperature that was set before [s].
+        extrapolate: whether the load may lie outside the load cell's calibrated range.
     """
 
     name = "sweep-temperature"
@@ -70,12 +82,13 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
     extrapolate: bool = False
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: temperatures too few, repeated or beyond what films bear, a load beyond the force limit in N, a
-                frequency or dwell that gives no estimate, or too few sensor nodes.
-            UnknownName: an unknown sample.
+            RangeError: the temperatures make too few different changes or exceed what films bear, the soak is outside
+                its limits, the load exceeds the force limit, the frequency or the dwell is outside its limits, or the
+                bench has too few sensor nodes.
+            UnknownName: there is no such sample.
         """
         check_nodes(target.design, target.nodes)
         get_sample(self.sample)
@@ -86,12 +99,12 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
                 f"{MOST} give a slope, such as '0 K, 5 K, 15 K, 10 K'"
             )
         if not 0 <= self.soak <= LONGEST_SOAK:
-            raise RangeError(f"soak {self.soak:g} s is outside 0 to {LONGEST_SOAK:g} s")
+            raise RangeError(f"soak {self.soak:g} s is outside 0 to {LONGEST_SOAK:g} s; give one inside")
         for temperature in self.temperatures:
             if not RANGE[0] <= temperature <= RANGE[1]:
                 raise RangeError(
-                    f"temperature {temperature:g} K against the start is outside {RANGE[0]:g} to {RANGE[1]:g} K, which"
-                    " the films bear"
+                    f"temperature {temperature:g} K relative to the start is outside {RANGE[0]:g} to {RANGE[1]:g} K,"
+                    " which the films bear; give one inside"
                 )
         check_force((self.load,), target.force_limit)
         check_frequency(self.frequency)
@@ -101,7 +114,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
         return Loads((self.load,), self.extrapolate)
 
     def plan(self, target: Target) -> Plan[TemperatureStep]:
-        """Every temperature, in the order given."""
+        """All points: every temperature, in the given order."""
         steps: list[TemperatureStep] = []
         for temperature, change in zip(self.temperatures, steps_of(self.temperatures), strict=True):
             soak = max(self.soak, BEFORE) + RESPONSE + LENGTH
@@ -128,7 +141,7 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
 
 
 class Sweeping(Loaded):
-    """A temperature sweep on the bench: one load on one sample, measured as soon as each temperature is set."""
+    """The bench work: one load on one sample, measured as soon as each temperature is set."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: TemperatureSweep) -> None:
         super().__init__(lab, record, (sweep.load,), sweep.frequency, (sweep.sample,), sweep.extrapolate)
@@ -150,7 +163,7 @@ class Sweeping(Loaded):
 
 
 def steps_of(temperatures: Sequence[float]) -> tuple[float, ...]:
-    """By how much each differs from the one before; the first, from the start."""
+    """Change of each temperature from the one before; the first is its change from the start [K]."""
     return tuple(after - before for before, after in pairwise((0.0, *temperatures)))
 
 
@@ -158,7 +171,7 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     fit, forces = measured.fit, film_forces(design, measured.fit)
     good = np.isfinite(measured.record.voltage).all(axis=0)
     time, volts = measured.record.time[good], measured.record.voltage[:, good]
-    amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # of a film that clips all the time
+    amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # 0 for a film that clips all the time
     flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
     known = gain_u(design)
     lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
@@ -192,7 +205,7 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
 
 
 def _of_ratio(design: Design, read: np.ndarray) -> float:
-    """Relative error of the mean ratio of rigid films to base films, from what was read of each, relative."""
+    """Relative error of the mean ratio of rigid films to base films, from each film's relative reading."""
     rigid = [float(read[i]) for i, film in enumerate(design.films) if film.kind == FILM_KINDS[0]]
     total = [float(read[i]) for i, film in enumerate(design.films) if film.kind == FILM_KINDS[1]]
     return (math.fsum(rigid) / len(rigid)) / (math.fsum(total) / len(total)) - 1

@@ -1,4 +1,4 @@
-"""What a temperature sweep found."""
+"""Prints and plots the result of a temperature sweep."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 
 
 def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Each change with the ratio and the errors, then the slopes."""
+    """Print each change with the force ratio and its errors, then the slopes."""
     names = [film.name for film in design.films]
     points = new_table(
         stamped(outcome["simulated"], "What a change of temperature adds (errors against the fit with a trend)"),
@@ -39,7 +39,7 @@ def print_sweep(result: TemperatureResult, design: Design, outcome: Outcome, plo
 
 
 def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:
-    """Apparent force of each film, and errors of the ratio, against the change; returns the PNG."""
+    """Plot the apparent force of each film, and the errors of the ratio, against the change; returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}warming films, design {design.name}")
     change = [p.step_K for p in result.points]

@@ -1,4 +1,4 @@
-"""What a temperature sweep measures and finds: what warming adds to each film, and what is left in the ratio."""
+"""The points and the result of a temperature sweep: what warming adds to each film, and to the force ratio."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.instrument.uncertainty.interpolation import interpolate
 
-FEWEST = 3  # different changes that give a slope
+FEWEST = 3  # least number of different changes for a slope
 
 
 @dataclass(frozen=True, slots=True)
 class FilmWarming:
-    """One film. Its force is by the fit with a trend; errors are what others would have read off the same record.
+    """One film after a change of temperature.
 
     Attributes:
-        force_N: peak to peak.
-        offset_N, offset_u: what the change has added to the film's standing signal, in terms of force; null where lost.
-        trend_N_per_s: drift of the signal under the load, in terms of force.
-        error_lock_in, error_rms: relative, of a lock-in amplifier and of a voltmeter.
+        film: name of the film.
+        force_N: force by the fit with a trend, peak to peak.
+        offset_N, offset_u: what the change has added to the film's steady signal, as a force, and its standard
+            uncertainty; NaN if it was lost.
+        trend_N_per_s: drift of the signal under the load, as a force.
+        error_lock_in: relative error of a lock-in amplifier on the same record.
+        error_rms: relative error of a voltmeter (RMS) on the same record.
     """
 
     film: str
@@ -39,9 +42,20 @@ class FilmWarming:
 
 @dataclass(frozen=True, slots=True)
 class TemperaturePoint:
-    """After a change by `step_K`, while the films warm up; errors of the ratio are relative.
+    """One change of temperature, measured while the films warm up. Names with `_u` are standard uncertainties.
 
-    `offset_after_s`: from the change to where the films' offsets were taken.
+    Attributes:
+        temperature_K: temperature relative to the start.
+        step_K: its change from the one before.
+        offset_after_s: time from the change until the films' offsets were taken.
+        load_measured_N, load_measured_u: the measured load, peak to peak.
+        force_ratio, force_ratio_u: the force ratio by the fit with a trend.
+        error_lock_in, error_rms: relative error of the ratio by a lock-in amplifier, and by a voltmeter.
+        films: each film.
+        valid: whether the point is used.
+        settling_s: how long the films took to settle.
+        attempts: number of attempts.
+        flags: why the point is not used, or what to know about it.
     """
 
     temperature_K: float
@@ -62,12 +76,15 @@ class TemperaturePoint:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureResult:
-    """Slopes against the change of temperature, with standard uncertainties; None: fewer than three valid changes.
+    """The result of a temperature sweep; values are None with fewer than three different valid changes.
 
     Attributes:
-        offsets: film -> apparent force right after a change, a kelvin of it [N/K].
-        ratio_per_K: relative change of the compensated force ratio, a kelvin: what is left.
-        largest_lock_in, largest_rms: largest relative error of the ratio without compensation.
+        points: the points.
+        offsets: slope of the apparent force right after a change, with its standard uncertainty, by film [N/K].
+        ratio_per_K: relative slope of the force ratio by the fit with a trend, with its standard uncertainty [1/K].
+        largest_lock_in: largest relative error of the ratio by a lock-in amplifier.
+        largest_rms: largest relative error of the ratio by a voltmeter.
+        budgets: none.
     """
 
     points: list[TemperaturePoint]
@@ -78,7 +95,7 @@ class TemperatureResult:
     budgets: tuple[Budget, ...] = ()
 
     def summary(self) -> dict[str, Any]:
-        """The result without its points, under public names."""
+        """The result for JSON, without its points."""
         ratio, ratio_u = self.ratio_per_K or (None, None)
         rows = [(film, *(found or (None, None))) for film, found in self.offsets.items()]
         return {
@@ -91,7 +108,7 @@ class TemperatureResult:
 
 
 def gain_u(design: Design) -> np.ndarray:
-    """Relative standard uncertainty of the films' gains (films,): their scatter, and their calibration."""
+    """Relative standard uncertainty of the films' gains, by scatter and calibration, shape (films,)."""
     variance = scatter_covariance(design).diagonal()
     if design.film_covariance is not None:
         variance = variance + np.asarray(design.film_covariance).diagonal()
@@ -99,7 +116,7 @@ def gain_u(design: Design) -> np.ndarray:
 
 
 def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureResult:
-    """Slopes by the valid points."""
+    """Find the slopes from the valid points."""
     valid = [point for point in points if point.valid]
     warmth = [point.step_K for point in valid]
     if len(set(warmth)) < FEWEST:
@@ -111,7 +128,7 @@ def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureR
 
     def offset(i: int, own_u: float) -> tuple[float, float]:
         value, u = slope([point.films[i].offset_N for point in valid], 0.0)
-        return value, math.hypot(u, own_u * value)  # all rows may share the film's gain: no residual tells of it
+        return value, math.hypot(u, own_u * value)  # an error of the gain is common to all rows, so residuals miss it
 
     gains_u = gain_u(design)
     mean = math.fsum(point.force_ratio for point in valid) / len(valid)
