@@ -3,139 +3,65 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
 from types import FrameType, TracebackType
-from typing import Any, Self, TypeVar, get_args
+from typing import Any, Self
 
 from palpate.drivers.bench_lock import BenchLock
 from palpate.drivers.clock import BenchClock
-from palpate.drivers.devices.device import READ_ATTEMPTS, Device, Place
-from palpate.drivers.devices.exciter import Amplified, Exciter
+from palpate.drivers.devices.device import READ_ATTEMPTS, Device
+from palpate.drivers.devices.exciter import Guard
+from palpate.drivers.fitted import Fitted
 from palpate.drivers.hands import Hands
 from palpate.drivers.incident import Incidents, Store
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger, role_of
+from palpate.drivers.ownership import cautions, claim
+from palpate.drivers.roles import Chamber, Exciter, ProbeStage, SampleChanger
 from palpate.drivers.safe_end import held, taken
-from palpate.drivers.watched_clock import WatchedClock
-from palpate.instrument.additions import load
-from palpate.instrument.bench import description as files
-from palpate.instrument.bench.description import BenchDescription, Listed, SerialLine
-from palpate.instrument.bench.kinds import Role
+from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
-from palpate.instrument.errors import (
-    BenchError,
-    BenchInUse,
-    DeviceError,
-    LinkError,
-    SettingsLost,
-    UnknownName,
-)
+from palpate.instrument.errors import BenchError, DeviceError, LinkError, SettingsLost
 
 RECOVERY = 1.0  # s, that devices are given to come back
-CLAIMS = 10  # that are tried within the time of the watchdog
 TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # a closed terminal hangs up
-DRIVING: tuple[Role, ...] = ("exciter", "source", "amplifier")
 ENDINGS = (signal.SIGINT, *TERMINATIONS)
 
 
-T = TypeVar("T")
-
-
-class Bench:
+class Bench(Fitted):
     """All devices of a bench, as a context manager.
 
-    On entry every device is opened and identified, the guard of what drives first, and its outputs go to zero. On every
-    way out, SIGINT, SIGTERM and SIGHUP included, they go to zero again; where that fails, or the program is killed, the
-    guard's watchdog drops the output.
+    On entry every device is opened and identified, the exciter first, and its outputs go to zero. On every way out,
+    SIGINT, SIGTERM and SIGHUP included, they go to zero again; where that fails, or the program is killed, the
+    exciter's watchdog drops the output, if it has one.
     """
 
     def __init__(self, description: BenchDescription, clock: BenchClock, operator: Operator) -> None:
-        """Raises ConfigError: the driver of a listed device cannot be loaded."""
-        self.description = description
+        """Raises ConfigError: the driver of a listed device cannot be loaded, or does not fit its role."""
+        super().__init__(description, clock)
         self.force_limit = description.force_limit
-        self.links = {name: _link(place) for name, place in description.links.items()}
-        self._listed = {each.name: each for each in description.devices}
-        self._filling = {role: [each.name for each in description.filling(role)] for role in get_args(Role)}
-        self._devices: dict[str, Device] = {}
-        driving = [self._listed[name] for role in DRIVING for name in self._filling[role]]
-        self._make(driving, clock)
-        self._exciter = self._driven()
-        self.clock = WatchedClock(clock, self._exciter.guard if self._exciter else None, description.watchdog)
-        self._make(self._listed.values(), self.clock)
-        self._devices = {name: self._devices[name] for name in self._listed}
         hands = self.maybe(SampleChanger), self.maybe(Chamber), self.maybe(ProbeStage)
         self.operator: Operator = Hands(operator, *hands) if any(hands) else operator
-        self.absent: list[str] = []  # why an optional device is not used
         self.incidents = Incidents(self.clock)
         self.attended = False
         self.waits: Callable[[str], object] = lambda _why: None  # told before it has to wait for somebody else
         self._safe = True
-        members = self._exciter.members if self._exciter else ()
         for device in self.devices:
-            if device not in members[:1]:
+            if device not in self._guarding:
                 device.afterwards = self.clock.feed_in_time
         self.is_open = False
         self._stack = ExitStack()
 
-    def _make(self, listed: Iterable[Listed], clock: Any) -> None:
-        """The drivers of devices that have none yet. Raises ConfigError."""
-        for each in listed:
-            if each.name not in self._devices:
-                driver = load(each.kind.driver, f"driver of {each.name}")
-                self._devices[each.name] = driver.at(Place(self.links[each.link], each.unit, each.settings, clock))
-
-    def _driven(self) -> Exciter | None:
-        """What drives; None: nothing does."""
-        exciter, source, amplifier = (self._in_role(role) for role in DRIVING)
-        if exciter is not None:
-            assert isinstance(exciter, Exciter)
-            return exciter
-        return Amplified(source, amplifier) if source is not None and amplifier is not None else None
+    @property
+    def _guard(self) -> Guard | None:
+        return self._exciter.guard if self._exciter else None
 
     @property
-    def devices(self) -> list[Device]:
-        """Those that are there, in the order in which they are set up and looked at."""
-        return list(self._devices.values())
-
-    def device(self, name: str) -> Any:
-        """The device of a section of the bench file. Raises UnknownName: there is none, or it is absent."""
-        if name not in self._devices:
-            raise UnknownName("device of this bench", name, self._devices)
-        return self._devices[name]
-
-    def named(self, device: Device) -> Listed:
-        """What the bench file says of a device."""
-        return next(self._listed[name] for name, each in self._devices.items() if each is device)
-
-    def all(self, kind: type[T]) -> list[T]:
-        """The devices that fill a role, or whose driver is of this class."""
-        role: Any = role_of(kind)
-        if kind is Exciter:
-            return [self._exciter] if self._exciter is not None else []  # type: ignore[list-item]
-        if role is None:
-            return [each for each in self.devices if isinstance(each, kind)]
-        return [self._devices[name] for name in self._filling[role] if name in self._devices]  # type: ignore[misc]
-
-    def maybe(self, kind: type[T]) -> T | None:
-        """As `role`, or None: nobody fills it."""
-        return next(iter(self.all(kind)), None)
-
-    def role(self, kind: type[T]) -> T:
-        """The device that fills a role, one of `palpate.drivers.roles`; the first where several do.
-
-        Raises BenchError: nobody fills it.
-        """
-        found = self.maybe(kind)
-        if found is None:
-            what = role_of(kind) or kind.__name__
-            raise BenchError(f"bench {self.description.name} has no {what}; list a device in its file that can be one")
-        return found
-
-    def _in_role(self, role: Role) -> Any:
-        return next((self._devices[name] for name in self._filling[role]), None)
+    def _guarding(self) -> tuple[Any, ...]:
+        """The guard as a device, if there is one."""
+        return self._exciter.members[:1] if self._exciter and self._exciter.guard else ()
 
     @property
     def simulated(self) -> bool:
@@ -154,10 +80,7 @@ class Bench:
                     opened.append(device.link)
                 device.connect()
                 if number == 0:
-                    self._claim()
-                    stack.callback(self._release)
-                    stack.enter_context(self.clock.beating())
-                    self.guard.disable()  # a bench that was left driving stops, whatever cannot be opened next
+                    self._take_over(stack)
             stack.push(self._make_safe)
             for link in self.links.values():
                 if link not in opened:
@@ -174,16 +97,24 @@ class Bench:
         return self
 
     def _while_there(self, step: Callable[[], object], of: Device | ModbusLink | CanLink) -> None:
-        """Do this; where the devices that it needs are all optional and do not answer, go on without them."""
+        """Do this; where all devices that need it are optional and it does not answer, go on without them."""
         try:
             step()
         except LinkError as error:
-            needing = [name for name, device in self._devices.items() if of in (device, device.link)]
-            if not all(self._listed[name].optional for name in needing):
+            if not self.leave_out(of, error):
                 raise
-            for name in needing:
-                del self._devices[name]
-                self.absent.append(f"{name} is not used: {error}")
+
+    def _take_over(self, stack: ExitStack) -> None:
+        """Become the guard's owner, keep it fed, and stop a bench that was left driving.
+
+        So it stops whatever cannot be opened next. Raises BenchInUse.
+        """
+        if self._guard is not None:
+            claim(self._guard, self.clock, self.waits)
+            stack.callback(self._release, self._guard)
+        stack.enter_context(self.clock.beating())
+        if self._exciter:
+            self._exciter.halt()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -195,58 +126,23 @@ class Bench:
         link.open()
         stack.callback(link.close)
 
-    @property
-    def guard(self) -> Any:
-        """The device that has the watchdog. Raises BenchError: nothing drives."""
-        return self.role(Exciter).guard
-
-    def _claim(self) -> None:
-        """Become the guard's owner; the claim of a program that was killed ends after the watchdog's time.
-
-        Raises BenchInUse: another program owns it and is alive; nothing has been changed.
-        """
-        guard = self.guard
-        if guard.claim():
-            return
-        watchdog = guard.get("watchdog")
-        self.waits(
-            f"{guard.name}: belongs to another program, or to one that was killed; waiting {watchdog:g} s, "
-            "after which a killed one's claim ends"
-        )
-        piece = watchdog / CLAIMS
-        for _ in range(CLAIMS):
-            self.clock.wait(piece)
-            if guard.claim():
-                return
-        raise BenchInUse(f"{guard.name}: belongs to another program, which feeds its watchdog; wait for it or end it")
-
-    def _release(self) -> None:
+    def _release(self, guard: Guard) -> None:
         if self._safe:
             with suppress(BenchError), held(ENDINGS):  # its output is off, and nobody feeds its watchdog any more
-                self.guard.release()
+                guard.release()
 
     @property
     def cautions(self) -> list[str]:
-        """What a person should know before the bench drives."""
-        if self._exciter is None or self.guard.owned:
-            return self.absent
-        return [
-            *self.absent,
-            f"{self.guard.name}: any request feeds its watchdog, so that whoever else reads it keeps its output on "
-            "when this program dies; see that nobody does",
-        ]
+        """What a person should know before the bench drives: what is absent, and what goes on if this program dies."""
+        return [*self.absent, *cautions(self._exciter)]
 
     def drive(self) -> None:
-        """Enable the amplifier and close the generator's output, at zero amplitude; watching starts.
-
-        Raises:
-            DeviceError: a fault is latched; see `ShakerAmplifier.clear_faults`.
-        """
+        """Switch the outputs on, at zero amplitude; watching starts. Raises DeviceError: a fault is latched."""
         self.role(Exciter).drive()
         self.clock.watching = True
 
     def rest(self) -> None:
-        """Outputs to zero: amplitude, output relay, amplifier."""
+        """Outputs to zero."""
         self.clock.watching = False
         if self._exciter:
             self._exciter.rest()
@@ -298,7 +194,7 @@ class Bench:
         """Outputs to zero; then every device is identified again and gets the settings that it has lost.
 
         Raises:
-            SafetyError: the amplifier has tripped. IdentityError: another device stands in the place of one.
+            SafetyError: the exciter has tripped. IdentityError: another device stands in the place of one.
             LinkError, DeviceError: one does not answer, or does not take its settings; the indicator reads no load.
         """
         self.clock.watching = False
@@ -306,11 +202,11 @@ class Bench:
         self.clock.wait(RECOVERY)
         self.rest()
         if self._exciter:
-            self.guard.check()
+            self._exciter.check()
         for device in self.devices:
             device.identify()
-            if self._exciter and device is self.guard:
-                self._claim()
+            if self._guard is not None and device in self._guarding:
+                claim(self._guard, self.clock, self.waits)
             lost = device.differences()
             device.restore()
             for found in lost:
@@ -329,23 +225,15 @@ class Bench:
             failures = self._switch_off()
         self._safe = not failures
         if failures:
-            message = (
-                "outputs could not all be switched off: "
-                + "; ".join(failures)
-                + f". The amplifier's watchdog drops its output within {self.description.watchdog:g} s; check by eye"
-            )
+            watchdog = f"The amplifier's watchdog drops its output within {self.description.watchdog:g} s; check by eye"
+            remedy = watchdog if self._guard else "It has no watchdog: switch it off by hand, now"
+            message = f"outputs could not all be switched off: {'; '.join(failures)}. {remedy}"
             if error is None:
                 raise BenchError(message)
             error.add_note(message)
 
     def _switch_off(self) -> list[str]:
         return self._exciter.switch_off() if self._exciter else []
-
-
-def _link(place: files.Link) -> ModbusLink | CanLink:
-    if isinstance(place, files.CanLink):
-        return CanLink(place)
-    return ModbusLink.rtu(place) if isinstance(place, SerialLine) else ModbusLink.tcp(place)
 
 
 def _terminate(number: int, _frame: FrameType | None) -> None:

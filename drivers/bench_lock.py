@@ -17,7 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from palpate.instrument.bench.description import BenchDescription, SerialLine, TcpLink
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import BenchError, BenchInUse
 
 FOLDER = Path("/tmp/palpate-benches")  # the same for all users, whatever their $TMPDIR

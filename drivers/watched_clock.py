@@ -1,4 +1,4 @@
-"""The bench's clock as drivers and procedures see it: while it is watching, the amplifier's watchdog is fed in time."""
+"""The bench's clock as drivers and procedures see it: while it is watching, the exciter's watchdog is fed in time."""
 
 from __future__ import annotations
 
@@ -10,30 +10,40 @@ from typing import Protocol
 from palpate.drivers.clock import BenchClock
 from palpate.drivers.devices.heartbeat import Heartbeat
 
+LOOKS = 1.0  # s, between two looks at an exciter without a watchdog
 
-class Watched(Protocol):
-    """What drives the stack while somebody feeds its watchdog; see `palpate.drivers.devices.exciter.Guard`."""
+
+class Fed(Protocol):
+    """What has a watchdog; see `palpate.drivers.devices.exciter.Guard`."""
 
     def feed(self) -> None: ...
     def live(self) -> None: ...
+
+
+class Watched(Protocol):
+    """What drives the stack; see `palpate.drivers.devices.exciter.Exciter`."""
+
+    @property
+    def guard(self) -> Fed | None: ...
     def check(self) -> object: ...
 
 
 class WatchedClock:
-    """Waits are cut into pieces of half the watchdog's time, and after each the amplifier is looked at.
+    """Waits are cut into pieces of half the watchdog's time, and after each the exciter is looked at.
 
     A virtual clock moves in waits and requests alone: there the watchdog is fed after one of those, once a quarter of
     its time is over. A clock that goes on by itself moves while the program computes, too: there a heartbeat, which is
     a thread, feeds the watchdog.
     """
 
-    def __init__(self, clock: BenchClock, amplifier: Watched | None, watchdog: float) -> None:
-        """`amplifier` None: nothing drives, so that the clock never watches."""
+    def __init__(self, clock: BenchClock, exciter: Watched | None, watchdog: float) -> None:
+        """`exciter` None: nothing drives, so that the clock never watches. `watchdog`: time of its guard's [s]."""
         self._clock = clock
-        self._amplifier = amplifier
-        self._longest = watchdog / 2
+        self._exciter = exciter
+        self._guard = exciter.guard if exciter else None
+        self._longest = watchdog / 2 if self._guard else LOOKS
         self._fed_ns = 0
-        self._heartbeat = Heartbeat(amplifier.live, watchdog / 4) if amplifier and clock.goes_on else None
+        self._heartbeat = Heartbeat(self._guard.live, watchdog / 4) if self._guard and clock.goes_on else None
         self._heard: Callable[[int], object] = lambda _now_ns: None
         self._watching = False
 
@@ -47,7 +57,7 @@ class WatchedClock:
 
     @property
     def watching(self) -> bool:
-        """Whether the amplifier drives, and has to be fed and looked at."""
+        """Whether the exciter drives, and has to be fed and looked at."""
         return self._watching
 
     @watching.setter
@@ -68,7 +78,7 @@ class WatchedClock:
         """Wait `duration` s.
 
         Raises:
-            SafetyError: the amplifier trips meanwhile. BenchInUse, SettingsLost: it no longer knows its owner.
+            SafetyError: the exciter trips meanwhile. BenchInUse, SettingsLost: it no longer knows its owner.
         """
         while self.watching and duration > self._longest:
             self._pass(self._longest)
@@ -76,7 +86,7 @@ class WatchedClock:
         self._pass(duration)
 
     def _pass(self, duration: float) -> None:
-        if not self.watching or self._amplifier is None:
+        if not self.watching or self._exciter is None:
             self._clock.wait(duration)
             return
         if self._heartbeat:
@@ -87,15 +97,15 @@ class WatchedClock:
             if failure := self._heartbeat.failure():
                 raise failure
         self.feed_in_time()
-        self._amplifier.check()
+        self._exciter.check()
 
     def feed_in_time(self) -> None:
         """Feed the watchdog if it is time. Called after waits and requests, which on a virtual clock alone take time.
 
-        Raises as `ShakerAmplifier.feed`.
+        Raises as the guard's `feed`.
         """
-        if self.watching and self._amplifier and not self._heartbeat:
+        if self.watching and self._guard and not self._heartbeat:
             now = self._clock.now_ns()
             if 2e-9 * (now - self._fed_ns) >= self._longest:
                 self._fed_ns = now
-                self._amplifier.feed()
+                self._guard.feed()

@@ -10,19 +10,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.additions import load
-from palpate.instrument.bench.description import (
-    CAN,
-    LINE,
-    Amplifier,
-    BenchDescription,
-    CanBus,
-    Indicator,
-    RtuAddress,
-    SerialLine,
-    TcpAddress,
-)
+from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
+from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.bench.usual import CAN, LINE, Amplifier, CanBus, Indicator, RtuAddress, TcpAddress
 from palpate.instrument.config import check
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.instrument.bench.description import check_name
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, device_kind
+from palpate.instrument.bench.listed import check_name
 from palpate.instrument.config import Config, check
 from palpate.instrument.errors import ConfigError, UnknownName
 

@@ -17,8 +17,9 @@ from canopen.lss import LssMaster
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
-from palpate.instrument.bench import description as files
+from palpate.instrument.bench import links as files
 from palpate.instrument.bench.multicast import MULTICAST, keep_to_group
+from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
@@ -30,7 +31,7 @@ FrameCallback = Callable[[int, bytearray, float], None]
 FrameTap = Callable[[bool, can.Message], None]
 
 
-def _has_wire(bus: files.CanBus | files.CanLink) -> bool:
+def _has_wire(bus: CanBus | files.CanLink) -> bool:
     """Whether its frames take their time: not those of a bus within this machine, which Linux lists as virtual too."""
     if bus.interface == "socketcan":
         return not Path("/sys/devices/virtual/net", bus.channel).exists()
@@ -93,7 +94,7 @@ class CanLink:
     next request. The node is therefore listened to until it has been silent for a whole time-out.
     """
 
-    def __init__(self, bus: files.CanBus | files.CanLink) -> None:
+    def __init__(self, bus: CanBus | files.CanLink) -> None:
         self.name = f"{bus.interface}:{bus.channel}"
         self._description = bus
         self._lock = threading.Lock()

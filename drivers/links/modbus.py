@@ -16,7 +16,8 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
-from palpate.instrument.bench.description import SerialLine, TcpAddress, TcpLink
+from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # its warnings would go to stderr; we raise

@@ -33,7 +33,8 @@ from palpate.drivers.logs.bus_log import (
 )
 from palpate.drivers.logs.pcapng import Link, Packet, is_hashed, read_pcapng
 from palpate.drivers.logs.replay_wire import LOOPBACK, ReplayWire
-from palpate.instrument.bench.description import BenchDescription, SerialLine, TcpLink
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.bench.serial_line import FASTEST
 from palpate.instrument.config import parse
 from palpate.instrument.contracts import shaker_amplifier

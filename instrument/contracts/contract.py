@@ -86,6 +86,10 @@ class Contract:
         except KeyError:
             raise UnknownName(f"field of the {self.title}", name, self._by_name) from None
 
+    def has(self, name: str) -> bool:
+        """Whether there is a field of that name."""
+        return name in self._by_name
+
     def raw(self, name: str, value: Value) -> float:
         """Raw value that belongs to `value`, which is checked against the field's limits.
 

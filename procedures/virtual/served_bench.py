@@ -15,7 +15,8 @@ from types import FrameType
 from typing import Self
 
 from palpate.drivers.safe_end import taken
-from palpate.instrument.bench.description import LINE, BenchDescription
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.usual import LINE
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.sample import Sample, get_sample, parse_samples

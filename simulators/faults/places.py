@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from palpate.instrument.additions import load
-from palpate.instrument.bench.description import CAN, LINE
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
+from palpate.instrument.bench.usual import CAN, LINE
 from palpate.simulators.guests import Guest
 
 

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from palpate.drivers.bench import CLAIMS, Bench
+from palpate.drivers.bench import Bench
+from palpate.drivers.ownership import CLAIMS
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost

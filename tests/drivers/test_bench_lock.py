@@ -19,7 +19,9 @@ from pathlib import Path
 import pytest
 
 from palpate.drivers.bench_lock import BenchLock, addresses
-from palpate.instrument.bench.description import BenchDescription, CanBus, SerialLine, TcpAddress
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.links import SerialLine
+from palpate.instrument.bench.usual import CanBus, TcpAddress
 from palpate.instrument.errors import BenchError, BenchInUse
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene

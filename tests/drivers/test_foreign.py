@@ -21,8 +21,9 @@ from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 from palpate.drivers.devices.positioner import Positioner
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts import positioner, signal_generator
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.errors import IdentityError

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.drivers.devices.sensor_node import SensorNode
 from palpate.drivers.links.can import CanLink
-from palpate.instrument.bench.description import CanBus
+from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.errors import DeviceError

@@ -17,7 +17,8 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
-from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.bench.links import SerialLine
+from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts.contract import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
 from palpate.procedures.testing.wire import Wire, impatient, listen

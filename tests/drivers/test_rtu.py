@@ -18,7 +18,7 @@ from palpate.drivers.devices.positioner import Positioner
 from palpate.drivers.devices.strain_indicator import StrainIndicator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
-from palpate.instrument.bench.description import SerialLine
+from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST, SILENCE, reply_begins
 from palpate.instrument.contracts.contract import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout

@@ -15,7 +15,7 @@ from palpate.drivers.devices.positioner import Positioner
 from palpate.drivers.links.can import CanLink, _has_wire
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
-from palpate.instrument.bench.description import CanBus
+from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench

@@ -30,6 +30,10 @@ class Amplifier:
     def check(self) -> None:
         self.asked.append("check")
 
+    @property
+    def guard(self) -> Amplifier:
+        return self
+
 
 class Waits:
     """A clock that notes how long it was waited for."""

@@ -16,7 +16,7 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.sensor_node import SensorNode
 from palpate.drivers.links.can import CanLink, _Listener
 from palpate.drivers.links.sdo import LARGEST_OBJECT
-from palpate.instrument.bench.description import CanBus
+from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import CONTRACT, WITH_NODE_ID
 from tests.fuzz.target import Target, require, same_number

@@ -20,7 +20,8 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from skfem import ElementQuadP
 
-from palpate.instrument.bench.description import BenchDescription, RtuAddress, TcpAddress
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.usual import RtuAddress, TcpAddress
 from palpate.instrument.models.evidence import REPEATS, Evidence
 from palpate.instrument.models.foundation import springs
 from palpate.instrument.sensor.designs import get_design

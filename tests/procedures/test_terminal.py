@@ -13,7 +13,7 @@ import pytest
 
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
-from palpate.instrument.bench.description import TcpAddress
+from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.errors import LinkError
 from palpate.procedures.console.terminal import clean, console
 from tests.procedures.conftest import IDEAL_SCENE, Palpate

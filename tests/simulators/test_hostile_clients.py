@@ -11,7 +11,7 @@ import pytest
 
 from palpate.drivers.devices.signal_generator import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.description import TcpAddress
+from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene

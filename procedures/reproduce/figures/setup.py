@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.bench.description import CanLink, Link, SerialLine
+from palpate.instrument.bench.links import CanLink, Link, SerialLine
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.reproduce.figures.measured import Measured

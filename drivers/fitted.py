@@ -1,0 +1,127 @@
+"""What a bench is fitted with: the links and devices that its file lists, and which device fills which role."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, TypeVar, get_args
+
+from palpate.drivers.clock import BenchClock
+from palpate.drivers.devices.device import Device, Place
+from palpate.drivers.devices.exciter import Amplified, Exciter
+from palpate.drivers.links.can import CanLink
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.roles import role_of
+from palpate.drivers.watched_clock import WatchedClock
+from palpate.instrument.additions import load
+from palpate.instrument.bench import links as files
+from palpate.instrument.bench.description import DRIVING, BenchDescription
+from palpate.instrument.bench.kinds import Role
+from palpate.instrument.bench.listed import Listed
+from palpate.instrument.errors import BenchError, ConfigError, UnknownName
+
+T = TypeVar("T")
+
+
+class Fitted:
+    """The drivers of all devices of a bench, in the order in which they are set up and looked at.
+
+    Attributes:
+        links: by the names that they have in the bench file.
+        clock: of the bench; while the bench drives, it looks after the exciter.
+        absent: why an optional device is not used.
+    """
+
+    def __init__(self, description: BenchDescription, clock: BenchClock) -> None:
+        """Raises ConfigError: the driver of a listed device cannot be loaded, or does not fit its role."""
+        self.description = description
+        self.links = {name: _link(place) for name, place in description.links.items()}
+        self.absent: list[str] = []
+        self._listed = {each.name: each for each in description.devices}
+        self._filling = {role: [each.name for each in description.filling(role)] for role in get_args(Role)}
+        self._devices: dict[str, Device] = {}
+        driving = [self._listed[name] for role in DRIVING for name in self._filling[role]]
+        self._make(driving, clock)
+        self._exciter = self._driven()
+        self.clock = WatchedClock(clock, self._exciter, description.watchdog)
+        self._make(self._listed.values(), self.clock)
+        self._devices = {name: self._devices[name] for name in self._listed}
+
+    def _make(self, listed: Iterable[Listed], clock: Any) -> None:
+        """The drivers of devices that have none yet. Raises ConfigError."""
+        for each in listed:
+            if each.name not in self._devices:
+                driver = load(each.kind.driver, f"driver of {each.name}")
+                self._devices[each.name] = driver.at(Place(self.links[each.link], each.unit, each.settings, clock))
+
+    def _driven(self) -> Exciter | None:
+        """What drives; None: nothing does. Raises ConfigError."""
+        exciter, source, amplifier = (
+            next((self._devices[name] for name in self._filling[role]), None) for role in DRIVING
+        )
+        found: Any = exciter
+        if exciter is None and source is not None and amplifier is not None:
+            found = Amplified(source, amplifier)
+        if found is None:
+            return None
+        if not isinstance(found, Exciter):
+            raise ConfigError(f"{found.name}: its driver is no palpate.drivers.roles.Exciter; mend its package")
+        if (found.guard is None) != self.description.unguarded:
+            raise ConfigError(
+                f"{found.members[0].name}: driver and contract do not agree whether it has a watchdog; mend its package"
+            )
+        return found
+
+    @property
+    def devices(self) -> list[Device]:
+        """Those that are there."""
+        return list(self._devices.values())
+
+    def device(self, name: str) -> Any:
+        """The device of a section of the bench file. Raises UnknownName: there is none, or it is absent."""
+        if name not in self._devices:
+            raise UnknownName("device of this bench", name, self._devices)
+        return self._devices[name]
+
+    def named(self, device: Device) -> Listed:
+        """What the bench file says of a device."""
+        return next(self._listed[name] for name, each in self._devices.items() if each is device)
+
+    def all(self, kind: type[T]) -> list[T]:
+        """The devices that fill a role, or whose driver is of this class."""
+        role: Any = role_of(kind)
+        if kind is Exciter:
+            return [self._exciter] if self._exciter is not None else []  # type: ignore[list-item]
+        if role is None:
+            return [each for each in self.devices if isinstance(each, kind)]
+        return [self._devices[name] for name in self._filling[role] if name in self._devices]  # type: ignore[misc]
+
+    def maybe(self, kind: type[T]) -> T | None:
+        """As `role`, or None: nobody fills it."""
+        return next(iter(self.all(kind)), None)
+
+    def role(self, kind: type[T]) -> T:
+        """The device that fills a role, one of `palpate.drivers.roles`; the first where several do.
+
+        Raises BenchError: nobody fills it.
+        """
+        found = self.maybe(kind)
+        if found is None:
+            what = role_of(kind) or kind.__name__
+            raise BenchError(f"bench {self.description.name} has no {what}; list a device in its file that can be one")
+        return found
+
+    def leave_out(self, part: Device | ModbusLink | CanLink, why: Exception) -> bool:
+        """Go on without a device or a link, if all devices that need it are optional. False: one is not."""
+        needing = [name for name, device in self._devices.items() if part in (device, device.link)]
+        if not all(self._listed[name].optional for name in needing):
+            return False
+        for name in needing:
+            del self._devices[name]
+            self.absent.append(f"{name} is not used: {why}")
+        return True
+
+
+def _link(place: files.Link) -> ModbusLink | CanLink:
+    if isinstance(place, files.CanLink):
+        return CanLink(place)
+    return ModbusLink.rtu(place) if isinstance(place, files.SerialLine) else ModbusLink.tcp(place)

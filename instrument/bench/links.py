@@ -1,0 +1,53 @@
+"""Links of a bench: where one or more of its devices answer."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from palpate.instrument.bench.serial_line import FASTEST
+from palpate.instrument.config import Config, check
+from palpate.instrument.errors import ConfigError
+from palpate.instrument.quantity import Seconds
+
+Timeout = Annotated[Seconds, Field(gt=0, le=60)]
+
+
+class TcpLink(Config):
+    """Where one or more Modbus units answer on TCP: a device, or a gateway."""
+
+    host: str = Field(min_length=1)
+    port: int = Field(default=502, ge=1, le=65535, strict=True)
+    timeout: Timeout = 1.0
+
+
+class SerialLine(Config):
+    """A Modbus RTU line, which its devices share."""
+
+    port: str = Field(min_length=1)
+    baudrate: int = Field(default=115200, ge=1200, le=FASTEST, strict=True)
+    parity: Annotated[str, Field(pattern="^[NEO]$")] = "N"
+    stopbits: int = Field(default=1, ge=1, le=2, strict=True)
+    timeout: Timeout = 1.0
+
+
+class CanLink(Config):
+    """A CAN bus."""
+
+    interface: str = Field(min_length=1)
+    channel: str
+    bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000, strict=True)
+    timeout: Timeout = 1.0
+
+
+Link = TcpLink | SerialLine | CanLink
+LINKS: dict[str, type[Link]] = {"modbus-tcp": TcpLink, "modbus-rtu": SerialLine, "canopen": CanLink}
+
+
+def link_of(table: dict[str, Any], where: str) -> Link:
+    """The link that the table of a `[link.NAME]` describes. Raises ConfigError."""
+    kind = table.pop("kind", None)
+    if kind not in LINKS:
+        raise ConfigError(f"{where}: kind: {kind!r} is no kind of link; valid: {', '.join(LINKS)}")
+    return check(table, LINKS[kind], where)

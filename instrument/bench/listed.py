@@ -1,0 +1,105 @@
+"""Devices of a bench, as its file lists them: each with its kind, its link and its number there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind
+from palpate.instrument.bench.links import LINKS, CanLink, Link
+from palpate.instrument.config import Config, check
+from palpate.instrument.errors import ConfigError, UnknownName
+
+Unit = Annotated[int, Field(ge=1, le=247, strict=True)]
+NodeId = Annotated[int, Field(ge=1, le=127, strict=True)]
+NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
+RESERVED = ("all", "line", "can")  # that faults strike
+
+
+class _Section(Config):
+    """What every `[device.NAME]` says; the rest are settings of its kind."""
+
+    kind: str
+    link: str
+    unit: Unit | None = None  # on Modbus
+    node: NodeId | None = None  # on CANopen
+    role: Role | None = None
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A device of a bench.
+
+    Attributes:
+        name: of its section; a sensor node is called by its place in the list of nodes.
+        link: name of the link that it is on.
+        unit: or node id, by which it is asked there.
+        role: for which it was chosen where several devices could fill it.
+        optional: a bench without it can be used as well.
+    """
+
+    name: str
+    kind: DeviceKind
+    link: str
+    unit: int
+    settings: Any
+    role: Role | None = None
+    optional: bool = False
+
+
+def check_name(name: str, where: str) -> None:
+    """Raises ConfigError: a device cannot be called so."""
+    if not NAME.fullmatch(name) or name in RESERVED:
+        raise ConfigError(
+            f"{where}: {name!r} is no name of a device: give small letters, digits, _ and -, such as oven_2"
+        )
+
+
+def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Listed:
+    """A `[device.NAME]`, checked. Raises ConfigError, UnknownName."""
+    where = f"device.{name}"
+    check_name(name, where)
+    own = {key: table.pop(key) for key in _Section.model_fields if key in table}
+    section = check(own, _Section, where)
+    try:
+        kind = device_kind(section.kind)
+        if section.link not in links:
+            raise UnknownName("link", section.link, links)
+        if section.role is not None and section.role not in kind.roles:
+            raise UnknownName(f"role of a {kind.name}", section.role, kind.roles)
+    except UnknownName as error:
+        raise ConfigError(f"{where}: {error}") from None
+    link = links[section.link]
+    if not any(isinstance(link, LINKS[each]) for each in kind.links):
+        raise ConfigError(
+            f"{where}: link: a {kind.name} is reached over {' or '.join(kind.links)}, {section.link} is another"
+        )
+    key, other = ("node", "unit") if isinstance(link, CanLink) else ("unit", "node")
+    if getattr(section, key) is None or getattr(section, other) is not None:
+        raise ConfigError(f"{where}: on link {section.link} a device has a {key}, and no {other}; give {key} = NUMBER")
+    unit: int = getattr(section, key)
+    settings = check(table, kind.settings, where)
+    return Listed(name, kind, section.link, unit, settings, section.role, section.optional)
+
+
+def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
+    """Raises ConfigError: two devices have one name or one place, or a link has none."""
+    by_place: dict[tuple[str, int], str] = {}
+    names: set[str] = set()
+    for each in devices:
+        if each.name in names:
+            raise ConfigError(f"device.{each.name}: the bench has a device of that name; give another")
+        place = (each.link, each.unit)
+        if place in by_place:
+            raise ConfigError(
+                f"{by_place[place]} and {each.name} are both number {each.unit} on {each.link}; correct one"
+            )
+        names.add(each.name)
+        by_place[place] = each.name
+    if idle := [name for name in links if name not in {each.link for each in devices}]:
+        raise ConfigError(f"link.{idle[0]}: no device is on it; leave it out, or list one")
