@@ -6,15 +6,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
 from palpate.procedures.lab.store import result_folder
-
-if TYPE_CHECKING:
-    from palpate.procedures.reproduce.everything import Open
 
 
 @click.group(
@@ -52,7 +48,7 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
     with result_folder(out, everything.PROCEDURE, datetime.now(UTC)) as folder:
         done = Everything(Reproduction(folder))
         with _kept(done.tables, folder), output.progress() as progress:
-            everything.run(_opener(folder, seed), done, progress)
+            everything.run(done, seed, progress)
     if output.as_json:
         output.json(
             {
@@ -77,29 +73,6 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
         if tables:
             error.add_note(f"{len(tables)} tables that were done are kept in {folder}")
         raise
-
-
-def _opener(folder: Path, seed: int | None) -> Open:
-    """Opens the simulated bench of a scene, its run in a folder of its own."""
-    from palpate.procedures.lab.open import choose, opened
-    from palpate.procedures.lab.session import Session, recording
-
-    @contextmanager
-    def open_one(
-        scene: str, procedure: str, model: str | None = None, parameters: str | None = None
-    ) -> Iterator[Session]:
-        taken = sum(1 for path in folder.iterdir() if path.is_dir())
-        name = "-".join(part for part in (f"{taken + 1}-{procedure}-{scene}", parameters) if part)
-        started = datetime.now(UTC)
-        with (
-            result_folder(folder / name, procedure, started) as place,
-            opened(choose(None, scene, seed, model, parameters), None, started=started) as bench,
-            recording(bench, procedure, {}, place) as session,
-        ):
-            yield session
-            session.record.finish("complete", {})
-
-    return open_one
 
 
 @reproduce.command(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
-from typing import Protocol
+from functools import partial
+from pathlib import Path
 
-from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
@@ -16,11 +16,13 @@ from palpate.instrument.thesis import COMPRESSION_TABLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
+from palpate.procedures.lab.open import choose, opened
+from palpate.procedures.lab.session import Session, recording
+from palpate.procedures.lab.store import result_folder
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.measurements.modulus.procedure import ModulusTest
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
 from palpate.procedures.reproduce.chapter5.columns import RATIO
@@ -38,30 +40,30 @@ STRAIN, STEPS = 0.3, 10
 CREATED = datetime(2026, 1, 1, tzinfo=UTC)
 
 
-class Recorded(Protocol):
-    """An open simulated bench with the record of a run on it."""
+@contextmanager
+def recorded(
+    folder: Path, seed: int | None, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+) -> Iterator[Session]:
+    """Open the simulated bench of a scene, and record a run on it in a folder of its own; at the end it is complete.
 
-    @property
-    def bench(self) -> Bench: ...
-
-    @property
-    def record(self) -> Recorder: ...
-
-    @property
-    def model(self) -> str | None:
-        """The sensor model from which force ratios come; None: nothing is simulated."""
-
-
-class Open(Protocol):
-    """Opens such a bench as a context manager. At its end the run is complete."""
-
-    def __call__(
-        self, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
-    ) -> AbstractContextManager[Recorded]:
-        """Open the bench of a scene, with the scene's model or with another one and its parameter set."""
+    Args:
+        folder: where the run's folder goes.
+        seed: of the scene; None: its own.
+        model, parameters: sensor model from which force ratios come, and its parameter set; None: the scene's.
+    """
+    taken = sum(1 for path in folder.iterdir() if path.is_dir())
+    name = "-".join(part for part in (f"{taken + 1}-{procedure}-{scene}", parameters) if part)
+    started = datetime.now(UTC)
+    with (
+        result_folder(folder / name, procedure, started) as place,
+        opened(choose(None, scene, seed, model, parameters), None, started=started) as bench,
+        recording(bench, procedure, {}, place) as session,
+    ):
+        yield session
+        session.record.finish("complete", {})
 
 
-def run(open_bench: Open, done: Everything, progress: Progress) -> None:
+def run(done: Everything, seed: int | None, progress: Progress) -> None:
     """Make everything; each table is on disk, and in `done`, before the next begins.
 
     Raises:
@@ -69,6 +71,7 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     """
     tables = done.tables
     folder = done.models.folder
+    open_bench = partial(recorded, folder, seed)
 
     def add(found: Iterable[RowTable]) -> None:
         tables.extend((table, table.write(folder)) for table in found)
@@ -113,12 +116,12 @@ def run(open_bench: Open, done: Everything, progress: Progress) -> None:
     done.page = write_page(done, folder)
 
 
-def _swept(session: Recorded, design: str, loads: tuple[float, ...], progress: Progress) -> SweepResult:
+def _swept(session: Session, design: str, loads: tuple[float, ...], progress: Progress) -> SweepResult:
     """All samples under these loads."""
     sweep = LoadSweep(tuple(SAMPLES), loads, DWELL, FREQUENCY)
     return conduct(sweep, _lab(session, design), session.record, progress)
 
 
-def _lab(session: Recorded, design: str) -> Lab:
+def _lab(session: Session, design: str) -> Lab:
     """The bench with what the thesis says of sensor and load cell; a calibration of it is always of one date."""
     return Lab(session.bench, get_design(design), THESIS_LOAD_CELL, run=session.record.folder.name, started=CREATED)

@@ -230,10 +230,10 @@ def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
 def test_what_is_measured_is_recorded_and_an_interruption_keeps_what_is_done(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run(open_bench: everything.Open, done: Everything, _progress: object) -> None:
+    def run(done: Everything, seed: int | None, _progress: object) -> None:
         table = RowTable("5.5", "one sensor", "", (row(1.0, 1.0, 0.1),))
         done.tables.append((table, table.write(done.models.folder)))
-        with open_bench("ideal", "sweep-loads") as session:
+        with everything.recorded(done.models.folder, seed, "ideal", "sweep-loads") as session:
             session.record.point({"load_N": 1.0}, {}, session.bench.clock.now_ns())
         raise KeyboardInterrupt
 

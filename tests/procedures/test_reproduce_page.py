@@ -85,8 +85,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
     figures: dict[str, Figure] = {}
 
     @contextmanager
-    def open_bench(
-        scene: str, procedure: str, model: str | None = None, parameters: str | None = None
+    def recorded(
+        _folder: Path, _seed: None, scene: str, procedure: str, model: str | None = None, parameters: str | None = None
     ) -> Iterator[Any]:
         opened.append((scene, procedure, model, parameters))
         record = SimpleNamespace(folder=folder)
@@ -106,8 +106,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
         patch.setattr(propagation, "TRIALS", 2000)
         patch.setattr(Figure, "savefig", keep)
         patch.setattr(everything, "conduct", found)
+        patch.setattr(everything, "recorded", recorded)
         done = Everything(Reproduction(folder))
-        everything.run(open_bench, done, silent)
+        everything.run(done, None, silent)
     yield Whole(done, opened, (folder / "index.html").read_text(encoding="utf-8"), figures)
 
 
