@@ -12,7 +12,8 @@ from typing import Any, Generic, TypeVar
 
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.procedures.steps.films import settling_length
-from palpate.procedures.steps.servo import READING_INTERVAL, READINGS, window
+from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
+from palpate.procedures.steps.servo import window
 
 MOUNTING = 60.0  # s, for a person to change the sample [A]
 APPROACH = 30.0  # s, home and down again until the preload stands [M]

@@ -21,7 +21,8 @@ from palpate.procedures.steps.checks import check_loads, preload_for
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import LoadServo, check_zero, finish, press, withdraw
+from palpate.procedures.steps.probe import check_zero, finish, press, withdraw
+from palpate.procedures.steps.servo import LoadServo
 
 
 class Loaded:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Step
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.steps.servo import finish, press, read_indicator
+from palpate.procedures.steps.indicator import read_indicator
+from palpate.procedures.steps.probe import finish, press
 
 
 class Pressed:

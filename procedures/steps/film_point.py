@@ -24,8 +24,9 @@ from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.agreement import FORCE, FREQUENCY, forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord, Films, short_length
+from palpate.procedures.steps.indicator import READINGS
 from palpate.procedures.steps.policy import ATTEMPTS, carry_out
-from palpate.procedures.steps.servo import READINGS, LoadServo
+from palpate.procedures.steps.servo import LoadServo
 
 PILOT_CYCLES = 40  # 1000 samples: 5 % of the power of white noise
 LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator

@@ -27,7 +27,8 @@ from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import Films
-from palpate.procedures.steps.servo import LoadServo, press
+from palpate.procedures.steps.probe import press
+from palpate.procedures.steps.servo import LoadServo
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.records import HEADER

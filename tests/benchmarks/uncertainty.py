@@ -32,7 +32,7 @@ from palpate.instrument.signals.estimate import Floats, SineFit, fit_sine
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.measurements.load_cell.procedure import LOADS, REPEATS
-from palpate.procedures.steps.servo import READINGS
+from palpate.procedures.steps.indicator import READINGS
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.load_cell import LoadCell
 from palpate.simulators.planning.plan import Question, driven

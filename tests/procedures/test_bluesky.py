@@ -14,7 +14,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.bluesky import Done, FilmSignals, Load, Setting
 from palpate.procedures.steps.films import Films
-from palpate.procedures.steps.servo import LoadServo, press
+from palpate.procedures.steps.probe import press
+from palpate.procedures.steps.servo import LoadServo
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 

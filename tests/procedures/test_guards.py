@@ -10,7 +10,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import BenchError
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.servo import check_zero
+from palpate.procedures.steps.probe import check_zero
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Palpate
 

@@ -20,7 +20,9 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
-from palpate.procedures.steps.servo import PATIENCE, LoadServo, preload
+from palpate.procedures.steps.indicator import PATIENCE
+from palpate.procedures.steps.probe import preload
+from palpate.procedures.steps.servo import LoadServo
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep

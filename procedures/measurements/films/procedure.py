@@ -29,7 +29,7 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.servo import lower, withdraw
+from palpate.procedures.steps.probe import lower, withdraw
 
 
 @dataclass(frozen=True, slots=True)

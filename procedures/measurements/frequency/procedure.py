@@ -30,7 +30,7 @@ from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import FREQUENCY_STEP, check_end, check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.servo import press
+from palpate.procedures.steps.probe import press
 
 DEFAULT = "0.1 Hz:100 Hz:13"
 RANGE = (0.1, 100.0)  # Hz

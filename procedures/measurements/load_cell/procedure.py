@@ -28,8 +28,8 @@ from palpate.procedures.measurements.load_cell.result import (
     runs_of,
 )
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.indicator import steady
 from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import steady
 
 LOADS = tuple(1e-3 * m * STANDARD_GRAVITY for m in range(140, 741, 100))  # N, Table 5.1
 REPEATS = 10  # readings of each weight

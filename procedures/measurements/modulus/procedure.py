@@ -21,16 +21,9 @@ from palpate.procedures.engine.procedure import Procedure, Report, Taken
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.steps.indicator import READING_INTERVAL, TRACK_SETTLING, steady
 from palpate.procedures.steps.policy import carry_out
-from palpate.procedures.steps.servo import (
-    READING_INTERVAL,
-    TRACK_SETTLING,
-    check_zero,
-    finish,
-    preload,
-    steady,
-    withdraw,
-)
+from palpate.procedures.steps.probe import check_zero, finish, preload, withdraw
 
 TRAVEL = positioner.CONTRACT["target"].maximum or math.inf  # m
 LARGEST_STRAIN = 0.6

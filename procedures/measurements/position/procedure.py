@@ -24,7 +24,7 @@ from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.servo import lower, mount, withdraw
+from palpate.procedures.steps.probe import lower, mount, withdraw
 
 FEWEST = 2  # positions
 TABLE = "A2.7"

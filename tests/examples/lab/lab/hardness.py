@@ -9,7 +9,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import Films
-from palpate.procedures.steps.servo import LoadServo, press, withdraw
+from palpate.procedures.steps.probe import press, withdraw
+from palpate.procedures.steps.servo import LoadServo
 
 LOAD = 3.0  # N peak to peak
 FREQUENCY = 10.0  # Hz

@@ -1,0 +1,153 @@
+"""The probe: at home, where the load cell must read its zero, and pressed on a sample with a static force."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.drivers.bench import Bench
+from palpate.drivers.roles import LoadIndicator, Positioner, SampleChanger
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.errors import BenchError, DeviceError, SafetyError, UnreachableError
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.sample import Sample
+from palpate.procedures.steps.indicator import TRACK_FILTER, TRACK_SETTLING, read_indicator
+from palpate.procedures.steps.policy import carry_out
+
+UNLOADING = 2.0  # s, until nothing of the last load is left in the indicator's filter
+APPROACH_STEP = 2e-3  # m
+CONTACT = 0.3  # N, surely more than noise
+ZERO_TOLERANCE = 3.0  # standard uncertainties
+PRELOAD_TOLERANCE = 0.05  # of the preload
+PRELOAD_STEPS = 40
+
+
+def check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
+    """Clear the tare and compare the unloaded cell's reading with the zero of its calibration. The probe must be home.
+
+    Raises:
+        BenchError: the cell reads something else, so that every load and the force limit would be wrong.
+        DeviceError: the indicator gives no valid reading.
+    """
+    carry_out(bench, "zero of the load cell", lambda: _check_zero(bench, calibration))
+
+
+def withdraw(bench: Bench) -> None:
+    """Set the outputs to zero and move the probe home."""
+    carry_out(bench, "probe home", lambda: _withdraw(bench))
+
+
+def finish(bench: Bench, calibration: LoadCellCalibration) -> None:
+    """End a run: withdraw the probe and check that the load cell still reads its zero.
+
+    Raises:
+        BenchError: the zero has moved, so that the loads since the start are in doubt.
+        DeviceError: the indicator gives no valid reading.
+    """
+    withdraw(bench)
+    bench.clock.wait(UNLOADING)
+    try:
+        check_zero(bench, calibration)
+    except BenchError as error:
+        error.add_note("the zero has moved since the start: loads of this run are in doubt")
+        raise
+
+
+def _check_zero(bench: Bench, calibration: LoadCellCalibration) -> None:
+    indicator = bench.role(LoadIndicator)
+    indicator.clear_tare()
+    indicator.track(TRACK_FILTER)
+    bench.clock.wait(TRACK_SETTLING)
+    reading = read_indicator(bench)
+    if not reading.valid:
+        name = indicator.name
+        raise DeviceError(f"{name}: no valid reading without load; let the bench come to rest, check it", device=name)
+    allowed = ZERO_TOLERANCE * math.hypot(calibration.zero_u, calibration.resolution_mV)
+    if not abs(reading.reading_mV - calibration.zero_mV) <= allowed:
+        raise BenchError(
+            f"{indicator.name}: reads {reading.reading_mV:.4g} mV without load, the calibration "
+            f"({calibration.source}) says {calibration.zero_mV:.4g} ± {allowed:.2g} mV; take the load off, or run "
+            "palpate calibrate load-cell"
+        )
+
+
+def preload(bench: Bench, calibration: LoadCellCalibration, force: float) -> float:
+    """Lower the probe until it presses with about a force [N]. Returns the force that was reached [N].
+
+    The probe moves in equal steps until it touches, then by the slope of the last two readings, but never farther than
+    one such step.
+
+    Raises:
+        UnreachableError: the positioner's travel ends before the force is reached.
+        SafetyError: the force passes the bench's limit; the probe has been moved home.
+        DeviceError: the indicator gives no valid reading.
+    """
+    indicator, positioner = bench.role(LoadIndicator), bench.role(Positioner)
+    indicator.track(TRACK_FILTER)
+    travel = positioner.travel()
+    position, load = 0.0, 0.0
+
+    def within_limit(reading_mV: float) -> None:
+        pressed = calibration.load(reading_mV)[0]
+        if not pressed <= bench.force_limit:
+            positioner.home()
+            raise SafetyError(f"preload of {pressed:.3g} N passes the bench's force limit of {bench.force_limit:g} N")
+
+    before: tuple[float, float] | None = None
+    for _ in range(PRELOAD_STEPS):
+        step = APPROACH_STEP
+        if before is not None and abs(load - before[1]) > 2 * calibration.resolution():
+            step = (force - load) * (position - before[0]) / (load - before[1])
+            step = max(-APPROACH_STEP, min(step, APPROACH_STEP))
+        if position + step > travel:
+            break
+        before = (position, load) if load > CONTACT else None
+        position += step
+        positioner.move(position)
+        bench.clock.wait(TRACK_SETTLING)
+        reading = read_indicator(bench, watch=within_limit)
+        if not reading.valid:
+            name = indicator.name
+            raise DeviceError(f"{name}: no valid reading at {1e3 * position:.3f} mm; check the bridge", device=name)
+        within_limit(reading.reading_mV)
+        load = calibration.load(reading.reading_mV)[0]
+        if abs(load - force) <= max(PRELOAD_TOLERANCE * force, 0.6 * calibration.resolution()):
+            return load
+    raise UnreachableError(
+        f"a preload of {force:.3g} N is not reached: {load:.3g} N at {1e3 * position:.3f} mm, and the positioner "
+        f"ends at {1e3 * travel:.3f} mm; ask for smaller loads or mount a stiffer sample"
+    )
+
+
+def press(bench: Bench, calibration: LoadCellCalibration, sample: Sample, force: float) -> float:
+    """Have a sample mounted and press the probe on it with a static force [N]. The outputs are then on, at zero.
+
+    Returns the force that was reached [N]. Raises as `mount` and `preload`.
+    """
+    withdraw(bench)
+    mount(bench, sample)
+    return lower(bench, calibration, force, f"sample {sample.name}")
+
+
+def mount(bench: Bench, sample: Sample) -> None:
+    """Have a sample mounted, by the sample changer if there is one, else by a person. The probe must be home.
+
+    Raises:
+        UnknownName: the changer does not hold the sample.
+        BenchError: the changer failed, or nobody confirmed that the sample is mounted.
+    """
+    if bench.maybe(SampleChanger) is None:
+        bench.operator.mount(sample)
+    else:
+        carry_out(bench, f"mounting of sample {sample.name}", lambda: bench.operator.mount(sample))
+
+
+def lower(bench: Bench, calibration: LoadCellCalibration, force: float, onto: str) -> float:
+    """As `press`, but on what lies under the probe already. `onto` names it. The probe must be home."""
+    reached = carry_out(bench, f"preload of {show(force, 'N')} on {onto}", lambda: preload(bench, calibration, force))
+    carry_out(bench, "outputs on", bench.drive)
+    return reached
+
+
+def _withdraw(bench: Bench) -> None:
+    bench.rest()
+    bench.role(Positioner).home()
