@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from palpate.procedures.engine.replay import replay
     from palpate.procedures.engine.resume import resume
     from palpate.procedures.engine.run import plan, run
+    from palpate.procedures.engine.settings import Setting
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench, open_bench
     from palpate.procedures.measurements.characterise.procedure import Characterisation
@@ -75,6 +76,7 @@ _PLACES = {
     "procedures.engine.replay": "replay",
     "procedures.engine.resume": "resume",
     "procedures.engine.run": "plan run",
+    "procedures.engine.settings": "Setting",
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench open_bench",
     "procedures.measurements.characterise.procedure": "Characterisation",
@@ -123,6 +125,7 @@ __all__ = [
     "Report",
     "Response",
     "Run",
+    "Setting",
     "SoftnessTest",
     "Step",
     "Taken",

@@ -114,19 +114,21 @@ def bench(sim: SimulatedBench) -> Iterator[Bench]:
         yield opened
 
 
-Install = Callable[..., None]
+Install = Callable[..., Path]
 
 
 @pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Puts a package where Python looks for installed ones: modules, and what it says of its entry points."""
+def install(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Puts a package where Python looks for installed ones: modules, and what it says of its entry points.
+
+    Returns that folder, for the path of another process.
+    """
     from palpate.instrument.additions import additions
 
-    site = tmp_path / "site-packages"
-    site.mkdir()
+    site = tmp_path_factory.mktemp("site-packages")
     monkeypatch.syspath_prepend(str(site))
 
-    def installed(package: str, group: str, entries: Mapping[str, str], **modules: str) -> None:
+    def installed(package: str, group: str, entries: Mapping[str, str], **modules: str) -> Path:
         about = site / f"{package}-1.2.dist-info"
         about.mkdir()
         (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n", encoding="utf-8")
@@ -136,6 +138,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
             (site / f"{module}.py").write_text(text, encoding="utf-8")
         importlib.invalidate_caches()
         additions.cache_clear()
+        return site
 
     before = set(sys.modules)
     yield installed

@@ -15,6 +15,7 @@ from palpate.procedures.commands.bus import bus
 from palpate.procedures.commands.calibrate import calibrate
 from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.contracts import contracts
+from palpate.procedures.commands.measure import measure
 from palpate.procedures.commands.model import model
 from palpate.procedures.commands.new import new
 from palpate.procedures.commands.options import Group
@@ -49,8 +50,8 @@ def palpate() -> None:
 
 
 for group in (
-    sweep, study, calibrate, test, softness, characterise, serve, runs, contracts, model, scene, reproduce, accuracy,
-    new, bus,
+    sweep, study, calibrate, test, softness, characterise, measure, serve, runs, contracts, model, scene, reproduce,
+    accuracy, new, bus,
 ):  # fmt: skip
     palpate.add_command(group)
 

@@ -54,7 +54,7 @@ def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
     FILE is the .pcapng of a log, or the CAN file beside it. No device, nobody and no time is needed. Calibrations that
     come out are not kept for later runs. It ends at the first request that the log does not hold at that place.
     """
-    from palpate.procedures.commands.measure import tell
+    from palpate.procedures.commands.procedures import tell
     from palpate.procedures.engine.known import class_of
     from palpate.procedures.engine.replay import do_again
     from palpate.procedures.lab.logged import LoggedRun

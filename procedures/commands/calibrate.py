@@ -64,7 +64,7 @@ def load_cell(
     within its loads.
     """
     from palpate.instrument.quantity import parse_list
-    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.commands.procedures import measure
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
     from palpate.procedures.steps.checks import parse_loads
 
@@ -107,7 +107,7 @@ def films(
     and name it in place of the design's sensitivities.
     """
     from palpate.instrument.quantity import parse, parse_list
-    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.commands.procedures import measure
     from palpate.procedures.measurements.films.procedure import FilmSeries
     from palpate.procedures.steps.checks import parse_loads
 

@@ -38,7 +38,7 @@ def characterise(
     and the sensor's spatial resolution: loads up, loads down, then the middle one held.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.commands.procedures import measure
     from palpate.procedures.measurements.characterise.procedure import Characterisation
     from palpate.procedures.steps.checks import parse_loads
 

@@ -1,109 +1,131 @@
-"""A procedure as a command: planned or measured, and told."""
+"""palpate measure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
-from datetime import UTC, datetime
-from functools import partial
-from pathlib import Path
+import inspect
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from palpate.instrument.errors import PalpateError, RecordError
-from palpate.procedures.commands.options import Choice, Output
-from palpate.procedures.console.terminal import say
-from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.run import open_and_run, refuse
-from palpate.procedures.lab import keys
-from palpate.procedures.lab.open import Chosen, choose
-from palpate.procedures.lab.session import Outcome, places
-from palpate.procedures.showing.points import print_points
-from palpate.procedures.steps.pause import NOBODY
+import click
+
+from palpate.instrument.errors import ConfigError, PalpateError, UsageError
+from palpate.procedures.commands.options import DRY_RUN, Choice, Command, Group, Output, bench_options, budget_option
 
 if TYPE_CHECKING:
-    from palpate.instrument.uncertainty.budget import Budget
-    from palpate.instrument.uncertainty.propagation import Propagated
+    from palpate.procedures.engine.settings import Asked
+
+FIELD = "field_"  # before a field's name as a parameter, so that none of the command's own is called the same
+WIDTH = 80  # characters of a procedure's purpose in the list
+PLAIN = {float: "NUMBER", int: "INTEGER", str: "TEXT"}
+EXAMPLES = "Examples:\n\n  palpate measure {0}{1}\n\n  palpate measure {0}{1} --scene ideal --dry-run"
 
 
-def chosen_by(choice: Choice, model: str | None = None) -> Chosen:
-    """The bench that a command will open. Raises as `choose`."""
-    return choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
+class Known(Group):
+    """A group whose commands are the procedures that are known: ours, and those of installed packages."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        from palpate.procedures.engine.known import names
+
+        return names()
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        try:
+            return command_of(cmd_name)
+        except PalpateError:
+            if ctx.resilient_parsing:  # a shell completes a line
+                return None
+            raise
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List them; one that cannot be used with what is wrong with it."""
+        rows = []
+        for name in self.list_commands(ctx):
+            try:
+                rows.append((name, command_of(name).get_short_help_str(WIDTH)))
+            except ConfigError as error:
+                rows.append((name, f"Cannot be used: {error}."))
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
 
 
-def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
-    """Carry out a procedure on the bench of a command, and tell what it found. Raises as `open_and_run`."""
-    chosen = chosen_by(choice, model)
-    with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
-        done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
-    tell(procedure, done, output)
+@click.group(
+    cls=Known,
+    epilog="Examples:\n\n  palpate measure sweep-loads --help\n\n  palpate measure sweep-loads --loads '2 N, 3 N'",
+)
+def measure() -> None:
+    """Carry out a procedure by its name: one that an installed package adds, or one of ours.
+
+    Its settings are its options. A package says by an entry point which procedures it adds.
+    """
 
 
-def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
-    """Tell what a procedure would do; nothing is sent. Raises what it refuses."""
-    from palpate.procedures.showing.plan import print_plan
-
-    target = chosen_by(choice, model).target
-    doubt = refuse(procedure, target)
-    with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
-        pass  # nothing is left of them
-    planned = procedure.plan(target)
-    if output.as_json:
-        output.json(planned.summary())
-    elif output.for_people:
-        print_plan(planned)
-    if doubt and not output.quiet:
-        say(f"palpate: note: {doubt}", err=True)
-
-
-def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> None:
-    """Keep the calibration of a finished run, draw its plot, and tell its result.
+def command_of(name: str) -> click.Command:
+    """The command of a procedure.
 
     Raises:
-        EstimateError: nothing can be concluded from it. RecordError: the disk could not, or what is told crashed.
+        UnknownName: there is none of that name.
+        ConfigError: its package cannot be used, or one of its settings cannot be an option.
     """
-    with after(done.folder):
-        outcome: Outcome = {**done.outcome, **procedure.keep(done)}
-        rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
-        report = procedure.report(done.result, done.session.lab)
-        found = {**outcome, "points": rows, **summary}
-        show = partial(print_points, rows, summary, outcome)
-        if report is not None:
-            plot = report.draw(done.folder)
-            found["plot"] = str(plot)
-            show = partial(report.show, outcome, plot)
-        tell_result(output, found, show, done.result.budgets)
-        procedure.judge(done.result)
+    from palpate.procedures.engine.known import procedure_class
+    from palpate.procedures.engine.settings import asked_of, made
+
+    kind = procedure_class(name)
+    asked = asked_of(kind)
+
+    def carry_out(choice: Choice, output: Output, dry_run: bool, **given: str | bool | None) -> None:
+        from palpate.procedures.commands.procedures import measure, plan
+
+        values = {each.name: _value(each, text) for each in asked if (text := given[FIELD + each.name]) is not None}
+        (plan if dry_run else measure)(made(kind, values), choice, output)
+
+    written = inspect.cleandoc(vars(kind).get("__doc__") or "").partition("\n\n")[0]
+    by_dataclass = written.startswith(f"{kind.__name__}(")  # where nobody wrote one
+    needed = "".join(f" {_text(each)} ..." for each in asked if each.required)
+    command = click.command(
+        name,
+        cls=Command,
+        help=f"Carry out {name}." if by_dataclass else written,
+        epilog=EXAMPLES.format(name, needed),
+    )(DRY_RUN(bench_options(budget_option(carry_out))))
+    own = [_option(each) for each in asked]
+    _check_different(name, command.params, own)
+    command.params[:0] = own
+    return command
 
 
-@contextmanager
-def after(folder: Path) -> Iterator[None]:
-    """What follows a finished run: its errors say where the run is."""
-    try:
-        yield
-    except (PalpateError, OSError, KeyboardInterrupt) as error:
-        error.add_note(f"the run is kept in {folder}; look at it with palpate runs show")
-        raise
-    except Exception as error:  # a plot is drawn by libraries, fonts and file formats that can fail in any way
-        raise RecordError(
-            f"the run is kept in {folder}, what follows it crashed ({type(error).__name__}: {error}); "
-            "look at it with palpate runs show"
-        ) from error
+def _text(asked: Asked) -> str:
+    return "--" + asked.name.strip("_").replace("_", "-")
 
 
-def tell_result(
-    output: Output, found: Mapping[str, object], show: Callable[[], None], budgets: Sequence[Budget | Propagated] = ()
-) -> None:
-    """Tell what a run found: as JSON, or by `show` for people; its budgets where they are asked for."""
-    if output.as_json:
-        told = {name: value for name, value in found.items() if name != "budgets"}
-        output.json({**told, "budgets": [each.summary() for each in budgets]} if output.budgets else told)
-    elif output.for_people:
-        from palpate.instrument.uncertainty.budget import Budget
-        from palpate.procedures.showing.budget import print_budgets
+def _option(asked: Asked) -> click.Option:
+    text, says = _text(asked), asked.setting.help
+    if asked.default:
+        says = f"{says}  [default: {asked.default}]".lstrip()
+    if asked.kind is bool:
+        return click.Option([f"{text}/--no-{text[2:]}", FIELD + asked.name], default=None, help=says)
+    one = "|".join(asked.choices) or (f"<{asked.setting.unit}>" if asked.setting.unit else PLAIN[asked.kind])
+    metavar = f"{one},..." if asked.many else one
+    return click.Option([text, FIELD + asked.name], required=asked.required, metavar=metavar, help=says)
 
-        show()
-        if output.budgets:
-            print_budgets(
-                (each if isinstance(each, Budget) else each.budget for each in budgets), bool(found["simulated"])
+
+def _check_different(name: str, common: Sequence[click.Parameter], own: Sequence[click.Option]) -> None:
+    """Raises ConfigError: an option is called as another of the command."""
+    taken = {"--help", *(text for each in common for text in each.opts)}
+    for option in own:
+        texts = {*option.opts, *option.secondary_opts}
+        if twice := texts & taken:
+            field = str(option.name).removeprefix(FIELD)
+            raise ConfigError(
+                f"procedure {name!r}: field {field!r} cannot be the option {min(twice)}, which is another's; "
+                "give the field another name"
             )
+        taken |= texts
+
+
+def _value(asked: Asked, given: str | bool) -> object:
+    if isinstance(given, bool):
+        return given
+    try:
+        return asked.value(given)
+    except PalpateError as error:
+        raise UsageError(f"{_text(asked)}: {error}") from None

@@ -59,6 +59,8 @@ def output_options(command: F) -> F:
     return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
+DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
+
 # What is done at a point: each comes as text.
 sample_option = click.option("--sample", default="1", show_default=True, help="Rubber sample.")
 load_option = click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")

@@ -28,7 +28,7 @@ def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bo
     one does everything again up to there, so that the finished run equals one that was never interrupted. Where the
     last digits of numbers are another machine's, stored points are compared to 1e-6 of each; the record says so.
     """
-    from palpate.procedures.commands.measure import tell
+    from palpate.procedures.commands.procedures import tell
     from palpate.procedures.engine.known import class_of
     from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.keys import keyboard

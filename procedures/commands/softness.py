@@ -53,7 +53,7 @@ def softness(
     is named with its price; "experiment" interpolates what was measured on the six samples.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.measure import chosen_by, measure
+    from palpate.procedures.commands.procedures import chosen_by, measure
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
     from palpate.procedures.steps.checks import parse_loads
 

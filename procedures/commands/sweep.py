@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from palpate.procedures.commands.options import (
+    DRY_RUN,
     Choice,
     Group,
     Output,
@@ -17,7 +18,6 @@ from palpate.procedures.commands.options import (
     sample_option,
 )
 
-DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
 
 
@@ -61,7 +61,7 @@ def loads(
     from palpate.instrument.errors import UsageError
     from palpate.instrument.quantity import parse, parse_tolerance
     from palpate.instrument.sensor.sample import parse_samples
-    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.commands.procedures import measure, plan
     from palpate.procedures.measurements.loads.procedure import LoadSweep
     from palpate.procedures.steps.checks import parse_loads
 
@@ -109,7 +109,7 @@ def frequency(
     are those before the first base film. The band of touch, to 20 Hz, is marked.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.commands.procedures import measure, plan
     from palpate.procedures.measurements.frequency.procedure import FrequencySweep, parse_frequencies
 
     asked = FrequencySweep(parse_frequencies(frequencies), sample, parse(load, "N"), parse(dwell, "s"), extrapolate)
@@ -150,7 +150,7 @@ def temperature(
     the scene humid_body where none is named; only scenes with pyroelectric films have anything to show.
     """
     from palpate.instrument.quantity import parse, parse_list
-    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.commands.procedures import measure, plan
     from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
 
     asked = TemperatureSweep(
@@ -193,7 +193,7 @@ def position(
     Simulated on the scene thesis_common_base where none is named. Table A2.7 stands beside, with its doubts.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.measure import measure, plan
+    from palpate.procedures.commands.procedures import measure, plan
     from palpate.procedures.measurements.position.procedure import PositionSweep
     from palpate.procedures.steps.checks import parse_steps
 

@@ -30,7 +30,7 @@ def modulus(sample: str, strain: str, steps: int, extrapolate: bool, choice: Cho
     its standard uncertainty. Loads below the calibrated range are marked.
     """
     from palpate.instrument.quantity import parse
-    from palpate.procedures.commands.measure import measure
+    from palpate.procedures.commands.procedures import measure
     from palpate.procedures.measurements.modulus.procedure import ModulusTest
 
     measure(ModulusTest(sample, parse(strain, ""), steps, extrapolate), choice, output)

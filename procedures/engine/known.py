@@ -27,6 +27,11 @@ SHIPPED = {
 }
 
 
+def names() -> list[str]:
+    """Of all procedures: ours, then those of installed packages, whether these can be used or not."""
+    return list(dict.fromkeys((*SHIPPED, *additions(GROUP))))
+
+
 def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result]]:
     """The class of a procedure by its name: one of ours, or of an installed package.
 
@@ -39,7 +44,7 @@ def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result
             raise unusable(added, WHAT, "palpate has one of that name")
         added = Addition(name, SHIPPED[name], "palpate", "")
     if added is None:
-        raise UnknownName(WHAT, name, (*SHIPPED, *additions(GROUP)))
+        raise UnknownName(WHAT, name, names())
     found = load_addition(added, WHAT)
     if not (isinstance(found, type) and issubclass(found, Procedure) and getattr(found, "name", None) == name):
         raise unusable(added, WHAT, f"is no Procedure that is called {name!r}")
@@ -55,5 +60,4 @@ def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Res
     try:
         return procedure_class(run.procedure)
     except UnknownName:
-        valid = ", ".join((*SHIPPED, *additions(GROUP)))
-        raise UsageError(f"{run.folder}: {run.procedure!r} cannot be {done}; valid: {valid}") from None
+        raise UsageError(f"{run.folder}: {run.procedure!r} cannot be {done}; valid: {', '.join(names())}") from None

@@ -13,7 +13,7 @@ How one is written, with the load sweep (`measurements/loads/`) as the example:
      Work under a dynamic load inherits from `measurements.loaded.Loaded`, which has films, servo and end;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`, by which runs are resumed and logs replayed.
-5. A command makes the procedure of its options and gives it to `commands.measure.measure`.
+5. A command makes the procedure of its options and gives it to `commands.procedures.measure`.
 
 The engine does the rest (`engine/conduct.py`): it stores each point before it tells of it, pauses, resumes and replays.
 A procedure holds nothing that changes; what stays set up from step to step is the work's.

@@ -1,14 +1,85 @@
-"""Settings that a script gives a procedure, held to the types of its fields before a bench is opened."""
+"""The settings of a procedure: what its fields mean, held to their types, and read of a text.
+
+load: Annotated[float, Setting("N", "Load, peak to peak.")] = 2.0
+
+In a script and in a record a setting is a number in this unit; on the command line it is a text, such as "200 gf".
+"""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
-from typing import get_type_hints
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, fields
+from types import UnionType
+from typing import Annotated, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from palpate.instrument.errors import UsageError
+from palpate.instrument.errors import ConfigError, PalpateError, QuantityError, UnknownName, UsageError
+from palpate.instrument.quantity import parse, show
 from palpate.procedures.engine.procedure import P, Procedure, R, S
+from palpate.procedures.steps.checks import parse_steps
+
+SHOWN = 6  # values of a default that a help text lists
+EXAMPLE = "1 {0}:3 {0}:0.5 {0}"
+KINDS = "a float, int, bool, str, Literal of texts, a tuple[..., ...] of one of them, or one of them or None"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a field of a procedure means.
+
+    Attributes:
+        unit: of its numbers; "": they are plain.
+        help: a sentence for people.
+        read: makes its value of a text, where it is of another kind than text, number or yes and no.
+    """
+
+    unit: str = ""
+    help: str = ""
+    read: Callable[[str], object] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A field of a procedure that can be given as text.
+
+    Attributes:
+        kind: of its value, or of each value where there are `many`; `str` where the setting reads it.
+        choices: texts that it may be; (): any.
+        default: as text for people; "": there is none.
+        required: it must be given.
+    """
+
+    name: str
+    kind: type[float] | type[int] | type[str] | type[bool]
+    many: bool
+    choices: tuple[str, ...]
+    setting: Setting
+    default: str
+    required: bool
+
+    def value(self, text: str) -> object:
+        """What a text means. Raises QuantityError, RangeError, UnknownName: this field cannot be that."""
+        if not self.many:
+            return self._one(text)
+        if self.kind is float and ":" in text:
+            return parse_steps(text, self.setting.unit, self.name, EXAMPLE.format(self.setting.unit))
+        return tuple(self._one(part.strip()) for part in text.split(","))
+
+    def _one(self, text: str) -> object:
+        if self.setting.read is not None:
+            return self.setting.read(text)
+        if self.kind is float:
+            return parse(text, self.setting.unit)
+        if self.kind is int:
+            try:
+                return int(text)
+            except ValueError:
+                raise QuantityError(f"{text[:100]!r} is no whole number; write for example '3'") from None
+        if self.choices and text not in self.choices:
+            raise UnknownName(self.name, text, self.choices)
+        return text
 
 
 def check_settings(procedure: Procedure[S, P, R]) -> None:
@@ -33,8 +104,91 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
                 tuple(value) if isinstance(value, list) else value, strict=True
             )
         except ValidationError as error:
+            kind = inspect.formatannotation(types[field.name])
             wrong = error.errors(include_url=False)[0]
-            raise UsageError(f"{told}: {_lowered(wrong['msg'])}; its type is {field.type}") from None
+            raise UsageError(f"{told}: {_lowered(wrong['msg'])}; its type is {kind}") from None
+
+
+def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
+    """The settings of a procedure, in its order. Raises ConfigError: one cannot be given as text."""
+    who = f"procedure {kind.name!r} ({kind.__module__}.{kind.__qualname__})"
+    try:
+        hints = get_type_hints(kind, include_extras=True)
+    except Exception as error:  # whatever stands in an annotation
+        raise ConfigError(
+            f"{who}: its annotations cannot be read ({error}); import what they name at the top of its module"
+        ) from error
+    named = {each.name: each for each in fields(kind)}
+    for name, hint in hints.items():
+        if name not in named and get_origin(hint) is not ClassVar and hint is not ClassVar:
+            raise ConfigError(
+                f"{who}: {name!r} is no field of a dataclass; put @dataclass(frozen=True) above the class"
+            )
+    return tuple(_asked(each, hints[name], who) for name, each in named.items() if each.init)
+
+
+def made(kind: type[Procedure[S, P, R]], values: Mapping[str, object]) -> Procedure[S, P, R]:
+    """A procedure with these settings, the others at their defaults. Raises UsageError: it refuses them."""
+    make: Callable[..., Procedure[S, P, R]] = kind
+    try:
+        return make(**values)
+    except PalpateError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"procedure {kind.name!r}: {error}") from error
+
+
+def _asked(field: Field[object], hint: object, who: str) -> Asked:
+    where = f"{who}: field {field.name!r}"
+    bare, setting = _unwrapped(hint)
+    many = get_origin(bare) is tuple
+    if many:
+        each, *rest = get_args(bare)
+        bare, own = _unwrapped(each) if rest == [...] else (None, None)
+        setting = setting or own
+    choices = get_args(bare) if get_origin(bare) is Literal else ()
+    read = setting is not None and setting.read is not None
+    kind = str if read or (choices and all(isinstance(each, str) for each in choices)) else bare
+    if not (kind is float or kind is int or kind is str or (kind is bool and not many)):
+        raise ConfigError(
+            f"{where} is of kind {inspect.formatannotation(hint)}, which `palpate measure` cannot ask for; make it"
+            f" {KINDS}, or run the procedure from a script"
+        )
+    if kind is float and setting is None:
+        raise ConfigError(
+            f'{where} has no unit; write Annotated[float, Setting("N", "what it is")], with the unit "" for a'
+            " plain number"
+        )
+    setting = setting or Setting()
+    if setting.unit and kind is not float:
+        raise ConfigError(f"{where} is of kind {kind.__name__} and has the unit {setting.unit!r}; make it a float")
+    default = field.default_factory() if field.default_factory is not MISSING else field.default
+    required = default is MISSING
+    return Asked(field.name, kind, many, choices, setting, "" if required else _shown(default, setting.unit), required)
+
+
+def _unwrapped(hint: object) -> tuple[object, Setting | None]:
+    """A kind without `| None` and what it is annotated with; its first Setting."""
+    if get_origin(hint) is Annotated:
+        inner, *notes = get_args(hint)
+        bare, own = _unwrapped(inner)
+        return bare, next((note for note in notes if isinstance(note, Setting)), own)
+    if get_origin(hint) in (Union, UnionType):
+        others = [each for each in get_args(hint) if each is not type(None)]
+        if len(others) == 1:
+            return _unwrapped(others[0])
+    return hint, None
+
+
+def _shown(value: object, unit: str) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        texts = [_shown(each, unit) for each in value]
+        return ", ".join(texts if len(texts) <= SHOWN else [*texts[: SHOWN - 2], "...", texts[-1]])
+    return show(value, unit) if isinstance(value, float) or (unit and isinstance(value, int)) else str(value)
 
 
 def _lowered(message: str) -> str:

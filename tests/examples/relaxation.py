@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import palpate
 
@@ -16,7 +17,7 @@ class Reading:
 class Relaxation(palpate.Procedure[palpate.Step, Reading, palpate.Found[Reading]]):
     name, point = "relaxation", Reading
     sample: str = "2"
-    force: float = 2.0  # N
+    force: Annotated[float, palpate.Setting("N", "With which the probe presses.")] = 2.0
     readings: int = 4
 
     def plan(self, target: palpate.Target) -> palpate.Plan[palpate.Step]:

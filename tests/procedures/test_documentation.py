@@ -38,7 +38,7 @@ def test_the_table_of_extras_has_each_once() -> None:
 
 def commands(group: click.Group, path: str = "palpate") -> Iterator[str]:
     for name, command in group.commands.items():
-        if not isinstance(command, click.Group) or command.invoke_without_command:
+        if not isinstance(command, click.Group) or command.invoke_without_command or not command.commands:
             yield f"{path} {name}"
         if isinstance(command, click.Group):
             yield from commands(command, f"{path} {name}")

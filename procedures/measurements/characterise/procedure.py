@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.characterise.result import (
     HOLDING,
@@ -23,6 +25,7 @@ from palpate.procedures.measurements.characterise.result import (
     evaluate,
 )
 from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
@@ -42,19 +45,19 @@ class CharacteriseStep(Step):
 
 @dataclass(frozen=True)
 class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult]):
-    """Name of the sample, loads in N peak to peak, dwell in s, frequency in Hz.
+    """Find noise, sensitivity, resolution, linearity, hysteresis, dynamic range and drift of a sensor.
 
-    The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time` s.
+    The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time`.
     """
 
     name = "characterise"
     point = FilmsPoint
 
-    sample: str = "1"
-    loads: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5)
-    dwell: float = 1.0
-    frequency: float = 10.0
-    drift_time: float = 300.0
+    sample: SampleName = "1"
+    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5)
+    dwell: DwellTime = 1.0
+    frequency: Frequency = 10.0
+    drift_time: Annotated[float, Setting("s", "Time for which the middle load is held.")] = 300.0
 
     def check(self, target: Target) -> None:
         """Refuse what cannot be done, before any device is spoken to.

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +21,14 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Finished, Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import films_path, keep
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
 from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, PeakLoads, ValidDays
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.films import check_nodes
@@ -43,15 +46,7 @@ class PressStep(Step):
 
 @dataclass(frozen=True)
 class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
-    """A calibration of all films of a sensor.
-
-    Args:
-        loads: loads, peak to peak [N].
-        frequencies: frequencies of the load [Hz].
-        dwell: dwell [s].
-        valid_days: days until the calibration expires.
-        extrapolate: whether loads may lie outside the load cell's calibrated range.
-    """
+    """Calibrate the films against the load cell: press on one tooth after the other."""
 
     name = "calibrate-films"
     point = PressedPoint
@@ -59,11 +54,11 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
     by_hand = "stands the pin on the teeth"
     added = frozenset({"extrapolate"})
 
-    loads: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-    frequencies: tuple[float, ...] = (10.0,)
-    dwell: float = 1.0
-    valid_days: int = 365
-    extrapolate: bool = False
+    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load.")] = (10.0,)
+    dwell: DwellTime = 1.0
+    valid_days: ValidDays = 365
+    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE
 from palpate.procedures.engine.plan import FIRST_STEPS, Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.frequency.result import (
     FEWEST,
@@ -25,6 +27,7 @@ from palpate.procedures.measurements.frequency.result import (
     evaluate,
 )
 from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import FREQUENCY_STEP, check_end, check_force, check_frequency, check_time
@@ -47,15 +50,7 @@ class FrequencyStep(Step):
 
 @dataclass(frozen=True)
 class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
-    """A sweep over frequencies.
-
-    Args:
-        frequencies: increasing frequencies [Hz].
-        sample: name of the sample.
-        load: load, peak to peak [N].
-        dwell: the shortest dwell; at low frequencies it is longer [s].
-        extrapolate: whether the load may lie outside the load cell's calibrated range.
-    """
+    """Find gain and phase of each film over frequency, the charge amplifiers' corner, and a resonance."""
 
     name = "sweep-frequency"
     point = FrequencyPoint
@@ -63,11 +58,13 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
     pausable = True
     added = frozenset({"extrapolate"})
 
-    frequencies: tuple[float, ...] = field(default_factory=lambda: parse_frequencies(DEFAULT))
-    sample: str = "1"
-    load: float = 2.0
-    dwell: float = 1.0
-    extrapolate: bool = False
+    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Increasing frequencies of the load.")] = field(
+        default_factory=lambda: parse_frequencies(DEFAULT)
+    )
+    sample: SampleName = "1"
+    load: PeakLoad = 2.0
+    dwell: Annotated[float, Setting("s", "Shortest time at a point; three cycles at least.")] = 1.0
+    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.

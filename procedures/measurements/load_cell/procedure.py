@@ -8,6 +8,7 @@ from datetime import timedelta
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
+from typing import Annotated
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, Positioner
@@ -16,6 +17,7 @@ from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.quantity import show
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Finished, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, load_cell_path
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Kept
@@ -27,6 +29,7 @@ from palpate.procedures.measurements.load_cell.result import (
     LoadCellResult,
     runs_of,
 )
+from palpate.procedures.measurements.settings import ValidDays
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.indicator import steady
 from palpate.procedures.steps.policy import carry_out
@@ -63,16 +66,7 @@ class WeightStep(Step):
 
 @dataclass(frozen=True)
 class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
-    """A calibration of the load cell.
-
-    Args:
-        loads: increasing loads [N].
-        runs: number of runs up and down in each position.
-        positions: positions of the cell about its axis [degrees].
-        degree: degree of the curve; None: 2 if an F-test finds it better than 1.
-        creep: whether to measure the creep under the greatest load for 300 s.
-        valid_days: days until the calibration expires.
-    """
+    """Calibrate the load cell with dead weights, put on and taken off in steps."""
 
     name = "calibrate-load-cell"
     point = LoadCellPoint
@@ -81,12 +75,14 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult]):
     constants = MappingProxyType({"repeats": REPEATS})
     added = frozenset({"runs", "positions", "degree", "creep", "valid_days"})
 
-    loads: tuple[float, ...] = LOADS
-    runs: int = 1
-    positions: tuple[float, ...] = (0.0,)
-    degree: int | None = None
-    creep: bool = False
-    valid_days: int = 365
+    loads: Annotated[tuple[float, ...], Setting("N", "Increasing weights.")] = LOADS
+    runs: Annotated[int, Setting(help="Runs up and down in each position; 2 give repeatability.")] = 1
+    positions: Annotated[tuple[float, ...], Setting(help="Positions of the cell about its axis, in degrees.")] = (0.0,)
+    degree: Annotated[
+        int | None, Setting(help="Degree of the curve, 1 or 2 (default: 2 if an F-test finds it better).")
+    ] = None
+    creep: Annotated[bool, Setting(help="Watch the greatest load for 300 s.")] = False
+    valid_days: ValidDays = 365
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.

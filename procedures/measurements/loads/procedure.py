@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.findings.film_forces import film_forces, pickup_u
@@ -17,9 +18,11 @@ from palpate.instrument.signals.dwell import Dwell, Floor, check_target, dwell_o
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoads
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
@@ -35,11 +38,7 @@ class LoadStep(Step):
 
 @dataclass(frozen=True)
 class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
-    """Names of samples, loads in N peak to peak, dwell in s, frequency in Hz.
-
-    `tolerance` is a relative standard uncertainty of the force ratio for which the dwell of each point is chosen,
-    instead of `dwell`. `extrapolate` lets loads pass that lie outside the calibrated range.
-    """
+    """Load each sample with each load set and measure the force ratio."""
 
     name = "sweep-loads"
     point = LoadPoint
@@ -47,12 +46,15 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
     pausable = True
     added = frozenset({"tolerance", "extrapolate"})
 
-    samples: tuple[str, ...] = ("1", "2", "3", "4", "5", "6")
-    loads: tuple[float, ...] = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-    dwell: float = 1.0
-    frequency: float = 10.0
-    tolerance: float | None = None
-    extrapolate: bool = False
+    samples: Annotated[tuple[str, ...], Setting(help="Rubber samples, in order.")] = ("1", "2", "3", "4", "5", "6")
+    loads: PeakLoads = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    dwell: DwellTime = 1.0
+    frequency: Frequency = 10.0
+    tolerance: Annotated[
+        float | None,
+        Setting(help="Relative standard uncertainty of a point, by which its dwell is chosen instead, such as 5 %."),
+    ] = None
+    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Refuse what cannot be done, before any device is spoken to.

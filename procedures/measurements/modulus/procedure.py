@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
@@ -18,8 +19,10 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import APPROACH, MOUNTING, Plan, Step
 from palpate.procedures.engine.procedure import Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
+from palpate.procedures.measurements.settings import Extrapolate, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.indicator import READING_INTERVAL, TRACK_SETTLING, steady
 from palpate.procedures.steps.policy import carry_out
@@ -50,24 +53,17 @@ class CompressionStep(Step):
 
 @dataclass(frozen=True)
 class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
-    """A compression test of a sample on a rigid support.
-
-    Args:
-        sample: name of the sample.
-        strain: the largest strain.
-        steps: number of equal steps of strain.
-        extrapolate: whether loads above the load cell's calibrated range are allowed, and marked.
-    """
+    """Compress a sample with the micro-positioner and find its Young modulus."""
 
     name = "test-modulus"
     point = DisplaysPoint
     by_hand = "lays the sample on the support"
     added = frozenset({"extrapolate"})
 
-    sample: str
-    strain: float = 0.3
-    steps: int = 10
-    extrapolate: bool = False
+    sample: SampleName
+    strain: Annotated[float, Setting(help="Largest strain, such as 30 %.")] = 0.3
+    steps: Annotated[int, Setting(help="Number of equal steps of strain, up and back.")] = 10
+    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.

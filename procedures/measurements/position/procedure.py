@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces, ratio_scatter
@@ -16,9 +17,11 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
@@ -37,7 +40,7 @@ class PositionStep(Step):
 
 @dataclass(frozen=True)
 class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
-    """Positions in m along the centre line, a sample, a load in N peak to peak, dwell in s, frequency in Hz."""
+    """Move a point load along the base of two teeth; find its place and size by the films."""
 
     name = "sweep-position"
     point = PositionPoint
@@ -45,12 +48,14 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
     by_hand = "sets the point probe"
     added = frozenset({"extrapolate"})
 
-    positions: tuple[float, ...] = tuple(round(2e-3 * number, 12) for number in range(13))
-    sample: str = "1"
-    load: float = 2.0
-    dwell: float = 1.0
-    frequency: float = 10.0
-    extrapolate: bool = False
+    positions: Annotated[tuple[float, ...], Setting("m", "Increasing positions along the centre line.")] = tuple(
+        round(2e-3 * number, 12) for number in range(13)
+    )
+    sample: SampleName = "1"
+    load: PeakLoad = 2.0
+    dwell: DwellTime = 1.0
+    frequency: Frequency = 10.0
+    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Refuse what cannot be done, before any device is spoken to.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces
@@ -17,8 +18,10 @@ from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.marks import check_some_valid
@@ -38,19 +41,16 @@ class TouchStep(Step):
 
 @dataclass(frozen=True)
 class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
-    """Objects to be mounted in this order, loads in N peak to peak, dwell in s, frequency in Hz.
-
-    `model` is the name of the model that turns force ratios into moduli.
-    """
+    """Find the Young modulus of unknown objects from the force ratio, and their order from soft to hard."""
 
     name = "softness"
     point = SoftnessPoint
 
-    objects: tuple[Sample, ...]
-    loads: tuple[float, ...] = (2.0, 3.0, 4.0)
-    dwell: float = 1.0
-    frequency: float = 10.0
-    model: str = "experiment"
+    objects: Annotated[tuple[Sample, ...], Setting(help="Rubber samples, in order.", read=get_sample)]
+    loads: PeakLoads = (2.0, 3.0, 4.0)
+    dwell: DwellTime = 1.0
+    frequency: Frequency = 10.0
+    model: Annotated[str, Setting(help="Sensor model that turns force ratios into moduli.")] = "experiment"
 
     def check(self, target: Target) -> None:
         """Refuse what cannot be done, before any device is spoken to.

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimators import boxcar, rms
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Loads, Procedure, Report, Taken
+from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.loaded import Loaded
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.measurements.temperature.result import (
     FEWEST,
     FilmWarming,
@@ -55,17 +58,7 @@ class TemperatureStep(Step):
 
 @dataclass(frozen=True)
 class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureResult]):
-    """A sweep over temperatures.
-
-    Args:
-        temperatures: temperatures relative to the start [K].
-        sample: name of the sample.
-        load: load, peak to peak [N].
-        dwell: dwell [s].
-        frequency: frequency of the load [Hz].
-        soak: wait before each change, in which the films reach the temperature that was set before [s].
-        extrapolate: whether the load may lie outside the load cell's calibrated range.
-    """
+    """Find what warming films add to their signals, and what the fitted trend takes away of it."""
 
     name = "sweep-temperature"
     point = TemperaturePoint
@@ -73,13 +66,20 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
     by_hand = "warms the sensor"
     added = frozenset({"extrapolate"})
 
-    temperatures: tuple[float, ...] = (0.0, 5.0, 15.0, 10.0)
-    sample: str = "1"
-    load: float = 2.0
-    dwell: float = 1.0
-    frequency: float = 10.0
-    soak: float = 1800.0
-    extrapolate: bool = False
+    temperatures: Annotated[tuple[float, ...], Setting("K", "Temperatures relative to the start, in order.")] = (
+        0.0,
+        5.0,
+        15.0,
+        10.0,
+    )
+    sample: SampleName = "1"
+    load: PeakLoad = 2.0
+    dwell: DwellTime = 1.0
+    frequency: Frequency = 10.0
+    soak: Annotated[
+        float, Setting("s", "Wait before each change; the films reach the temperature that was set before.")
+    ] = 1800.0
+    extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
         """Check the settings before anything is sent to a device.

@@ -1,0 +1,109 @@
+"""A procedure as a command: planned or measured, and told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.instrument.errors import PalpateError, RecordError
+from palpate.procedures.commands.options import Choice, Output
+from palpate.procedures.console.terminal import say
+from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
+from palpate.procedures.engine.run import open_and_run, refuse
+from palpate.procedures.lab import keys
+from palpate.procedures.lab.open import Chosen, choose
+from palpate.procedures.lab.session import Outcome, places
+from palpate.procedures.showing.points import print_points
+from palpate.procedures.steps.pause import NOBODY
+
+if TYPE_CHECKING:
+    from palpate.instrument.uncertainty.budget import Budget
+    from palpate.instrument.uncertainty.propagation import Propagated
+
+
+def chosen_by(choice: Choice, model: str | None = None) -> Chosen:
+    """The bench that a command will open. Raises as `choose`."""
+    return choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
+
+
+def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
+    """Carry out a procedure on the bench of a command, and tell what it found. Raises as `open_and_run`."""
+    chosen = chosen_by(choice, model)
+    with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
+        done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
+    tell(procedure, done, output)
+
+
+def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
+    """Tell what a procedure would do; nothing is sent. Raises what it refuses."""
+    from palpate.procedures.showing.plan import print_plan
+
+    target = chosen_by(choice, model).target
+    doubt = refuse(procedure, target)
+    with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
+        pass  # nothing is left of them
+    planned = procedure.plan(target)
+    if output.as_json:
+        output.json(planned.summary())
+    elif output.for_people:
+        print_plan(planned)
+    if doubt and not output.quiet:
+        say(f"palpate: note: {doubt}", err=True)
+
+
+def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> None:
+    """Keep the calibration of a finished run, draw its plot, and tell its result.
+
+    Raises:
+        EstimateError: nothing can be concluded from it. RecordError: the disk could not, or what is told crashed.
+    """
+    with after(done.folder):
+        outcome: Outcome = {**done.outcome, **procedure.keep(done)}
+        rows, summary = [asdict(point) for point in done.result.points], done.result.summary()
+        report = procedure.report(done.result, done.session.lab)
+        found = {**outcome, "points": rows, **summary}
+        show = partial(print_points, rows, summary, outcome)
+        if report is not None:
+            plot = report.draw(done.folder)
+            found["plot"] = str(plot)
+            show = partial(report.show, outcome, plot)
+        tell_result(output, found, show, done.result.budgets)
+        procedure.judge(done.result)
+
+
+@contextmanager
+def after(folder: Path) -> Iterator[None]:
+    """What follows a finished run: its errors say where the run is."""
+    try:
+        yield
+    except (PalpateError, OSError, KeyboardInterrupt) as error:
+        error.add_note(f"the run is kept in {folder}; look at it with palpate runs show")
+        raise
+    except Exception as error:  # a plot is drawn by libraries, fonts and file formats that can fail in any way
+        raise RecordError(
+            f"the run is kept in {folder}, what follows it crashed ({type(error).__name__}: {error}); "
+            "look at it with palpate runs show"
+        ) from error
+
+
+def tell_result(
+    output: Output, found: Mapping[str, object], show: Callable[[], None], budgets: Sequence[Budget | Propagated] = ()
+) -> None:
+    """Tell what a run found: as JSON, or by `show` for people; its budgets where they are asked for."""
+    if output.as_json:
+        told = {name: value for name, value in found.items() if name != "budgets"}
+        output.json({**told, "budgets": [each.summary() for each in budgets]} if output.budgets else told)
+    elif output.for_people:
+        from palpate.instrument.uncertainty.budget import Budget
+        from palpate.procedures.showing.budget import print_budgets
+
+        show()
+        if output.budgets:
+            print_budgets(
+                (each if isinstance(each, Budget) else each.budget for each in budgets), bool(found["simulated"])
+            )

@@ -1,0 +1,224 @@
+"""`palpate measure NAME` carries out any procedure that is known; the settings are its options."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import fields
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+from click.testing import CliRunner
+
+from palpate.procedures.commands import palpate as root
+from palpate.procedures.commands.measure import command_of
+from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.engine.known import SHIPPED, procedure_class
+from palpate.procedures.engine.settings import asked_of
+from palpate.procedures.lab import keys
+from palpate.procedures.records.run import Run
+from tests.conftest import Install
+from tests.procedures.conftest import Benches, Palpate, refused
+
+RELAXATION = (Path(__file__).parents[1] / "examples" / "relaxation.py").read_text(encoding="utf-8")
+GROUP = "palpate.procedures"
+COMPLETING = {"_PALPATE_COMPLETE": "bash_complete", "COMP_CWORD": "2"}
+RELAX = ("measure", "relaxation", "--scene", "ideal")
+
+
+@pytest.fixture
+def relaxation(install: Install) -> Path:
+    """A package that palpate knows nothing of adds a procedure; where it stands."""
+    return install("acme-lab", GROUP, {"relaxation": "acme_relaxation:Relaxation"}, acme_relaxation=RELAXATION)
+
+
+# --- of a package --------------------------------------------------------------------------------------
+
+
+def test_the_settings_of_a_packages_procedure_are_options_with_their_units(relaxation: Path, palpate: Palpate) -> None:
+    said = " ".join(palpate("measure", "relaxation", "--help").out.split())
+    assert "--sample TEXT [default: 2]" in said
+    assert "--force <N> With which the probe presses. [default: 2 N]" in said
+    assert "--readings INTEGER [default: 4]" in said
+    assert "--bench FILE" in said
+
+
+def test_it_is_planned_and_nothing_is_sent(relaxation: Path, palpate: Palpate, benches: Benches) -> None:
+    found = palpate(*RELAX, "--readings", "3", "--dry-run", "--json").object
+    assert (len(found["points"]), found["expected_seconds"]) == (3, 15)
+    assert benches == []
+
+
+def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
+    relaxation: Path, palpate: Palpate, on_progress: Callable[[Progress], None]
+) -> None:
+    asked = (*RELAX, "--force", "200 gf", "--readings", "2")
+    found = palpate(*asked, "--out", "whole", "--log", "log.pcapng", "--json").object
+    assert [point["load_N"] for point in found["points"]] == pytest.approx([1.96, 1.96], rel=0.1)
+    whole = Run.open(Path("whole"))
+    assert whole.header["settings"] == {"sample": "2", "force": pytest.approx(1.96133), "readings": 2}
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    on_progress(stop)
+    assert palpate(*asked, "--out", "cut").status == 130
+    assert len(Run.open(Path("cut")).points()) == 1
+    on_progress(silent)
+    assert palpate("runs", "resume", "cut", "--quiet").status == 0
+    assert palpate("bus", "replay", "log.pcapng", "--out", "again", "--quiet").status == 0
+    assert Run.open(Path("cut")).digest() == whole.digest()
+    assert Run.open(Path("again")).points() == whole.points()
+
+
+MORE = """
+import os, signal
+class Pausing(Relaxation):
+    name, pausable = "pausing", True
+class Mortal(Relaxation):
+    name = "mortal"
+    def begin(self, lab, record):
+        return Dying(lab, self.sample, self.force)
+class Dying(Holding):
+    taken = 0
+    def take(self, step):
+        self.taken += 1
+        if self.taken == 3 and os.path.exists("kill"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().take(step)
+"""
+
+
+def test_the_key_p_pauses_it(install: Install, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    install("acme-lab", GROUP, {"pausing": "acme_pausing:Pausing"}, acme_pausing=RELAXATION + MORE)
+
+    class Once:
+        keys: ClassVar = [False, True]
+
+        def asked(self) -> bool:
+            return self.keys.pop(0)
+
+        def wait(self) -> None:
+            pass
+
+    monkeypatch.setattr(keys, "keyboard", lambda: nullcontext(Once()))
+    palpate("measure", "pausing", "--readings", "2", "--scene", "ideal", "--out", "run", "--quiet")
+    assert [event["kind"] for event in Run.open(Path("run")).events()] == ["paused", "resumed"]
+
+
+@pytest.mark.slow  # processes
+def test_killed_it_goes_on_by_its_name_and_ends_as_one_that_was_not(install: Install, tmp_path: Path) -> None:
+    site = install("acme-lab", GROUP, {"mortal": "acme_mortal:Mortal"}, acme_mortal=RELAXATION + MORE)
+
+    def palpate(*words: str) -> tuple[int, str]:
+        command = [sys.executable, "-c", "from palpate.procedures.commands import main; main()", *words]
+        done = subprocess.run(
+            command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True
+        )
+        return done.returncode, done.stderr
+
+    measure = ("measure", "mortal", "--scene", "ideal", "--quiet", "--out")
+    (tmp_path / "kill").touch()
+    assert palpate(*measure, "cut") == (-signal.SIGKILL, "")
+    cut = Run.open(tmp_path / "cut")
+    assert (cut.status, len(cut.points())) == ("running", 2)
+    (tmp_path / "kill").unlink()
+    assert palpate("runs", "resume", "cut", "--quiet") == (0, "")
+    assert palpate(*measure, "whole") == (0, "")
+    assert Run.open(tmp_path / "cut").digest() == Run.open(tmp_path / "whole").digest()
+
+
+# --- what is refused -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("relaxaton",), "unknown procedure 'relaxaton' (did you mean 'relaxation'?); valid: calibrate-films, "),
+        (("relaxation", "--force", "2"), "--force: '2' has no unit where N belongs; write for example '3 N'"),
+        (("relaxation", "--force", "2 s"), "--force: '2 s' is in s where N belongs"),
+        (("relaxation", "--readings", "2.5"), "--readings: '2.5' is no whole number; write for example '3'"),
+        (("relaxation", "--force", "1 N", "--force", "2 N"), "--force is given 2 times"),
+        (
+            ("sweep-loads", "--loads", "2 N:3 N"),
+            "--loads: loads '2 N:3 N': give first:last:step",
+        ),
+    ],
+)
+def test_a_wrong_word_is_named_with_its_option(
+    relaxation: Path, palpate: Palpate, benches: Benches, words: tuple[str, ...], message: str
+) -> None:
+    assert message in refused(palpate("measure", *words), benches)
+
+
+HEAD = "from dataclasses import dataclass\nfrom typing import Annotated, Literal\nfrom palpate import *\n"
+KIND = "\n@dataclass(frozen=True)\nclass Odd(Procedure):\n    name = 'odd'\n"
+WRONG = {
+    "    curve: dict[str, float]": "field 'curve' is of kind dict[str, float], which `palpate measure` cannot ask for",
+    "    pair: tuple[float, float]": "field 'pair' is of kind tuple[float, float], which `palpate measure` cannot ask",
+    "    load: float = 2.0": "field 'load' has no unit; write Annotated[float, Setting(",
+    "    days: Annotated[int, Setting('s')]": "field 'days' is of kind int and has the unit 's'; make it a float",
+    "    seed: int = 1": "field 'seed' cannot be the option --seed, which is another's; give the field another name",
+    "    a_b: int\n    _a_b: int": "field '_a_b' cannot be the option --a-b, which is another's",
+    "    lost: Nowhere": "its annotations cannot be read (name 'Nowhere' is not defined); import what they name",
+    "class Odd(Odd):\n    load: int = 3": "'load' is no field of a dataclass; put @dataclass(frozen=True) above the",
+    "    def __post_init__(self): raise ValueError('not today')": "procedure 'odd': not today",
+    "    load: int = 3": "procedure 'odd': Can't instantiate abstract class Odd",
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_setting_that_no_option_can_be_is_named_with_its_kind(
+    install: Install, palpate: Palpate, benches: Benches, wrong: str
+) -> None:
+    text = f"from __future__ import annotations\n{HEAD}{KIND}{wrong}\n" + (
+        "Odd.__abstractmethods__ = frozenset()\n" if "post_init" in wrong else ""
+    )
+    install("acme-odd", GROUP, {"odd": "acme_odd:Odd"}, acme_odd=text)
+    assert WRONG[wrong] in refused(palpate("measure", "odd"), benches)
+
+
+def test_a_broken_package_and_two_of_one_name_are_told_and_hinder_no_other(
+    relaxation: Path, install: Install, palpate: Palpate
+) -> None:
+    install("broken", GROUP, {"lost": "acme_lost:Lost"}, acme_lost="import no_such_module")
+    for name in ("first", "second"):
+        install(name, GROUP, {"twin": f"acme_{name}:Twin"})
+    said = palpate("measure", "lost")
+    assert (said.status, said.out) == (2, "")
+    assert said.complaint == (
+        "procedure 'lost' of broken 1.2 (acme_lost:Lost): cannot be loaded: ModuleNotFoundError: No module named "
+        "'no_such_module'; mend its package, or uninstall it"
+    )
+    assert "procedure 'twin': first 1.2 and second 1.2 both have one" in palpate("measure", "twin").complaint
+    listed = " ".join(palpate("measure", "--help").out.split())
+    assert "twin Cannot be used: procedure 'twin': first 1.2 and second 1.2 both have one" in listed
+    assert "sweep-loads Load each sample with each load set" in listed
+    assert palpate(*RELAX, "--dry-run", "--quiet").status == 0
+    assert palpate("runs", "list").status == 0
+    completed = CliRunner().invoke(root, prog_name="palpate", env={**COMPLETING, "COMP_WORDS": "palpate measure t"})
+    assert "test-modulus" in completed.output
+
+
+# --- ours ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_setting_of_ours_is_an_option_that_says_what_it_is(name: str) -> None:
+    asked = asked_of(procedure_class(name))
+    assert [each.name for each in asked] == [each.name for each in fields(procedure_class(name))]
+    assert all(each.setting.help.endswith(".") for each in asked)
+    assert command_of(name).help
+
+
+def test_ours_do_by_measure_what_they_do_by_their_own_command(palpate: Palpate) -> None:
+    settings = ("--samples", "1,3", "--loads", "2 N:3 N:0.5 N", "--tolerance", "5 %", "--dry-run", "--json")
+    own, found = (palpate(*words, *settings).object for words in (("sweep", "loads"), ("measure", "sweep-loads")))
+    assert len(found["points"]) == 6
+    assert found == own
