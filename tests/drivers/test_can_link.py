@@ -1,0 +1,304 @@
+"""A CAN link by itself: which frames it hands to whom, and what each failure of the bus library is told as."""
+
+from __future__ import annotations
+
+import logging
+import queue
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import can
+import canopen
+import pytest
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from palpate.drivers.links.can import CanLink, _Listener, _Tapped
+from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
+from palpate.instrument.bench.description import CanBus
+from palpate.instrument.bench.multicast import MULTICAST
+from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+
+
+class Bus(can.BusABC):
+    """A bus without a wire, which keeps what is sent."""
+
+    def __init__(self, **settings: object) -> None:
+        self.settings = settings
+        self.sent: list[can.Message] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.sent.append(msg)
+
+    def fileno(self) -> int:
+        return 77
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return None, True
+
+
+def frame(identifier: int, data: bytes = b"", **flags: Any) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, **{"is_extended_id": False, **flags})
+
+
+# --- what is heard -------------------------------------------------------------------------------------
+
+
+def listening(*callbacks: Callable[..., object]) -> _Listener:
+    network: Any = SimpleNamespace(subscribers={0x181: list(callbacks)})
+    return _Listener(network)
+
+
+def test_a_frame_goes_to_those_who_subscribed_its_identifier() -> None:
+    heard: list[tuple[object, ...]] = []
+    listener = listening(lambda *told: heard.append(told), lambda *_: heard.append(("second",)))
+    listener(can.Message(arbitration_id=0x181, data=b"ab", is_extended_id=False, timestamp=7.0))
+    listener(frame(0x182, b"cd"))
+    assert heard == [(0x181, b"ab", 7.0), ("second",)]
+    assert listener.errors == 0
+
+
+@pytest.mark.parametrize("flag", ["is_extended_id", "is_fd", "is_remote_frame", "is_error_frame"])
+def test_a_frame_of_another_kind_goes_to_nobody(flag: str) -> None:
+    """canopen would take an extended identifier for the standard one."""
+    heard: list[tuple[object, ...]] = []
+    listener = listening(lambda *told: heard.append(told))
+    flags: dict[str, Any] = {flag: True}
+    listener(frame(0x181, **flags))
+    assert heard == []
+    assert listener.errors == (flag == "is_error_frame")
+
+
+def test_a_malformed_frame_does_not_end_the_thread_that_hears_frames(caplog: pytest.LogCaptureFixture) -> None:
+    def refuses(*_: object) -> None:
+        raise IndexError("too short")
+
+    with caplog.at_level(logging.ERROR, "canopen"):
+        listening(refuses)(frame(0x181))
+    assert [record.getMessage() for record in caplog.records] == ["too short"]
+
+
+def test_error_frames_are_counted_since_they_were_last_asked_for(link: CanLink) -> None:
+    link.open()
+    for _ in range(3):
+        link._listener(frame(0, is_error_frame=True))
+    assert (link.error_frames(), link.error_frames()) == (3, 0)
+
+
+# --- what a tap is told of -----------------------------------------------------------------------------
+
+
+def tapped(*, echoes: bool) -> tuple[Bus, _Tapped, list[tuple[bool, int]]]:
+    bus, told = Bus(), list[tuple[bool, int]]()
+
+    def heard(sent: bool, message: can.Message) -> None:
+        assert not bus.sent or not sent or bus.sent[-1] is not message, "told before it is sent"
+        told.append((sent, message.arbitration_id))
+
+    return bus, _Tapped(bus, heard, echoes=echoes), told
+
+
+def test_a_frame_is_told_of_once_though_the_bus_brings_it_back() -> None:
+    bus, tap, told = tapped(echoes=True)
+    bus.send(frame(0x601, b"a"))
+    tap(frame(0x601, b"a"))
+    tap(frame(0x581, b"b"))
+    tap(frame(0x601, b"a"))  # somebody else's: ours has come back
+    assert told == [(True, 0x601), (False, 0x581), (False, 0x601)]
+    assert [message.arbitration_id for message in bus.sent] == [0x601]
+
+
+def test_an_echo_that_was_lost_does_not_hide_what_others_send() -> None:
+    bus, tap, told = tapped(echoes=True)
+    for identifier in (0x601, 0x602, 0x603):
+        bus.send(frame(identifier))
+    tap(frame(0x602))  # the echo of 0x601 was lost
+    tap(frame(0x601))  # so this is another's
+    tap(frame(0x603))
+    assert told[3:] == [(False, 0x601)]
+
+
+def test_an_echo_has_the_data_of_what_was_sent() -> None:
+    bus, tap, told = tapped(echoes=True)
+    bus.send(frame(0x601, b"a"))
+    tap(frame(0x601, b"b"))
+    assert told[1:] == [(False, 0x601)]
+
+
+def test_on_a_bus_without_echoes_each_frame_that_comes_is_another_s() -> None:
+    bus, tap, told = tapped(echoes=False)
+    bus.send(frame(0x601))
+    tap(frame(0x601))
+    assert told == [(True, 0x601), (False, 0x601)]
+
+
+# --- opening -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def link(monkeypatch: pytest.MonkeyPatch) -> Iterator[CanLink]:
+    """Not open yet."""
+    monkeypatch.setattr(can, "Bus", Bus)
+    monkeypatch.setattr(canopen.Network, "connect", lambda _network: None)
+    monkeypatch.setattr(canopen.Network, "disconnect", lambda _network: None)
+    yield CanLink(CanBus.model_validate(DESCRIBED))
+
+
+DESCRIBED = {"interface": "pcan", "channel": "USB1", "bitrate": 125_000, "nodes": [1], "timeout": "250 ms"}
+
+
+def test_a_bus_is_opened_as_the_bench_file_says(link: CanLink) -> None:
+    link.open()
+    bus: Any = link.network.bus
+    assert bus.settings == {"interface": "pcan", "channel": "USB1", "bitrate": 125_000}
+    assert link.name == "pcan:USB1"
+
+
+@pytest.mark.parametrize(("interface", "kept", "heard"), [(MULTICAST, [77], 1), ("pcan", [], 2)])
+def test_a_multicast_bus_keeps_to_its_group_and_echoes(
+    interface: str, kept: list[int], heard: int, link: CanLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    groups, told = list[int](), list[bool]()
+    monkeypatch.setattr("palpate.drivers.links.can.keep_to_group", groups.append)
+    link = CanLink(CanBus.model_validate({**DESCRIBED, "interface": interface}))
+    link.tap(lambda sent, _message: told.append(sent))
+    link.open()
+    bus: Any = link.network.bus
+    bus.send(frame(0x601))
+    for listener in link.network.listeners:
+        listener(frame(0x601))
+    assert groups == kept
+    assert told == [True, False][:heard]
+
+
+def test_a_tap_hears_of_a_frame_before_anybody_acts_on_it(link: CanLink) -> None:
+    order: list[str] = []
+    link.tap(lambda _sent, _message: order.append("tap"))
+    link.open()
+    link.subscribe(0x181, lambda *_: order.append("subscriber"))
+    for listener in link.network.listeners:
+        listener(frame(0x181))
+    assert order == ["tap", "subscriber"]
+
+
+def test_nothing_is_kept_for_ever_of_what_nobody_asks_for(link: CanLink) -> None:
+    """canopen keeps answers of layer setting services, and emergencies of a node."""
+    link.open()
+    assert not link.network.subscribers.get(0x7E4)
+    node: Any = link.add_node(1)
+    link._listener(frame(0x81, bytes(8)))
+    assert (node.emcy.log, node.emcy.active) == ([], [])
+
+
+def test_a_node_has_the_time_out_of_its_bus_and_knows_how_long_a_transfer_takes(link: CanLink) -> None:
+    link.open()
+    node: Any = link.add_node(5)
+    assert isinstance(node.sdo, CheckedSdoClient)
+    assert node.sdo_channels == [node.sdo]
+    assert (node.sdo.rx_cobid, node.sdo.tx_cobid) == (0x605, 0x585)
+    assert (node.sdo.RESPONSE_TIMEOUT, node.sdo.shortest) == (0.25, shortest_transfer(125e3))
+    assert link.network[5] is node
+
+
+def test_a_closed_link_is_not_open(link: CanLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone: list[str] = []
+    link.open()
+    monkeypatch.setattr(canopen.Network, "disconnect", lambda _network: gone.append("disconnected"))
+    link.close()
+    link.close()
+    assert gone == ["disconnected"]
+    with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 is not open; open the bench first$"):
+        link.subscribe(0x181, lambda *_: None)
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("pulled out"), OSError("pulled out")])
+def test_a_bus_that_failed_meanwhile_is_told_when_it_is_closed(
+    error: Exception, link: CanLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link.open()
+    monkeypatch.setattr(canopen.Network, "disconnect", fails(error))
+    with pytest.raises(LinkError, match=r"^CAN bus pcan:USB1 failed: pulled out; check adapter and cable$"):
+        link.close()
+
+
+# --- transfers -----------------------------------------------------------------------------------------
+
+
+def fails(error: Exception) -> Callable[..., Any]:
+    def call(*_: object) -> Any:
+        raise error
+
+    return call
+
+
+@pytest.fixture
+def node(link: CanLink) -> Any:
+    link.open()
+    return link.add_node(1)
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "message", "due"),
+    [
+        (SdoAbortedError(0x0602_0000), DeviceError, "aborted the transfer: Code 0x06020000, Object does not", False),
+        (SdoCommunicationError("none"), LinkTimeout, r"no valid answer within 0\.25 s; check power, bit rate", True),
+        (can.CanOperationError("off"), LinkError, "pcan:USB1 failed: off; check adapter and termination", True),
+        (OSError("off"), LinkError, "pcan:USB1 failed: off; check adapter and termination", True),
+    ],
+)
+def test_each_failure_of_a_transfer_names_the_node_and_an_answer_may_still_be_due(
+    error: Exception, kind: type[Exception], message: str, due: bool, link: CanLink, node: Any
+) -> None:
+    node.sdo.upload = fails(error)
+    with pytest.raises(kind, match=f"^node 1: {message}") as caught:
+        link.upload("node 1", node, 0x2000, 0)
+    assert type(caught.value) is kind
+    listened = list[float]()
+
+    def silent(timeout: float) -> None:
+        listened.append(timeout)
+        raise queue.Empty
+
+    node.sdo.responses.get = silent
+    node.sdo.upload = lambda *asked: repr(asked)
+    for _ in range(2):
+        assert link.upload("node 1", node, 0x2000, 1, 4) == "(8192, 1, 4)"  # type: ignore[comparison-overlap]
+    assert listened == ([0.25] if due else [])
+
+
+def test_a_transfer_writes_what_it_is_given(link: CanLink, node: Any) -> None:
+    told: list[tuple[object, ...]] = []
+    node.sdo.download = lambda *asked: told.append(asked)
+    link.download("node 1", node, 0x2000, 3, b"ab")
+    assert told == [(0x2000, 3, b"ab")]
+
+
+@pytest.mark.parametrize(("late", "refused"), [(LATE_ANSWERS - 1, False), (LATE_ANSWERS, True)])
+def test_a_node_may_give_as_many_late_answers_as_a_transfer_can_leave(
+    late: int, refused: bool, link: CanLink, node: Any
+) -> None:
+    node.sdo.upload = fails(SdoCommunicationError("none"))
+    with pytest.raises(LinkTimeout):
+        link.upload("node 1", node, 0x2000, 0)
+    node.sdo.upload = lambda *_: b"ok"
+    link._description = link._description.model_copy(update={"timeout": 1e-9})
+    for _ in range(late):
+        node.sdo.responses.put(bytes(8))
+    if refused:
+        with pytest.raises(
+            LinkError, match=r"^node 1: keeps answering what was not asked; look for a second SDO client"
+        ):
+            link.upload("node 1", node, 0x2000, 0)
+    else:
+        assert link.upload("node 1", node, 0x2000, 0) == b"ok"
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("off"), OSError("off")])
+def test_a_command_goes_to_the_node_or_its_failure_is_told(error: Exception, link: CanLink, node: Any) -> None:
+    link.command(node, "STOPPED")
+    bus: Any = link.network.bus
+    assert [(sent.arbitration_id, bytes(sent.data)) for sent in bus.sent] == [(0, b"\x02\x01")]  # CiA 301: 2 is stop
+    bus.send = fails(error)
+    with pytest.raises(LinkError, match=r"^pcan:USB1 failed: off; check adapter and termination$"):
+        link.command(node, "OPERATIONAL")

@@ -1,0 +1,324 @@
+"""A Modbus link by itself: what each failure of the client is told as, and what is done before the next request."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
+from pymodbus.pdu import ExceptionResponse
+from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
+
+from palpate.drivers.links import modbus
+from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink, read_identity, read_registers, write_registers
+from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
+from palpate.instrument.bench.description import SerialLine, TcpAddress
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+
+Request = Callable[..., Any]
+REPLY = ReadHoldingRegistersResponse(registers=[1])
+
+
+class Tcp(ModbusTcpClient):
+    """A client without a network, which notes when it is connected and closed."""
+
+    def __init__(self, connects: Callable[[], bool] = lambda: True) -> None:
+        super().__init__("192.0.2.1", timeout=1.5, retries=0)
+        self.done: list[str] = []
+        self.connects = connects
+
+    def connect(self) -> bool:
+        self.done.append("connect")
+        return self.connects()
+
+    def close(self) -> None:
+        self.done.append("close")
+
+
+class Line(RtuClient):
+    """A serial line that says these pieces, then nothing."""
+
+    def __init__(self, *pieces: bytes | Exception) -> None:
+        super().__init__("/dev/ttyUSB0", baudrate=9600, timeout=1.5)
+        self.done: list[str] = []
+        self.pieces = list(pieces)
+
+    def connect(self) -> bool:
+        self.done.append("connect")
+        return True
+
+    def close(self) -> None:
+        self.done.append("close")
+
+    def recv(self, size: int | None) -> bytes:
+        self.done.append("listen")
+        piece = self.pieces.pop(0) if self.pieces else b""
+        if isinstance(piece, Exception):
+            raise piece
+        return piece
+
+
+def fails(error: BaseException) -> Request:
+    def request(_client: object) -> Any:
+        raise error
+
+    return request
+
+
+def answers(reply: Any = REPLY) -> Request:
+    return lambda _client: reply
+
+
+# --- settings ------------------------------------------------------------------------------------------
+
+
+def test_a_link_has_the_settings_of_its_address_and_asks_once() -> None:
+    link = ModbusLink.tcp(TcpAddress.model_validate({"host": "192.0.2.1", "port": 1502, "timeout": "500 ms"}))
+    settings = link._client.comm_params
+    assert (link.name, settings.host, settings.port) == ("192.0.2.1:1502", "192.0.2.1", 1502)
+    assert (settings.timeout_connect, link._client.retries, link.serial) == (0.5, 0, False)
+
+
+def test_a_line_has_the_settings_of_its_section_and_asks_once() -> None:
+    said = {"port": "/dev/ttyS9", "baudrate": 4800, "parity": "E", "stopbits": 2, "timeout": "500 ms"}
+    link = ModbusLink.rtu(SerialLine.model_validate(said))
+    settings = link._client.comm_params
+    assert (link.name, settings.host, settings.baudrate) == ("/dev/ttyS9", "/dev/ttyS9", 4800)
+    assert (settings.parity, settings.stopbits, settings.timeout_connect) == ("E", 2, 0.5)
+    assert (link._client.retries, link.serial) == (0, True)
+
+
+def test_requests_ask_for_what_they_are_called_by() -> None:
+    asked: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+
+    class Client:
+        def __getattr__(self, name: str) -> Request:
+            return lambda *args, **kwargs: asked.append((name, args, kwargs))
+
+    read_registers(Client(), 0x10, 3, 7)
+    write_registers(Client(), 0x11, [1, 2], 8)
+    read_identity(Client(), 3, 9)
+    assert asked == [
+        ("read_holding_registers", (0x10,), {"count": 3, "device_id": 7}),
+        ("write_registers", (0x11, [1, 2]), {"device_id": 8}),
+        ("read_device_information", (), {"read_code": 3, "object_id": 0, "device_id": 9}),
+    ]
+
+
+# --- failures ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "message"),
+    [
+        (ConnectionException("gone"), LinkError, "the connection to rack is lost; check cable and power"),
+        (
+            ModbusIOException("none"),
+            LinkTimeout,
+            "no valid answer on rack within 1.5 s; check power, cable and unit id",
+        ),
+        (ModbusException("odd"), LinkError, "rack failed: Modbus Error: odd; check cable and power"),
+        (OSError("pulled out"), LinkError, "rack failed: pulled out; check cable and power"),
+    ],
+)
+def test_each_failure_names_device_and_link_and_the_next_request_connects_afresh(
+    error: Exception, kind: type[LinkError], message: str
+) -> None:
+    client = Tcp()
+    link = ModbusLink("rack", client)
+    with pytest.raises(kind, match=f"^oven: {re.escape(message)}$") as caught:
+        link.transact("oven", fails(error))
+    assert type(caught.value) is kind
+    assert client.done == []
+    assert link.transact("oven", answers()) is REPLY
+    assert link.transact("oven", answers()) is REPLY
+    assert client.done == ["close", "connect"]
+
+
+def test_a_link_that_cannot_be_connected_again_is_told_by_the_device_that_was_asked() -> None:
+    client = Tcp(connects=lambda: False)
+    link = ModbusLink("rack", client)
+    link.distrust()
+    with pytest.raises(LinkError, match=r"^oven: nothing answers at rack; correct the bench file, or check power"):
+        link.transact("oven", answers())
+    client.connects = lambda: True
+    assert link.transact("oven", answers()) is REPLY
+    assert client.done == ["close", "connect"] * 2
+
+
+def test_a_reply_that_is_distrusted_has_the_next_request_asked_on_a_fresh_connection() -> None:
+    client = Tcp()
+    link = ModbusLink("rack", client)
+    link.open()
+    link.distrust()
+    link.transact("oven", answers())
+    link.close()
+    assert client.done == ["connect", "close", "connect", "close"]
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (1, "illegal function"), (2, "illegal address"), (3, "illegal value"), (4, "device failure"),
+        (5, "acknowledge"), (6, "device busy"), (7, "negative acknowledge"), (8, "memory parity error"), (9, "unknown"),
+        (10, "gateway path unavailable"), (11, "gateway target did not respond"),
+    ],
+)  # fmt: skip
+def test_an_exception_response_is_told_by_its_name_in_the_standard(code: int, words: str) -> None:
+    """Modbus application protocol V1.1b3, chapter 7; it is an answer, so the connection is kept."""
+    client = Tcp()
+    link = ModbusLink("rack", client)
+    with pytest.raises(DeviceError, match=f"^oven: answered exception {code}, {words}$") as caught:
+        link.transact("oven", answers(ExceptionResponse(3, code)))
+    assert caught.value.code == code
+    link.transact("oven", answers())
+    assert client.done == []
+
+
+def test_a_name_that_no_host_can_have_is_told_with_the_bench_file() -> None:
+    def no_name() -> bool:
+        raise ValueError("label empty")
+
+    with pytest.raises(LinkError, match=r"^a\.\.b:502 is no address: label empty; correct it in the bench file$"):
+        ModbusLink("a..b:502", Tcp(no_name)).open()
+
+
+def test_a_program_with_too_many_open_files_says_so_instead_of_blaming_the_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def exhausted(*_: object) -> int:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(os, "open", exhausted)
+    with pytest.raises(LinkError, match=r"^rack cannot be opened: Too many open files in this program; .* ulimit -n$"):
+        ModbusLink("rack", Tcp(lambda: False)).open()
+
+
+def test_why_a_link_does_not_open_is_looked_up_without_leaving_a_file_open() -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(LinkError):
+        ModbusLink("rack", Tcp(lambda: False)).open()
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+# --- silence on a line ---------------------------------------------------------------------------------
+
+
+def test_a_line_is_listened_to_until_it_is_silent_before_it_is_used_again() -> None:
+    client = Line(b"late", b"r")
+    link = ModbusLink("line", client)
+    link.open()
+    assert client.done == ["connect"]
+    link.distrust()
+    link.transact("oven", answers())
+    assert client.done == ["connect", "close", "connect", "listen", "listen", "listen"]
+    assert client.pieces == []
+
+
+def test_a_line_may_say_as_much_as_a_frame_holds_and_no_more() -> None:
+    link = ModbusLink("line", Line(bytes(LARGEST_FRAME)))
+    link.distrust()
+    link.open()
+    link = ModbusLink("line", Line(bytes(LARGEST_FRAME), b"x"))
+    link.distrust()
+    with pytest.raises(LinkError, match=r"^line: the line does not fall silent; look for a device that babbles$"):
+        link.open()
+
+
+def test_a_line_that_is_lost_while_it_is_listened_to_is_told() -> None:
+    link = ModbusLink("line", Line(ConnectionException("gone")))
+    link.distrust()
+    with pytest.raises(LinkError, match=r"^line is lost; check cable and power$"):
+        link.open()
+
+
+@pytest.mark.parametrize(
+    ("too_soon", "why"),
+    [
+        (0, "check power, cable, baud rate and unit id"),
+        (3, "3 bytes came sooner than 9600 bit/s can bring them; look for a device that talks unasked, and give"),
+    ],
+)
+def test_a_time_out_on_a_line_tells_of_bytes_that_came_too_soon(too_soon: int, why: str) -> None:
+    client = Line()
+    client.too_soon = too_soon
+    with pytest.raises(LinkTimeout, match=rf"^oven: no valid answer on line within 1\.5 s; {why}"):
+        ModbusLink("line", client).transact("oven", fails(ModbusIOException("none")))
+
+
+def test_a_file_that_is_no_free_serial_port_is_told_apart_from_none(tmp_path: Path) -> None:
+    for name, message in ((tmp_path, "is in use by another program or may not be opened"), ("/none", "there is no")):
+        client = Line()
+        client.connect = lambda: False  # type: ignore[method-assign]
+        with pytest.raises(LinkError, match=message):
+            ModbusLink(str(name), client).open()
+
+
+# --- frames --------------------------------------------------------------------------------------------
+
+IDENTITY = "2b0e03030000"  # function, interface, category, conformity, no more follows
+
+
+@pytest.mark.parametrize(
+    ("frame", "taken"),
+    [
+        ("03 04 12345678", True),
+        ("03 03 123456", False),  # an odd number of bytes
+        ("03 04 1234567890", False),  # goes on
+        ("03 06 12345678", False),  # cut short
+        ("10 0010 0002", True),
+        ("10 0010 0002 00", False),
+        ("83 02", True),
+        (f"{IDENTITY} 02 00 02 4142 01 01 43", True),
+        (f"{IDENTITY} 01 00 02 4142 01 01 43", False),  # counts one object, brings two
+        (f"{IDENTITY} 02 00 02 4142 00 01 43", False),  # the same object twice
+        (f"{IDENTITY} 01 00 03 4142", False),  # its text is cut short
+        ("15 937403000203000e0201ff", False),  # records of a file, for which nobody asks: pymodbus cannot encode them
+    ],
+)
+def test_a_frame_is_taken_where_it_says_what_was_said_and_nothing_else(frame: str, taken: bool) -> None:
+    decoder = modbus._StrictDecoder(is_server=False)
+    assert (decoder.decode(bytes.fromhex(frame)) is not None) == taken
+
+
+def test_more_bytes_than_a_reply_can_have_are_refused_whether_somebody_listens_or_not() -> None:
+    client = Tcp()
+    link = ModbusLink("rack", client)
+    for _ in range(2):
+        trace = client.transaction.trace_packet
+        assert trace(False, bytes(LARGEST_REPLY)) == bytes(LARGEST_REPLY)
+        with pytest.raises(ModbusIOException, match=f"more than {LARGEST_REPLY} bytes"):
+            trace(False, bytes(LARGEST_REPLY + 1))
+        link.tap(lambda _sent, _data: None)
+
+
+@pytest.mark.parametrize("failure", [None, ModbusIOException("cut off")])
+def test_a_tap_is_told_of_a_request_before_it_goes_and_once_of_all_that_came_for_it(failure: Exception | None) -> None:
+    client, heard = Tcp(), list[tuple[bool, bytes]]()
+    link = ModbusLink("rack", client)
+    link.tap(lambda sent, data: heard.append((sent, data)))
+
+    def request(_client: object) -> Any:
+        trace = client.transaction.trace_packet
+        assert trace(True, b"ask") == b"ask"
+        assert heard[-1] == (True, b"ask")
+        for came in (b"an", b"answer"):
+            assert trace(False, came) == came
+        if failure:
+            raise failure
+        return REPLY
+
+    for count in (1, 2):
+        try:
+            link.transact("oven", request)
+        except LinkTimeout:
+            assert failure
+        assert heard == [(True, b"ask"), (False, b"answer")] * count
+    link.transact("oven", answers())  # for which nothing came
+    assert len(heard) == 4
