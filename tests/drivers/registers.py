@@ -1,0 +1,115 @@
+"""A Modbus link without a wire: it answers from registers, as a contract lays them out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
+from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, WriteMultipleRegistersResponse
+
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, Value, probe
+
+Change = Callable[[Any], Any]
+
+
+class Registers:
+    """Stands in for a `ModbusLink` with one device.
+
+    Attributes:
+        asked: function and arguments of each request, in order.
+        failures: raised instead of an answer, one a request; None: that one is answered.
+        late: what is raised after a request has been carried out, one a request.
+        objects: of the identity, by number.
+        replied: does something to each reply.
+        written: called after each write.
+    """
+
+    name = "rack"
+
+    def __init__(self, contract: Contract, *, serial: bool = False, **values: Value) -> None:
+        self.contract = contract
+        self.serial = serial
+        self.words: dict[int, int] = {}
+        self.asked: list[tuple[Any, ...]] = []
+        self.failures: list[Exception | None] = []
+        self.late: list[Exception] = []
+        identity = contract.identity
+        self.objects = {0: identity.vendor, 1: identity.product, 2: identity.revision}
+        self.replied: Change = lambda reply: reply
+        self.written: Callable[[], object] = lambda: None
+        self.distrusted = 0
+        self.put(**{field.name: field.default for field in contract.fields if not field.minimum})
+        self.put(probe=PROBE, **values)
+
+    def put(self, **values: Value) -> None:
+        """Let fields have these values: names of choices, texts, or numbers, also beyond their limits."""
+        for name, value in values.items():
+            field = self.contract[name]
+            if field.type == "text":
+                data = self.contract.encode_text(name, str(value))
+            else:
+                data = self.contract.pack(name, field.choices[value] if isinstance(value, str) else value)
+            for at in range(0, len(data), 2):
+                self.words[field.address + at // 2] = int.from_bytes(data[at : at + 2], "big")
+
+    def held(self, name: str) -> float:
+        """What a field holds."""
+        field = self.contract[name]
+        words = (self.words[field.address + at] for at in range(field.size // 2))
+        return self.contract.decode(name, b"".join(word.to_bytes(2, "big") for word in words))
+
+    def distrust(self) -> None:
+        self.distrusted += 1
+
+    def transact(self, _who: str, function: Callable[..., Any], *asked: Any) -> Any:
+        self.asked.append((function.__name__, *asked))
+        if self.failures and (failure := self.failures.pop(0)):
+            raise failure
+        reply = self.replied(function(self, *asked))
+        if self.late:
+            raise self.late.pop(0)
+        return reply
+
+    def writes(self) -> list[tuple[Any, ...]]:
+        """First register and registers of each write."""
+        return [asked[1:3] for asked in self.asked if asked[0] == "write_registers"]
+
+    # --- what requests call --------------------------------------------------------------------------
+
+    def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Any:
+        return ReadHoldingRegistersResponse(registers=[self.words.get(address + at, 0) for at in range(count)])
+
+    def write_registers(self, address: int, registers: list[int], *, device_id: int) -> Any:
+        self.words.update(enumerate(registers, address))
+        self.written()
+        return WriteMultipleRegistersResponse(address=address, count=len(registers))
+
+    def read_device_information(self, *, read_code: int, object_id: int, device_id: int) -> Any:
+        information = {number: text.encode() for number, text in self.objects.items()}
+        return ReadDeviceInformationResponse(read_code=read_code, information=information)
+
+
+class Oven(ModbusDevice):
+    contract = Contract(
+        name="oven",
+        title="oven",
+        bus="modbus",
+        identity=Identity("Acme", "OV-60", "1.2"),
+        fields=(
+            probe(0x00),
+            Field("setpoint", 0x10, "int32", "asked for", "degC", 0.1, "rw", -10.0, 1e4, 20.0),
+            Field("heater", 0x12, "uint16", "heater", access="rw", choices={"off": 0, "on": 1}),
+            Field("program", 0x13, "uint16", "starts what it is told", access="rw", minimum=0, maximum=9),
+            Field("start", 0x14, "uint16", "starts it", access="wo", minimum=0, maximum=9),
+            Field("warmth", 0x20, "uint16", "is there", "degC", 0.1, minimum=0, maximum=100),
+            Field("label", 0x30, "text", "label", access="rw", default="", length=4),
+        ),
+    )
+    orders = frozenset({"program"})
+
+
+def oven(**held: Any) -> tuple[Oven, Any]:
+    link: Any = Registers(Oven.contract, **held)
+    return Oven(link, 7), link

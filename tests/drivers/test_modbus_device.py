@@ -1,0 +1,219 @@
+"""What drivers on Modbus share: who answers, and what is asked and told in one request."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from palpate.drivers.devices.device import Place
+from palpate.instrument.errors import DeviceError, IdentityError, RangeError, UsageError
+from tests.drivers.registers import Oven, Registers, oven
+
+# --- who answers ---------------------------------------------------------------------------------------
+
+
+def test_a_driver_knows_its_place_and_is_called_by_it() -> None:
+    link: Any = Registers(Oven.contract)
+    clock: Any = None
+    driver = Oven.at(Place(link, 7, None, clock))
+    assert (driver.name, driver.link, driver.unit) == ("oven at rack unit 7", link, 7)
+    assert (driver.serial, driver.simulated, driver.broken) == ("", False, "")
+    driver.get("warmth")
+    assert link.asked == [("read_registers", 0x20, 1, 7)]
+
+
+@pytest.mark.parametrize("revision", ["1.2", "1.3", "1"])
+def test_a_device_of_the_same_major_version_is_the_contract_s(revision: str) -> None:
+    driver, link = oven()
+    link.objects |= {2: revision, 0x80: "SN7", 6: "simulated"}
+    driver.connect()
+    assert (driver.serial, driver.simulated) == ("SN7", True)
+    assert link.asked[0] == ("read_identity", 3, 7)
+    link.objects[6] = "application"
+    driver.connect()
+    assert not driver.simulated
+
+
+@pytest.mark.parametrize(
+    ("number", "text", "said"),
+    [
+        (0, "Other", "Other OV-60 1.2"),
+        (1, "OV-61", "Acme OV-61 1.2"),
+        (2, "2.2", "Acme OV-60 2.2"),
+        (2, "12", "Acme OV-60 12"),
+        (2, "", "Acme OV-60"),
+    ],
+)
+def test_another_device_is_refused_with_what_it_says_of_itself(number: int, text: str, said: str) -> None:
+    driver, link = oven()
+    link.objects[number] = text
+    with pytest.raises(
+        IdentityError,
+        match=f"^oven at rack unit 7: identifies itself as {said}, the contract is for Acme OV-60 1.2; check the add",
+    ):
+        driver.identify()
+
+
+def test_a_device_that_says_nothing_of_itself_is_refused() -> None:
+    driver, link = oven()
+    link.objects.clear()
+    with pytest.raises(IdentityError, match="identifies itself as nothing, the contract"):
+        driver.identify()
+
+
+def test_a_device_that_gives_the_extended_objects_alone_is_asked_for_the_others() -> None:
+    driver, link = oven()
+    mandatory, regular, extended = {k: link.objects[k] for k in (0, 1)}, {2: link.objects[2]}, {0x80: "SN7"}
+    answer = link.read_device_information
+
+    def by_category(*, read_code: int, **rest: int) -> Any:
+        link.objects = {1: mandatory, 2: regular, 3: extended}[read_code]
+        return answer(read_code=read_code, **rest)
+
+    link.read_device_information = by_category
+    driver.identify()
+    assert driver.serial == "SN7"
+
+
+def test_another_serial_number_than_before_is_another_device() -> None:
+    driver, link = oven()
+    driver.identify()  # it had none
+    link.objects[0x80] = "SN7"
+    driver.identify()
+    for serial, shown in (("SN8", "SN8"), ("", "none")):
+        link.objects[0x80] = serial
+        with pytest.raises(
+            IdentityError, match=f"has serial number {shown}, had SN7 before; put the first one back, or run again"
+        ):
+            driver.identify()
+    assert driver.serial == "SN7"
+
+
+def test_words_in_the_other_order_are_refused_with_a_remedy() -> None:
+    driver, link = oven()
+    link.words |= {0: 0x5678, 1: 0x1234}
+    with pytest.raises(
+        IdentityError, match="word-order probe reads 0x56781234, should read 0x12345678; set the device to big-endian"
+    ):
+        driver.identify()
+
+
+# --- reading -------------------------------------------------------------------------------------------
+
+
+def test_fields_apart_are_read_in_one_request_and_given_in_the_order_asked_for() -> None:
+    driver, link = oven(warmth=21.5, setpoint=-10.0, heater="on")
+    assert driver.get_many("warmth", "setpoint", "heater") == [21.5, -10.0, 1.0]
+    assert link.asked == [("read_registers", 0x10, 17, 7)]
+
+
+@pytest.mark.parametrize(("name", "value"), [("warmth", 100.1), ("heater", 2.0)])
+def test_a_value_that_cannot_be_is_not_used(name: str, value: float) -> None:
+    driver, _ = oven(**{name: value})
+    with pytest.raises(DeviceError, match=f"^oven at rack unit 7: reads {name} = .*; not used. Set it within"):
+        driver.get(name)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"function_code": 4}, "answered function 4 with 2 registers where function 3 with 2 was asked"),
+        ({"registers": [1]}, "answered function 3 with 1 registers where function 3 with 2 was asked"),
+        ({"registers": [1, 2, 3]}, "answered function 3 with 3 registers where function 3 with 2 was asked"),
+    ],
+)
+def test_a_reply_to_another_question_is_not_used(change: dict[str, Any], message: str) -> None:
+    driver, link = oven()
+    link.replied = changing(change)
+    with pytest.raises(DeviceError, match=f"{message}; the reply is not used"):
+        driver.get("setpoint")
+
+
+def changing(change: dict[str, Any]) -> Callable[[Any], Any]:
+    """Replies with other attributes."""
+
+    def changed(reply: Any) -> Any:
+        for name, value in change.items():
+            setattr(reply, name, value)
+        return reply
+
+    return changed
+
+
+def test_a_device_that_refuses_a_read_is_told_with_its_fields_and_code() -> None:
+    driver, link = oven()
+    link.failures = [DeviceError("oven: answered exception 2, illegal address", code=2)]
+    with pytest.raises(DeviceError, match=r"illegal address, to a read of setpoint, heater$") as caught:
+        driver.get_many("setpoint", "heater")
+    assert (caught.value.code, caught.value.device) == (2, driver.name)
+
+
+@pytest.mark.parametrize(
+    ("serial", "counts"),
+    [
+        (True, [2, 3, 2, 3, 1, 1]),  # the last has nothing beside it
+        (False, [2, 2, 2, 2, 1, 1]),
+    ],
+)
+def test_reads_that_follow_each_other_on_a_serial_line_differ_in_length(serial: bool, counts: list[int]) -> None:
+    driver, link = oven(serial=serial, setpoint=25.0, heater="on", warmth=30.0)
+    assert [driver.get("setpoint") for _ in range(4)] == [25.0] * 4
+    assert [driver.get("warmth") for _ in range(2)] == [30.0] * 2
+    assert [asked[2] for asked in link.asked] == counts
+
+
+def test_a_text_is_read_whole_or_told() -> None:
+    driver, link = oven(label="Öl")
+    assert driver.get_text("label") == "Öl"
+    link.words[0x30] = 0xFFFF
+    with pytest.raises(DeviceError, match=r"^oven at rack unit 7: label holds no text in UTF-8 \(.*\); write it anew$"):
+        driver.get_text("label")
+
+
+# --- writing -------------------------------------------------------------------------------------------
+
+
+def test_fields_that_stand_together_are_written_in_one_request_by_their_addresses() -> None:
+    driver, link = oven()
+    driver.set(heater="on", setpoint=6553.7)
+    assert link.asked == [("write_registers", 0x10, [1, 1, 1], 7)]
+    driver.set(label="ab")
+    assert link.asked[1:] == [("write_registers", 0x30, [0x6162, 0], 7)]
+
+
+@pytest.mark.parametrize("names", [("setpoint", "program"), ("heater", "start")])
+def test_fields_that_stand_apart_are_not_written(names: tuple[str, ...]) -> None:
+    driver, link = oven()
+    with pytest.raises(UsageError, match=f"^oven: {', '.join(names)} do not stand together in the contract$"):
+        driver.set(**dict.fromkeys(names, 1))
+    assert link.asked == []
+
+
+def test_a_value_beyond_its_limits_is_not_written_and_not_remembered() -> None:
+    driver, link = oven()
+    with pytest.raises(RangeError, match="oven: setpoint = -11 degC is outside -10 to 10000 degC"):
+        driver.set(setpoint=-11)
+    assert (link.asked, driver.differences()) == ([], [])
+
+
+@pytest.mark.parametrize("change", [{"function_code": 6}, {"address": 0x11}, {"count": 1}])
+def test_a_write_that_is_confirmed_otherwise_is_uncertain(change: dict[str, Any]) -> None:
+    driver, link = oven()
+    link.replied = changing(change)
+    with pytest.raises(
+        DeviceError,
+        match=re.escape("did not confirm setpoint = 30 degC (-10 to 10000), heater = on (off, on); the setting is unc"),
+    ):
+        driver.set(setpoint=30, heater="on")
+
+
+def test_a_device_that_refuses_a_write_is_told_with_its_fields_and_code() -> None:
+    driver, link = oven()
+    link.failures = [DeviceError("oven: answered exception 3, illegal value", code=3)]
+    with pytest.raises(DeviceError, match=r"illegal value, to setpoint = 30 degC \(-10 to 10000\)$") as caught:
+        driver.set(setpoint=30)
+    assert (caught.value.code, caught.value.device) == (3, driver.name)
+    assert driver.differences() == []  # it is no setting
