@@ -157,8 +157,9 @@ class ModbusDevice(Device):
             raise DeviceError(f"{self.name}: did not confirm {self._described(values)}; the setting is uncertain")
 
     def _remember(self, values: Mapping[str, Value]) -> None:
-        lasting = {name for name in values if self.contract[name].access == "rw"} - self.orders
-        self._settings.update({name: values[name] for name in lasting})
+        for name, value in values.items():
+            if self.contract[name].access == "rw" and name not in self.orders:
+                self._settings[name] = value
 
     def _reads_back(self, values: Mapping[str, Value]) -> bool:
         """Whether all that was written can be read, and reads as it was written."""
