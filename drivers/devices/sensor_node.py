@@ -70,8 +70,8 @@ class SensorNode(CanopenDevice):
         self.rate = 1000.0
         self.emergencies: list[bytes] = []
         self._noticed = 0  # emergencies
-        self._restarts = 0
-        self._heartbeats = 0
+        self._restarted = False
+        self._beaten = False  # since the last look
         self._heard_ns = 0
         self._heartbeat = 0.0
         self._volts_per_count = np.ones(CHANNELS)
@@ -94,12 +94,12 @@ class SensorNode(CanopenDevice):
 
     def differences(self) -> list[str]:
         """What the node no longer holds as it was written, and whether it has started anew."""
-        restarted = [f"{self.name}: has started anew"] if self._restarts else []
+        restarted = [f"{self.name}: has started anew"] if self._restarted else []
         return restarted + super().differences()
 
     def restore(self) -> None:
         """Write the settings again. Raises as `set`."""
-        self._restarts = 0
+        self._restarted = False
         super().restore()
 
     def notices(self) -> list[str]:
@@ -110,12 +110,12 @@ class SensorNode(CanopenDevice):
         self.get("error_register")
         new, self._noticed = self.emergencies[self._noticed :], len(self.emergencies)
         found = [f"emergency 0x{int.from_bytes(data[:2], 'little'):04X}" for data in new]
-        now, heard = self.clock.now_ns(), self._heartbeats
+        now = self.clock.now_ns()
         missed = 1e-9 * (now - self._heard_ns)
-        if self._heartbeat and not heard and missed > MISSED * self._heartbeat:
+        if self._beaten:
+            self._heard_ns, self._beaten = now, False
+        elif self._heartbeat and missed > MISSED * self._heartbeat:
             found.append(f"no heartbeat for {missed:.3g} s")
-        if heard:
-            self._heard_ns, self._heartbeats = now, 0
         return [f"{self.name}: {each}" for each in found]
 
     def set_range(self, channel: int, range_: str) -> None:
@@ -172,9 +172,9 @@ class SensorNode(CanopenDevice):
 
     def _on_heartbeat(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if data and data[0] & 0x7F == BOOTED:
-            self._restarts += 1
+            self._restarted = True
         else:
-            self._heartbeats += 1
+            self._beaten = True
 
     def _on_emergency(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if len(self.emergencies) < MOST_EMERGENCIES:

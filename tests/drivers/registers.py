@@ -9,7 +9,7 @@ from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, WriteMultipleRegistersResponse
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, Value, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, Value, probe
 
 Change = Callable[[Any], Any]
 
@@ -41,7 +41,7 @@ class Registers:
         self.written: Callable[[], object] = lambda: None
         self.distrusted = 0
         self.put(**{field.name: field.default for field in contract.fields if not field.minimum})
-        self.put(probe=PROBE, **values)
+        self.put(**values)
 
     def put(self, **values: Value) -> None:
         """Let fields have these values: names of choices, texts, or numbers, also beyond their limits."""

@@ -1,0 +1,199 @@
+"""The driver of the amplifier by itself: what it writes as the owner, and what it takes for danger."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from palpate.drivers.devices.device import Place
+from palpate.drivers.devices.shaker_amplifier import AmplifierState, ShakerAmplifier
+from palpate.instrument.bench.kinds import AmplifierSettings
+from palpate.instrument.contracts.shaker_amplifier import CONTRACT
+from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SafetyError, SettingsLost
+from tests.drivers.registers import Registers
+
+
+def alone(**held: Any) -> tuple[ShakerAmplifier, Any]:
+    """A driver that owns an amplifier without a wire, whose registers hold these values."""
+    link: Any = Registers(CONTRACT, ticket=0x0007_0001, **held)
+    driver = ShakerAmplifier(link, 1)
+    assert driver.claim()
+    link.asked.clear()
+    return driver, link
+
+
+def orders(link: Any) -> list[dict[str, int]]:
+    """What was written behind token and counter, and the counter, in order."""
+    return [
+        {"counter": registers[3], **({"order": registers[4], "value": registers[5]} if registers[4:] else {})}
+        for start, registers in link.writes()
+        if start == CONTRACT["token"].address
+    ]
+
+
+def test_a_driver_reads_what_the_amplifier_says_of_itself() -> None:
+    driver, _ = alone(
+        output_current=1.5, output_voltage=5.25, temperature=41.5, faults=0b101, faults_latched=0b1, status=1
+    )
+    assert driver.read() == AmplifierState(
+        1.5, 5.25, 41.5, frozenset({"over_current", "supply"}), frozenset({"over_current"}), enabled=True
+    )
+    assert not alone(status=2)[0].read().enabled
+
+
+@pytest.mark.parametrize(
+    ("latched", "said"),
+    [
+        (0b00001, r"tripped on over_current; the output is off\. Remove the cause, then clear the faults$"),
+        (0b10001, r"tripped on over_current, watchdog; the output is off\. Remove the cause"),
+        (0b10000, r"tripped on watchdog; the output is off\. It heard nothing of this program for too long: .* sleep"),
+    ],
+)
+def test_an_amplifier_that_has_tripped_is_told_with_its_causes_and_what_to_do(latched: int, said: str) -> None:
+    driver, _ = alone(faults_latched=latched)
+    with pytest.raises(SafetyError, match=f"^shaker amplifier at rack unit 1: {said}"):
+        driver.check()
+
+
+@pytest.mark.parametrize(
+    ("held", "limit", "safe"),
+    [
+        ({"temperature": 85.0}, 5.0, True),
+        ({"temperature": 85.1}, 5.0, False),
+        ({"output_current": 0.707}, 1.0, True),  # 0.99985 A peak
+        ({"output_current": 0.708}, 1.0, False),
+        ({"output_current": 1.414}, 2.0, True),
+        ({"output_current": 60.0}, None, True),  # nobody has said what it may give
+    ],
+)
+def test_outputs_go_off_before_the_amplifier_trips_on_heat_or_on_its_peak_current(
+    held: dict[str, float], limit: float | None, safe: bool
+) -> None:
+    driver, _ = alone(**held)
+    if limit:
+        driver.set(current_limit=limit)
+    if safe:
+        assert driver.check() == driver.read()
+        return
+    with pytest.raises(
+        SafetyError, match=rf"heat sink at .* degC, .* A peak; limits are 85 degC and {limit:g} A\. Out"
+    ):
+        driver.check()
+
+
+def test_an_amplifier_is_told_its_limits_before_its_watchdog_each_as_an_order() -> None:
+    driver, link = alone()
+    driver.configure(gain=12.5, current_limit=3.0, watchdog=1.5)
+    assert orders(link) == [
+        {"counter": 1, "order": 0x10, "value": 1250},
+        {"counter": 2, "order": 0x11, "value": 3000},
+        {"counter": 3, "order": 0x14, "value": 1500},
+    ]
+
+
+def test_signs_of_life_and_orders_are_counted_apart_and_anew_for_each_claim() -> None:
+    driver, link = alone()  # the claim was the first sign of life
+    driver.feed()
+    driver.enable()
+    driver.live()
+    driver.clear_faults()
+    assert orders(link) == [
+        {"counter": 2},
+        {"counter": 1, "order": 0x12, "value": 1},
+        {"counter": 3},
+        {"counter": 2, "order": 0x13, "value": 1},
+    ]
+    driver.release()
+    link.asked.clear()
+    assert driver.claim()
+    assert orders(link) == [{"counter": 1}]
+
+
+def test_an_amplifier_is_switched_off_by_a_plain_write_that_is_anybody_s() -> None:
+    driver, link = alone()
+    driver.disable()
+    assert link.writes() == [(0x12, [0])]
+
+
+def test_an_owner_releases_with_his_token_and_once() -> None:
+    driver, link = alone()
+    driver.release()
+    driver.release()
+    assert link.writes() == [(0x48, [0x0007, 0x0001])]
+
+
+def test_who_owns_it_already_feeds_it_by_a_claim_and_takes_a_new_ticket_when_he_is_forgotten() -> None:
+    driver, link = alone()
+    assert driver.claim()
+    assert [asked[0] for asked in link.asked] == ["write_registers"]
+    link.asked.clear()
+    for code in (3, 6):  # it was switched off, or somebody else has claimed it
+        link.failures = [refused(code)]
+        link.put(ticket=0x0009_0000 + code)
+        assert driver.claim()
+        assert link.held("token") == 0x0009_0000 + code
+    link.failures = [refused(6), None, refused(6)]
+    assert not driver.claim()
+    link.asked.clear()
+    driver.feed()
+    assert [asked[0] for asked in link.asked] == ["read_registers"]  # as nobody's
+
+
+def refused(code: int) -> DeviceError:
+    return DeviceError(f"answered exception {code}", code=code)
+
+
+@pytest.mark.parametrize(
+    ("failure", "kind", "said"),
+    [
+        (refused(6), BenchInUse, "belongs to another program, which feeds its watchdog; wait for that to end"),
+        (refused(3), SettingsLost, "does not know this program any more; look at it"),
+        (refused(4), DeviceError, r"answered exception 4, to gain = 3\.0 V/V \(0 to 20\)"),
+    ],
+)
+def test_an_order_that_is_refused_says_why(failure: DeviceError, kind: type[BenchError], said: str) -> None:
+    driver, link = alone()
+    link.failures = [failure]
+    with pytest.raises(kind, match=said) as caught:
+        driver.set(gain=3.0)
+    assert type(caught.value) is kind
+    assert caught.value.device == driver.name
+
+
+def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> None:
+    link: Any = Registers(CONTRACT)
+    clock: Any = None
+    driver = ShakerAmplifier.at(Place(link, 1, AmplifierSettings(watchdog_fed_by="any request"), clock))
+    assert driver.claim()
+    assert link.asked == []
+    driver.set(gain=3.0, current_limit=2.0)
+    driver.feed()
+    assert [asked[:3] for asked in link.asked] == [
+        ("write_registers", 0x10, [300, 2000]),
+        ("read_registers", 0x25, 1),
+    ]
+    assert ShakerAmplifier.at(Place(link, 1, AmplifierSettings(), clock)).owned
+
+
+@pytest.mark.parametrize(
+    ("latched", "cleared", "trips"), [(0, False, False), (0b10000, True, False), (0b10001, False, True)]
+)
+def test_the_trip_that_every_killed_run_leaves_is_cleared_and_no_other(
+    latched: int, cleared: bool, trips: bool
+) -> None:
+    driver, link = alone(faults_latched=latched)
+
+    def clear() -> None:
+        if link.words.get(CONTRACT["order"].address) == 0x13:
+            link.put(faults_latched=0)
+
+    link.written = clear
+    settings = AmplifierSettings.model_validate({"gain": 4.0, "current_limit": "3 A"})
+    if trips:
+        with pytest.raises(SafetyError, match="tripped on over_current, watchdog"):
+            driver.set_up(settings, 2.0)
+    else:
+        driver.set_up(settings, 2.0)
+        values = [order["value"] for order in orders(link)]
+        assert values == ([1] if cleared else []) + [400, 3000, 2000]
