@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Self
 
+from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.contracts.contract import PROBE, Value, sdo
@@ -20,13 +21,14 @@ class CanopenDevice(Device):
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """On a CAN bus; a driver that takes more than bus and node id says so itself."""
-        return cls(place.link, place.unit)
+        """On a CAN bus; a driver that takes more than bus, node id and clock says so itself."""
+        return cls(place.link, place.unit, place.clock)
 
-    def __init__(self, link: CanLink, node_id: int) -> None:
+    def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
         super().__init__(f"{self.contract.title} {node_id} at {link.name}")
         self.link: CanLink = link
         self.id = node_id
+        self.clock = clock
         self._settings: dict[str, Value] = {}
 
     def connect(self) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import ClassVar, Self
 
+from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, Place
 from palpate.drivers.links.modbus import (
     BASIC,
@@ -37,13 +38,14 @@ class ModbusDevice(Device):
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """On a Modbus link; a driver that takes more than link and unit says so itself."""
-        return cls(place.link, place.unit)
+        """On a Modbus link; a driver that takes more than link, unit and clock says so itself."""
+        return cls(place.link, place.unit, place.clock)
 
-    def __init__(self, link: ModbusLink, unit: int) -> None:
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(f"{self.contract.title} at {link.name} unit {unit}")
         self.link: ModbusLink = link
         self.unit = unit
+        self.clock = clock
         self._settings: dict[str, Value] = {}
         self._layout = cache(self.contract.layout)
         self._last_count = 0  # of registers

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Self
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.contracts import positioner
@@ -19,13 +17,8 @@ class Positioner(ModbusDevice):
     contract = positioner.CONTRACT
     orders = frozenset({"target", "speed", "command"})
 
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        return cls(place.link, place.unit, place.clock)
-
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
-        super().__init__(link, unit)
-        self._clock = clock
+        super().__init__(link, unit, clock)
         self._limits = (0.0, 0.0)
         self._target: float | None = None  # where it was sent and came to stand
         self._together = False
@@ -99,7 +92,7 @@ class Positioner(ModbusDevice):
     def _wait(self, target: float, expected: float, timeout: float) -> None:
         """Wait the `expected` s, then poll until it stands, less and less often as long as it has far to go."""
         waited = min(expected, timeout)
-        self._clock.wait(waited)
+        self.clock.wait(waited)
         polls, before = 1, math.inf
         while True:
             position, status = self._look()
@@ -110,7 +103,7 @@ class Positioner(ModbusDevice):
                 raise DeviceError(f"{self.name}: not at {1e3 * target:g} mm after {timeout:g} s; stopped")
             ahead = polls * abs(target - position) / (abs(position - before) or math.inf)  # polls, at the present speed
             polls = max(1, min(2 * polls, int(ahead), math.ceil((timeout - waited) / POLL)))
-            self._clock.wait(polls * POLL)
+            self.clock.wait(polls * POLL)
             waited += polls * POLL
             before = position
         if abs(position - target) > 2e-6:

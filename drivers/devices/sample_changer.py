@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Self
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.contracts import sample_changer
@@ -34,13 +32,8 @@ class SampleChanger(ModbusDevice):
     contract = sample_changer.CONTRACT
     orders = frozenset({"order"})
 
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        return cls(place.link, place.unit, place.clock)
-
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
-        super().__init__(link, unit)
-        self._clock = clock
+        super().__init__(link, unit, clock)
         self._laid: Mounted | None = None
         self.samples: tuple[str, ...] = ()
 
@@ -91,7 +84,7 @@ class SampleChanger(ModbusDevice):
         while (found := self.mounted()).moving:
             if waited >= timeout:
                 raise DeviceError(f"{self.name}: moves still after {timeout:g} s; look at it")
-            self._clock.wait(POLL)
+            self.clock.wait(POLL)
             waited += POLL
         return found
 

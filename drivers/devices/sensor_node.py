@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import CanopenDevice
-from palpate.drivers.devices.device import Place
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.sensor_node import (
@@ -60,13 +59,8 @@ class SensorNode(CanopenDevice):
     orders = frozenset({"sync_cob_id"})  # starts and stops SYNC
     ranges: ClassVar[Mapping[str, float]] = {name: RANGE_VOLTS[raw] for name, raw in sensor_node.RANGES.items()}  # V
 
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        return cls(place.link, place.unit, place.clock)
-
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
-        super().__init__(link, node_id)
-        self.clock = clock
+        super().__init__(link, node_id, clock)
         self.rate = 1000.0
         self.emergencies: list[bytes] = []
         self._noticed = 0  # emergencies

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
@@ -44,10 +45,10 @@ class ShakerAmplifier(ModbusDevice):
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        return cls(place.link, place.unit, owned=place.settings.watchdog_fed_by == "owner")
+        return cls(place.link, place.unit, place.clock, owned=place.settings.watchdog_fed_by == "owner")
 
-    def __init__(self, link: ModbusLink, unit: int, *, owned: bool = True) -> None:
-        super().__init__(link, unit)
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock, *, owned: bool = True) -> None:
+        super().__init__(link, unit, clock)
         self.owned = owned
         self._token = 0
         self._counters = {False: 0, True: 0}  # False: of signs of life, which depend on the time; True: of orders

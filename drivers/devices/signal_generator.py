@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from palpate.drivers.clock import Clock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.contracts import signal_generator
@@ -17,8 +18,8 @@ class SignalGenerator(ModbusDevice):
 
     contract = signal_generator.CONTRACT
 
-    def __init__(self, link: ModbusLink, unit: int) -> None:
-        super().__init__(link, unit)
+    def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
+        super().__init__(link, unit, clock)
         self._least = self._most = 0  # writes that it has taken, if nobody else writes
 
     def connect(self) -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.device import Place
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.kinds import IndicatorSettings
@@ -51,13 +49,8 @@ class StrainIndicator(ModbusDevice):
     contract = strain_indicator.CONTRACT
     orders = frozenset({"command"})
 
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        return cls(place.link, place.unit, place.clock)
-
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
-        super().__init__(link, unit)
-        self._clock = clock
+        super().__init__(link, unit, clock)
         self._renewed: tuple[int, float] | None = None
         self.gage_factor = math.nan  # until it is configured
         self.resolution_mV = math.nan
@@ -116,7 +109,7 @@ class StrainIndicator(ModbusDevice):
 
     def _fresh(self) -> list[float]:
         values = list(map(self._value, DISPLAY, self._read(DISPLAY)))
-        if self._renewed is not None and self._clock.now_ns() - self._renewed[0] < COUNTED_NS:
+        if self._renewed is not None and self.clock.now_ns() - self._renewed[0] < COUNTED_NS:
             before, now = self._renewed[1], values[-1]
             if (now - before) % UPDATES > UPDATES / 2:
                 self.link.distrust()
@@ -127,7 +120,7 @@ class StrainIndicator(ModbusDevice):
         return values
 
     def _stale(self, updates: float) -> bool:
-        now = self._clock.now_ns()
+        now = self.clock.now_ns()
         if self._renewed is None or updates != self._renewed[1]:
             self._renewed = now, updates
         return now - self._renewed[0] > RENEWAL_NS
@@ -152,7 +145,7 @@ class StrainIndicator(ModbusDevice):
             pending, last, result = self.get_many("command", "last_command", "command_result")
             if self.contract.choice("command", pending) == "idle":
                 break
-            self._clock.wait(COMMAND_POLL)
+            self.clock.wait(COMMAND_POLL)
         else:
             raise DeviceError(f"{self.name}: {command} was not carried out within {COMMAND_POLL * COMMAND_POLLS:g} s")
         outcome = self.contract.choice("command_result", result)

@@ -113,7 +113,7 @@ def driver(port: int) -> Iterator[SignalGenerator]:
     link = ModbusLink.tcp(TcpAddress(host="127.0.0.1", port=port, timeout="10 s"))  # type: ignore[arg-type]
     link.open()
     try:
-        yield SignalGenerator(link, 1)
+        yield SignalGenerator(link, 1, VirtualClock())
     finally:
         link.close()
 

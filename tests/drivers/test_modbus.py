@@ -73,7 +73,7 @@ def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
 def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
     with SimulatedBench(scene) as sim:
         address = sim.description.signal_generator
-        generator = SignalGenerator(ModbusLink.tcp(address), address.unit)
+        generator = SignalGenerator(ModbusLink.tcp(address), address.unit, sim.clock)
         generator.link.open()
         generator.connect()
     with pytest.raises(LinkError, match=f"signal generator at {address.host}:{address.port}"):

@@ -12,6 +12,7 @@ from typing import Any
 
 from pymodbus.client import ModbusTcpClient
 
+from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.rtu import RtuClient
@@ -119,7 +120,7 @@ class Exchanges:
         self.tcp = tcp
         self.client = TcpClient("fuzz", retries=0) if tcp else SerialClient("fuzz")
         self.link = ModbusLink("fuzz", self.client)
-        self.device = type("Device", (ModbusDevice,), {"contract": contract})(self.link, UNIT)
+        self.device = type("Device", (ModbusDevice,), {"contract": contract})(self.link, UNIT, WallClock())
         self.reads = [(f,) for f in contract.fields if f.access != "wo"]
         block = [f for f in contract.fields if f.access == "rw" and f.address >= 0x10]
         self.reads.append(

@@ -14,6 +14,7 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts.contract import PROBE
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import modbus_server
 from palpate.simulators.wire.modbus_server import MOST_CONNECTIONS
@@ -36,7 +37,7 @@ def own(address: TcpAddress) -> Iterator[SignalGenerator]:
     """The bench's own client, connected."""
     link = ModbusLink.tcp(address.model_copy(update={"timeout": 10.0}))
     link.open()
-    yield SignalGenerator(link, address.unit)
+    yield SignalGenerator(link, address.unit, VirtualClock())
     link.close()
 
 
