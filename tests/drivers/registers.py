@@ -10,6 +10,7 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, WriteMul
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.contracts.contract import Contract, Field, Identity, Value, probe
+from palpate.simulators.clock import VirtualClock
 
 Change = Callable[[Any], Any]
 
@@ -112,4 +113,4 @@ class Oven(ModbusDevice):
 
 def oven(**held: Any) -> tuple[Oven, Any]:
     link: Any = Registers(Oven.contract, **held)
-    return Oven(link, 7), link
+    return Oven(link, 7, VirtualClock()), link

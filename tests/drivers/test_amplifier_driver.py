@@ -11,13 +11,14 @@ from palpate.drivers.devices.shaker_amplifier import AmplifierState, ShakerAmpli
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts.shaker_amplifier import CONTRACT
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SafetyError, SettingsLost
+from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
 
 
 def alone(**held: Any) -> tuple[ShakerAmplifier, Any]:
     """A driver that owns an amplifier without a wire, whose registers hold these values."""
     link: Any = Registers(CONTRACT, ticket=0x0007_0001, **held)
-    driver = ShakerAmplifier(link, 1)
+    driver = ShakerAmplifier(link, 1, VirtualClock())
     assert driver.claim()
     link.asked.clear()
     return driver, link
