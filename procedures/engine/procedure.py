@@ -36,6 +36,7 @@ from palpate.procedures.records.encoding import Waveforms
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.flags import Judged, check_some_valid
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -208,4 +209,9 @@ class Procedure(ABC, Generic[S, P, R]):
         return None
 
     def judge(self, result: R) -> None:
-        """Refuse a result that nothing can be concluded from, once it has been told. Raises EstimateError."""
+        """Refuse a result from which nothing can be concluded. The engine asks when the result has been told.
+
+        By default a result whose points are valid or not must have a valid one. Raises EstimateError.
+        """
+        if judged := [point for point in result.points if isinstance(point, Judged)]:
+            check_some_valid(judged)

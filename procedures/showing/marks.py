@@ -1,34 +1,14 @@
-"""Legends of tables: a line for each mark that occurs in a table.
-
-The flags of points are those of `steps/film_point.py`, which is not imported, so that commands that only read runs
-start fast.
-"""
+"""Legends of tables: a line for each mark that occurs in a table."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from palpate.instrument.errors import EstimateError
+from palpate.procedures.steps.flags import FLAGS
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-APART = "further apart than noise explains (by noise alone only 6 points of 100,000 differ so much)"
-FLAGS: dict[str, str] = {
-    "clipped": "a film's voltage exceeds the range of its converter; take a smaller load",
-    "not finite": "a film's samples are not finite numbers; check its sensor node",
-    "unsettled": "the films still drift when the time to settle is over; wait longer, or check for warming",
-    "fault": "a sensor node reported an emergency during the dwell; the events of the run say which",
-    "drifted": "after the dwell the load cell reads another load than was set; check the mounting of the sample",
-    "force": f"films and load cell measure different forces, {APART}; check their calibrations, and look for a "
-    "loose or swapped film",
-    "frequency": f"films and generator have different frequencies, {APART}; check the generator",
-    "hum": "the dwell is too short to separate mains hum from the drive; the point is used, but hum may change it",
-    "short": "the dwell is too short to know the noise well; the point is used, with a large uncertainty",
-}
-"""Meaning and remedy of each flag of a point."""
 
 INVALID = "NO"
 OUTSIDE = "*"
@@ -54,23 +34,3 @@ def legend(*tables: Table, marks: Mapping[str, str] = MARKS) -> list[str]:
         for mark, meaning in marks.items()
         if any(f" {mark} " in cell or (mark == OUTSIDE and cell.endswith("* ")) for cell in cells)
     ]
-
-
-class Judged(Protocol):
-    """A point that is valid or not; `flags` say why."""
-
-    @property
-    def valid(self) -> bool: ...
-    @property
-    def flags(self) -> Sequence[str]: ...
-
-
-def check_some_valid(points: Sequence[Judged]) -> None:
-    """Check that a run has a valid point. Raises EstimateError: it has none; the message counts their flags."""
-    if any(point.valid for point in points):
-        return
-    reasons = Counter(flag for point in points for flag in point.flags)
-    said = "; ".join(
-        f"{flag} ({count}): {FLAGS.get(flag, 'the events of the run say why')}" for flag, count in reasons.most_common()
-    )
-    raise EstimateError(f"none of the {len(points)} points is valid, so there is no result. {said}")

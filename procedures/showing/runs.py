@@ -10,8 +10,9 @@ from palpate.procedures.records.check import Found
 from palpate.procedures.records.repair import Repaired
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import RunSummary
-from palpate.procedures.showing.marks import FLAGS, legend
+from palpate.procedures.showing.marks import legend
 from palpate.procedures.showing.text import MOUNTING, STAMP, new_table, number, print_all, stamped
+from palpate.procedures.steps.flags import FLAGS
 
 UNHASHED = "unhashed: record format 3 has no hashes, so points that are lost at its end go unnoticed"
 TIME = "%Y-%m-%d %H:%M:%S"

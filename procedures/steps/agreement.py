@@ -16,7 +16,6 @@ from palpate.instrument.findings.film_forces import FilmForces
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER, FilmRecord, Films
 
-FORCE, FREQUENCY = "force", "frequency"
 FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties, where they are well known
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 CRYSTALS = 1e-4  # relative, of two clocks [A]

@@ -22,8 +22,20 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.dwell import Dwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.agreement import FORCE, FREQUENCY, forces_differ, frequencies_differ
+from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord, Films, short_length
+from palpate.procedures.steps.flags import (
+    CLIPPED,
+    DRIFTED,
+    FAULT,
+    FORCE,
+    FREQUENCY,
+    HUM,
+    NOT_FINITE,
+    SHORT,
+    UNSETTLED,
+    USED,
+)
 from palpate.procedures.steps.indicator import READINGS
 from palpate.procedures.steps.policy import ATTEMPTS, carry_out
 from palpate.procedures.steps.servo import LoadServo
@@ -32,11 +44,6 @@ PILOT_CYCLES = 40  # 1000 samples: 5 % of the power of white noise
 LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
 LARGEST_HUM = 0.01  # of the hum in an amplitude, above which a point is marked
 MOST_OF = 0.7  # of an amplitude's uncertainty, half of its variance, that is hum's
-CLIPPED, NOT_FINITE, UNSETTLED, FAULT, DRIFTED = "clipped", "not finite", "unsettled", "fault", "drifted"
-HUM, SHORT = "hum", "short"
-MARKS = frozenset((HUM, SHORT))
-"""Flags of a point that is used all the same: its record is too short to tell hum, or 1/f noise, from what it looks
-like. Where they can be counted its uncertainty has them."""
 
 Floats = npt.NDArray[np.float64]
 DwellChoice = Callable[[SineFit], Dwell]
@@ -52,7 +59,7 @@ class FilmPoint:
         dwell, settling: that the attempt took [s].
         predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
         attempts: how many there were.
-        flags: why the last one is not to be used, and what its record cannot tell (`MARKS`).
+        flags: why the last one is not to be used, and what its record cannot tell (`USED`).
         incidents: how often something went wrong on the bench since the point before and was made good.
     """
 
@@ -70,7 +77,7 @@ class FilmPoint:
 
     @property
     def valid(self) -> bool:
-        return MARKS.issuperset(self.flags)
+        return USED.issuperset(self.flags)
 
     def waveforms(self, design: Design) -> dict[str, tuple[float, Floats]]:
         """For the record: rate and samples of each film by its name."""

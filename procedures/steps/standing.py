@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.uncertainty.interpolation import interpolate
-from palpate.procedures.steps.film_point import CLIPPED, FAULT, NOT_FINITE
 from palpate.procedures.steps.films import Films
+from palpate.procedures.steps.flags import CLIPPED, FAULT, NOT_FINITE
 from palpate.procedures.steps.policy import carry_out
 
 Floats = npt.NDArray[np.float64]

@@ -22,7 +22,8 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.records.encoding import as_json
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.film_point import CLIPPED, MARKS, SHORT, is_short
+from palpate.procedures.steps.film_point import is_short
+from palpate.procedures.steps.flags import CLIPPED, SHORT, USED
 from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class
@@ -124,7 +125,7 @@ def _on_a_bench(scene: Scene, sweep: LoadSweep) -> Iterator[dict[str, Any]]:
 
 
 def _point(values: Mapping[str, Any], flags: Sequence[str]) -> dict[str, Any]:
-    return {**{name: values[name] for name in COLUMNS}, "valid": MARKS.issuperset(flags), "flags": list(flags)}
+    return {**{name: values[name] for name in COLUMNS}, "valid": USED.issuperset(flags), "flags": list(flags)}
 
 
 def _sample(cell: Mapping[str, Value]) -> Sample:

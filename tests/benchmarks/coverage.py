@@ -1,7 +1,7 @@
 """Coverage of amplitudes and ratios: how often 95 % intervals hold, every parameter drawn from its stated distribution.
 
 Records are made as the nodes' inputs have them (white and 1/f noise, hum) and fitted as the procedures fit them. Points
-that a procedure marks as too short to tell (`film_point.MARKS`) may hold more often: their share is said.
+that a procedure marks as too short to tell (`flags.USED`) may hold more often: their share is said.
 """
 
 from __future__ import annotations

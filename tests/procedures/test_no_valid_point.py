@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.table import Table
 
-from palpate.procedures.showing.marks import FLAGS, MARKS, legend
-from palpate.procedures.steps import agreement, film_point
+from palpate.instrument.errors import EstimateError
+from palpate.procedures.engine.procedure import Found
+from palpate.procedures.showing.marks import MARKS, legend
+from palpate.procedures.steps import agreement, flags
+from palpate.procedures.steps.flags import FLAGS
 from palpate.procedures.steps.policy import ATTEMPTS
+from tests.examples.relaxation import Relaxation
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 OFF = IDEAL_SCENE + "\n[effects.frequency_error]\nbits = 28\n"  # 10 Hz comes as 9.965 Hz
@@ -46,6 +51,20 @@ def test_a_sweep_without_a_valid_point_fails_with_the_reason_and_where_the_point
     assert f"frequency      {FLAGS['frequency']}" in " ".join(shown.out.split("\n"))
 
 
+@dataclass(frozen=True)
+class Flagged:
+    valid: bool
+    flags: tuple[str, ...]
+
+
+def test_so_does_a_procedure_of_ones_own_whose_points_are_flagged_and_one_of_unjudged_points_does_not() -> None:
+    own = Relaxation()
+    with pytest.raises(EstimateError, match=r"none of the 1 points is valid, so there is no result\. clipped"):
+        own.judge(Found([Flagged(False, ("clipped",))]))
+    own.judge(Found([Flagged(False, ("clipped",)), Flagged(True, ())]))
+    own.judge(Found([]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", SLOW, ids=" ".join)
 def test_so_does_every_procedure_that_judges_its_points(palpate: Palpate, off: str, command: tuple[str]) -> None:
@@ -56,11 +75,9 @@ def test_so_does_every_procedure_that_judges_its_points(palpate: Palpate, off: s
 
 
 def test_every_flag_of_a_point_is_explained_with_the_numbers_that_count() -> None:
-    flags = {
-        film_point.CLIPPED, film_point.NOT_FINITE, film_point.UNSETTLED, film_point.FAULT, film_point.DRIFTED,
-        agreement.FORCE, agreement.FREQUENCY, *film_point.MARKS,
-    }  # fmt: skip
-    assert set(FLAGS) == flags
+    named = {name: value for name, value in vars(flags).items() if name.isupper() and not name.startswith("_")}
+    assert set(FLAGS) == {value for value in named.values() if isinstance(value, str)}
+    assert set(FLAGS) > flags.USED
     assert all(
         f"by noise alone only {1e5 * agreement.FALSE_ALARMS:.0f} points of 100,000 differ so much" in FLAGS[flag]
         for flag in ("force", "frequency")

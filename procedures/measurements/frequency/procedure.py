@@ -29,7 +29,6 @@ from palpate.procedures.measurements.frequency.result import (
 from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import FREQUENCY_STEP, check_end, check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
@@ -108,9 +107,6 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
 
         simulated = lab.bench.simulated
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
-
-    def judge(self, result: FrequencyResult) -> None:
-        check_some_valid(result.points)
 
 
 class Sweeping(Loaded):

@@ -24,7 +24,6 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoads
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
@@ -105,9 +104,6 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 
         simulated = lab.bench.simulated
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
-
-    def judge(self, result: SweepResult) -> None:
-        check_some_valid(result.points)
 
 
 class Sweeping(Loaded):

@@ -23,7 +23,6 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
@@ -99,9 +98,6 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
 
         simulated = lab.bench.simulated
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
-
-    def judge(self, result: PositionResult) -> None:
-        check_some_valid(result.points)
 
 
 class Sweeping(Loaded):

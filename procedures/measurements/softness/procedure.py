@@ -24,7 +24,6 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.films import check_nodes
 
@@ -104,9 +103,6 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         from palpate.procedures.measurements.softness.report import plot_softness, print_softness
 
         return Report(partial(print_softness, result), partial(plot_softness, result, lab.bench.simulated))
-
-    def judge(self, result: SoftnessResult) -> None:
-        check_some_valid(result.points)
 
 
 class Touching(Loaded):

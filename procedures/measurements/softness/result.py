@@ -14,7 +14,7 @@ from palpate.instrument.models.prices.price_list import stored
 from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.steps.film_point import CLIPPED
+from palpate.procedures.steps.flags import CLIPPED
 
 
 @dataclass(frozen=True, slots=True)

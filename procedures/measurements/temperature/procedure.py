@@ -35,7 +35,6 @@ from palpate.procedures.measurements.temperature.result import (
     gain_u,
 )
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.showing.marks import check_some_valid
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
@@ -135,9 +134,6 @@ class TemperatureSweep(Procedure[TemperatureStep, TemperaturePoint, TemperatureR
 
         simulated = lab.bench.simulated
         return Report(partial(print_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
-
-    def judge(self, result: TemperatureResult) -> None:
-        check_some_valid(result.points)
 
 
 class Sweeping(Loaded):
