@@ -17,14 +17,14 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.simulators.bounds.fits import SIGMAS
 from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
-from palpate.simulators.bounds.sides import Side, certain, deterministic, moments, reach, sides
+from palpate.simulators.bounds.sides import Side, certain, deterministic, reach, sides
+from palpate.simulators.bounds.strays import strays
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.dwells import begun, met, touched
 from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Rates
 from palpate.simulators.physics.in_order import Effects
 
 BEYOND = Bound(math.inf, math.inf)
-GAINS = np.linspace(-1.0, 1.0, 5)  # shares of the greatest scatter
 BETWEEN = {True: 0.01, False: 0.5}  # share of the results' span over phases that is added for phases between
 LOOKED_AT = 8  # phases of the drive in which a limit is looked for
 NEARER = math.cos(math.pi / LOOKED_AT)  # share of the limit that is looked for, because of phases between
@@ -42,18 +42,15 @@ def _bound_of_change(case: Case, effect: Effect) -> Bound:
     """Bound by comparing the scene with the effect and the scene without it."""
     without = Effects(case.effects)
     with_it = without.including(effect)
-    found = [Bound(0.0, 0.0)]
     try:
-        for moment in moments(case, with_it):
-            if any(case.follow(certain(each, moment)).limited for each in (without, with_it)):
-                return BEYOND
-            before, after = sides(case, without, with_it, moment)
-            if any(_saturated(case, each) for each in (before, after)):
-                return BEYOND
-            found.append(_results(case, effect, before, after))
+        if any(case.follow(certain(case, each)).limited for each in (without, with_it)):
+            return BEYOND
+        before, after = sides(case, without, with_it)
     except EstimateError:  # the dwell does not determine a sine
         return BEYOND
-    return Bound(max(bound.force for bound in found), max(bound.ratio for bound in found))
+    if any(_saturated(case, each) for each in (before, after)):
+        return BEYOND
+    return _results(case, effect, before, after)
 
 
 def _bound_of_limit(case: Case, nearer: Effect) -> Bound:
@@ -96,18 +93,20 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
     if not before.dwell.period:  # the drive stands still below the generator's step: a fit finds rounding and noise
         return BEYOND
     beyond = BETWEEN[before.linear]
-    gains = 1 + GAINS[:, np.newaxis, np.newaxis] * before.scatter if before.scatter.any() else np.ones((1, 1, 1))
+    gains = _gains(before, after) if before.scatter.any() else np.ones((1, 1, 1))
     was = gains * before.passed + before.added  # (gains, phases, films)
     became = gains * after.passed + after.added
     if effect is after.effects.scattering:  # both sides differ in their gains alone
         became = was
     with np.errstate(all="ignore"):
         factor = np.where(became == was, 1.0, became / was)
-        beside = _beside(case, effect, before, after, factor[len(gains) // 2])
+        beside = _beside(case, effect, before, after, factor[0])
         # (s f + n) / (s + n) = f' with f' - f = (1 - f) n / (s + n): a part that both sides share dilutes the change.
         missed = np.where(factor == 1.0, 0.0, np.abs(1 - factor) * beside.common) + beside.apart
         slack = np.where(missed == 0, 0.0, missed / np.maximum(np.abs(was) - beside.least, 0.0))
+        slack = slack + _rounded_off(before, after, was[0], factor[0])
         low, high = np.maximum(np.abs(factor) - slack, 0.0), np.abs(factor) + slack
+        pairs = _pairs(case.design)
         total = [i for i, film in enumerate(case.design.films) if film.kind == FILM_KINDS[1]]
         force = max(_most(low[..., j], high[..., j], beyond) for j in total)
         # The gain of each film scatters by itself.
@@ -116,9 +115,34 @@ def _results(case: Case, effect: Effect, before: Side, after: Side) -> Bound:
             _most(
                 low[:, np.newaxis, :, i] / high[others][..., j], high[:, np.newaxis, :, i] / low[others][..., j], beyond
             )
-            for i, j in _pairs(case.design)
+            for i, j in pairs
         )
-    return Bound(force, ratio)
+    more = strays(case, before, after, total, pairs)
+    return Bound(force + more.force, ratio + more.ratio)
+
+
+def _gains(before: Side, after: Side) -> Floats:
+    """Gains (5, phases, films) within reach: 1, the ends, and those at which a film changes most or least.
+
+    A film that is g P + A becomes g Q + B. The squares of both are polynomials of g, and their quotient is greatest or
+    least at an end or where its derivative, a polynomial of second degree, is zero.
+    """
+    (p2, p1, p0), (q2, q1, q0) = (
+        (abs(each.passed) ** 2, 2 * (each.passed * each.added.conj()).real, abs(each.added) ** 2)
+        for each in (before, after)
+    )
+    c2, c1, c0 = q2 * p1 - q1 * p2, 2 * (q2 * p0 - q0 * p2), q1 * p0 - q0 * p1
+    with np.errstate(all="ignore"):
+        middle = -(c1 + np.copysign(np.sqrt(np.maximum(c1**2 - 4 * c2 * c0, 0.0)), c1)) / 2
+        extreme = [np.where(np.isfinite(each), each, 1.0) for each in (middle / c2, c0 / middle)]
+    low, high = (np.broadcast_to(1 + sign * before.scatter, before.passed.shape) for sign in (-1, 1))
+    return np.stack([np.ones_like(low), low, high, *(np.clip(each, low, high) for each in extreme)])
+
+
+def _rounded_off(before: Side, after: Side, was: Complexes, factor: Complexes) -> Floats:
+    """Change (phases, films) of factors by round-off of both sides, where they differ."""
+    lost = (np.abs(factor) * before.uncertain + after.uncertain) / np.abs(was)
+    return np.where((before.volts != after.volts).any(axis=(0, 2)), lost, 0.0)
 
 
 def _pairs(design: Design) -> list[tuple[int, int]]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.instrument.signals.estimate import amplitudes
-from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.instrument.signals.sine_columns import SineColumns, sine_columns
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.effect import Case, Floats
 
@@ -69,8 +69,18 @@ def weights(case: Case) -> Floats:
     return _weights(case.frequency, case.dwell, case.rate)
 
 
+def columns(case: Case) -> SineColumns:
+    """Columns of the fit of a dwell. Raises EstimateError."""
+    return _columns(case.frequency, case.dwell, case.rate)
+
+
 @functools.lru_cache(maxsize=8)
 def _weights(frequency: float, dwell: float, rate: float) -> Floats:
+    return _columns(frequency, dwell, rate).weights()
+
+
+@functools.lru_cache(maxsize=8)
+def _columns(frequency: float, dwell: float, rate: float) -> SineColumns:
     times = np.arange(max(1, round(dwell * rate))) / rate
     amplitudes(times, np.zeros((1, len(times))), frequency)  # raises where a fit raises
-    return sine_columns(times, frequency).weights()
+    return sine_columns(times, frequency)

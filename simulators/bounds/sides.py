@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.instrument.sensor.design import Film
-from palpate.simulators.bounds.fits import SIGMAS, fitted
+from palpate.simulators.bounds.creeping import ERROR, crept, held, offsets
+from palpate.simulators.bounds.fits import SIGMAS, fitted, weights
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.dwells import Dwell
 from palpate.simulators.physics.effect import Case, Floats, Rates
 from palpate.simulators.physics.in_order import Effects
-from palpate.simulators.physics.stages import LeakEffect
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +22,8 @@ class Side:
     Attributes:
         linear: whether phases between those that were followed are superpositions.
         volts: (phases, films, n), voltages at unit gains [V].
+        all_rates: gives their rates [V/s].
+        uncertain: (films,), by which voltages may be wrong through round-off and interpolation [V].
         passed, added: (phases, films), phasors of the part that passes the scattering gains, and of the part behind
             them.
         scatter: (films,), greatest relative change of each film's gain.
@@ -33,101 +33,63 @@ class Side:
     dwell: Dwell
     linear: bool
     volts: Floats
+    all_rates: Rates
+    uncertain: Floats
     passed: Complexes
     added: Complexes
     scatter: Floats
 
     @functools.cached_property
     def _rates(self) -> Floats:
-        return self.dwell.rates(self.linear)
+        return self.all_rates()
 
     def rates(self, film: int) -> Rates:
         """Rates (phases, n) [V/s] of a film with its greatest gain."""
         return lambda: np.asarray((1 + self.scatter[film]) * self._rates[:, film])
 
 
-def sides(case: Case, without: Effects, with_it: Effects, moment: float) -> tuple[Side, Side]:
-    """The scene without and with an effect. A leak is held at its value at a moment [s]."""
-    followed = [certain(effects, moment) for effects in (without, with_it)]
+def sides(case: Case, without: Effects, with_it: Effects) -> tuple[Side, Side]:
+    """The scene without and with an effect. Raises EstimateError: the dwell does not determine a sine."""
+    weights(case)
+    followed = [certain(case, effects) for effects in (without, with_it)]
     linear = all(case.follow(each).linear for each in followed)
-    before, after = (_side(case, *each, moment, linear) for each in zip((without, with_it), followed, strict=True))
+    before, after = (_side(case, *each, linear) for each in zip((without, with_it), followed, strict=True))
     return before, after
 
 
-def _side(case: Case, effects: Effects, followed: Effects, moment: float, linear: bool) -> Side:
-    dwell, leak = case.follow(followed), effects.leak
-    volts = dwell.volts(linear)
-    if leak is not None:
-        volts = volts + _creeping(case, effects, leak, moment, volts)
-    seen = fitted(case, volts)
-    if effects.scattering is None:
-        return Side(effects, dwell, linear, volts, seen, np.zeros_like(seen), np.zeros(len(case.design.films)))
-    passed = fitted(case, case.follow(followed.but(*followed.source)).volts(linear))
-    return Side(effects, dwell, linear, volts, passed, seen - passed, reach(case, effects))
+def _side(case: Case, effects: Effects, followed: Effects, linear: bool) -> Side:
+    dwell = case.follow(followed)
+    volts, rates, uncertain = _signals(case, effects, dwell, linear)
+    volts = volts + offsets(case, effects, dwell)
+    passed, scatter = fitted(case, volts), np.zeros(len(case.design.films))
+    added = np.zeros_like(passed)
+    if effects.scattering is not None:
+        seen, scatter = passed, reach(case, effects)
+        passed = fitted(case, _signals(case, effects, case.follow(followed.but(*followed.source)), linear)[0])
+        added = seen - passed
+    return Side(effects, dwell, linear, volts, rates, uncertain, passed, added, scatter)
 
 
-def certain(effects: Effects, moment: float) -> Effects:
-    """The effects that a rig follows at a moment [s]."""
+def _signals(case: Case, effects: Effects, dwell: Dwell, linear: bool) -> tuple[Floats, Rates, Floats]:
+    """Voltages and rates (phases, films, n) behind the amplifiers, and by how much voltages (films,) may be wrong."""
+    more = crept(case, effects, dwell, linear)  # first, because a long motion forgets how it began
+    if more is None:
+        return dwell.volts(linear), lambda: dwell.rates(linear), dwell.rounding()
+    volts, rates = more
+    uncertain = dwell.rounding() + ERROR * np.abs(volts).max(axis=(0, 2))
+    return dwell.volts(linear) + volts, lambda: dwell.rates(linear) + rates, uncertain
+
+
+def certain(case: Case, effects: Effects) -> Effects:
+    """The effects that a rig follows, with a leak that is held."""
     found, leak = deterministic(effects), effects.leak
-    return found if leak is None else found.including(leak.held(leak.conductance(leak.middle(moment))))
+    return found if leak is None else found.including(held(case, leak))
 
 
 def reach(case: Case, effects: Effects) -> Floats:
     """Greatest relative change (films,) of each film's gain by scatter."""
     scatter = effects.scattering.scatter if effects.scattering else None
     return np.array([SIGMAS * (scatter or 0.0) * film.scatter for film in case.design.films])
-
-
-def moments(case: Case, effects: Effects) -> Iterator[float]:
-    """Moments at which a scene is examined [s]; a leak may change time constants before the dwell."""
-    last = case.settled + case.dwell
-    yield last
-    leak, amplifier = effects.leak, effects.amplifier
-    if leak is not None and amplifier is not None:
-        conductances = [leak.conductance(leak.middle(time)) for time in (0.0, last)]
-        film = case.design.films[0]
-        then, now = (amplifier.system(film, case.design, conductance).a for conductance in conductances)
-        if not np.array_equal(then, now):
-            yield 0.0
-
-
-def _creeping(case: Case, effects: Effects, leak: LeakEffect, moment: float, volts: Floats) -> Floats:
-    """Voltages (phases, films, n) that a leak which changes within the dwell adds to those with a held leak [V]."""
-    amplifier = effects.amplifier
-    if amplifier is None:
-        return np.zeros_like(volts)
-    times = case.settled + np.arange(volts.shape[-1]) / case.rate
-    epochs, which = np.unique([leak.middle(time) for time in [moment, *times]], return_inverse=True)
-    conductances = [leak.conductance(epoch) for epoch in epochs]
-
-    def offset(film: Film, conductance: float) -> float:
-        return amplifier.offset(film, case.design, conductance)
-
-    def decay(film: Film, conductance: float) -> float:
-        return -float(amplifier.system(film, case.design, conductance).a[0, 0])
-
-    offsets, decays = (
-        np.array([[of(film, conductance) for conductance in conductances] for film in case.design.films])[:, which]
-        for of in (offset, decay)
-    )
-    slower = _between(volts, decays[:, 1:], decays[:, :1], 1 / case.rate)
-    return np.asarray(slower + offsets[:, 1:] - offsets[:, :1])
-
-
-def _between(volts: Floats, decays: Floats, held: Floats, step: float) -> Floats:
-    """Difference d of the solution of y' = u' - decays y from `volts`, which solve y' = u' - held y.
-
-    It solves d' = -decays d - (decays - held) y.
-    """
-    found = np.zeros_like(volts)
-    if np.array_equal(decays, np.broadcast_to(held, decays.shape)):
-        return found
-    middle = (decays[:, 1:] + decays[:, :-1]) / 2
-    left = np.exp(-middle * step)
-    push = (held - middle) * -np.expm1(-middle * step) / middle * (volts[..., 1:] + volts[..., :-1]) / 2
-    for k in range(volts.shape[-1] - 1):
-        found[..., k + 1] = left[:, k] * found[..., k] + push[..., k]
-    return found
 
 
 def deterministic(effects: Effects) -> Effects:

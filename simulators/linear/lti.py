@@ -158,6 +158,14 @@ class Steady:
         """Difference (s,) of the state `x0` from the periodic one."""
         return x0 - self._now(start_ns)
 
+    def magnitude(self, rows: Rows, start_ns: int, x0: Floats) -> Floats:
+        """Sums (p,) of the sizes of all terms that make up rows[0] @ x + rows[1] @ u, of which it has the rounding."""
+        state = (
+            np.abs(self.mean) + np.abs(self.gap(start_ns, x0)) + sum(np.abs(wave).sum(axis=1) for wave in self.waves)
+        )
+        inputs = np.array([abs(u.mean) + np.abs(u.amplitude).sum() for u in self.inputs])
+        return np.asarray(np.abs(rows[0]) @ state + np.abs(rows[1]) @ inputs)
+
     def _now(self, time_ns: int) -> Floats:
         mean, parts = self._harmonics
         return mean + sum((phasors @ base.turn(time_ns)).real for base, phasors in parts)

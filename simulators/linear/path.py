@@ -82,6 +82,11 @@ class Path:
 
         return self._collect("rates", rows, row, time_ns, step_ns)
 
+    def magnitude(self, rows: slice) -> Floats:
+        """Sums (rows,) of the sizes of all terms that make up outputs in the first mode, which tell their rounding."""
+        mode, start_ns, state = self._first
+        return self._know(mode).steady.magnitude((mode.system.c[rows], mode.system.d[rows]), start_ns, state)
+
     def state(self, time_ns: int) -> Floats:
         """The state (s,) at a time from the change on."""
         cycle = self._recurring(time_ns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +16,8 @@ from palpate.simulators.physics.parts import Touch
 
 STARTS = 3  # phases at which the drive begins; where the chain is linear, all others follow from them
 PHASES = 12 * STARTS
+ROUNDING = 2 * float(np.finfo(np.float64).eps)  # of all terms that a voltage is the sum of
+GOLDEN = (math.sqrt(5) - 1) / 2
 GONE = 30.0  # time constants after which the beginning no longer matters
 LIMITS = ("contact", "rail", "current", "stop")
 
@@ -72,28 +74,49 @@ class Dwell:
         """Rates of these voltages [V/s]."""
         return self._seen(Path.rates, linear)
 
+    def rounding(self) -> Floats:
+        """What rounding may change in voltages (films,) [V]."""
+        terms = np.array([path.magnitude(slice(0, self.films)) for path in self.starts])
+        return np.asarray(ROUNDING * terms.max(axis=0))
+
     def _seen(self, what: Seen, linear: bool) -> Floats:
         if (what, linear) not in self._known:
-            self._known[what, linear] = self._superposed(what) if linear else self._shifted(what)
+            self._known[what, linear] = superposed(self._begun(what)) if linear else self._shifted(what)
         return self._known[what, linear]
 
-    def _superposed(self, what: Seen) -> Floats:
-        """A constant and the part that turns with the phase, from the motion for each of some phases."""
-        starts = np.stack([what(path, self.times, slice(0, self.films)) for path in self.starts])
-        apart = np.arange(PHASES)[:, np.newaxis] / PHASES - np.arange(len(starts)) / len(starts)
-        weights = (1 + 2 * np.cos(2 * math.pi * apart)) / len(starts)
-        return np.asarray(np.tensordot(weights, starts, 1))
+    def at(self, times: Times, linear: bool) -> tuple[Floats, Floats]:
+        """Voltages and rates at other ascending times [ns]; `linear`: for the phases that `superposed` needs."""
+        other = replace(self, times=times)
+        volts, rates = (other._begun(what) if linear else other._shifted(what) for what in (Path.outputs, Path.rates))
+        return volts, rates
+
+    def _begun(self, what: Seen) -> Floats:
+        """Motion (starts, films, n) for each phase that is followed."""
+        return np.stack([what(path, self.times, slice(0, self.films)) for path in self.starts])
 
     def _shifted(self, what: Seen) -> Floats:
-        """Motion for other phases, as the motion a little later."""
-        count = PHASES // len(self.starts)
-        later = self.times + np.arange(count)[:, np.newaxis] * (self.period // PHASES)
+        """Motion for other phases, as the motion a little later.
+
+        Phases are spaced unevenly, because in a cycle of 7.2 samples every fifth of 36 even ones has its samples at the
+        same places of the waveform.
+        """
+        shifts = np.arange(PHASES // len(self.starts))
+        later_by = GOLDEN * (shifts % (PHASES // STARTS)) % 1  # alike for every number of starts
+        shifts = ((shifts + later_by) * self.period / PHASES).astype(np.int64)
+        later = self.times + shifts[:, np.newaxis]
         order = np.argsort(later.ravel(), kind="stable")
         found = np.empty((len(self.starts), self.films, later.size))
         for each, path in zip(found, self.starts, strict=True):
             each[:, order] = what(path, later.ravel()[order], slice(0, self.films))
         by_phase = found.reshape(len(self.starts), self.films, *later.shape).swapaxes(1, 2)
         return by_phase.reshape(PHASES, self.films, len(self.times))
+
+
+def superposed(starts: Floats) -> Floats:
+    """Motion (PHASES, films, n), a constant and a part that turns with the phase, from even phases (p, films, n)."""
+    apart = np.arange(PHASES)[:, np.newaxis] / PHASES - np.arange(len(starts)) / len(starts)
+    weights = (1 + 2 * np.cos(2 * math.pi * apart)) / len(starts)
+    return np.asarray(np.tensordot(weights, starts, 1))
 
 
 def dwell_of(rig: Driven, films: int, settled: float, dwell: float, rate: float) -> Dwell:
