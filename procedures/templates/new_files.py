@@ -28,7 +28,8 @@ def new_effect(name: str, tree: Path) -> list[Path]:
 
 def new_procedure(name: str, tree: Path) -> list[Path]:
     """Write procedure and test into a source tree of palpate. Raises as `write_files`."""
-    return write_files("procedure", name, PROCEDURE, tree, {"command": name.replace("_", "-")})
+    terms = {"command": name.replace("_", "-"), "module": f"palpate.procedures.{name}"}
+    return write_files("procedure", name, PROCEDURE, tree, terms)
 
 
 def check_name(kind: str, name: str) -> None:

@@ -77,7 +77,7 @@ def test_a_new_effect_passes_as_it_stands_and_a_wrong_one_does_not(tree: Path, p
 
 
 def test_a_new_procedure_passes_as_it_stands(tree: Path, pytester: pytest.Pytester) -> None:
-    assert conform(pytester, new_procedure("repeatability", tree)[-1]).parseoutcomes() == {"passed": 2}
+    assert conform(pytester, new_procedure("repeatability", tree)[-1]).parseoutcomes() == {"passed": 5}
 
 
 @pytest.mark.parametrize(("bus", "passed"), [("modbus-tcp", 22), ("modbus-rtu", 23)])

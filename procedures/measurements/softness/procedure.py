@@ -40,7 +40,7 @@ class TouchStep(Step):
 
 @dataclass(frozen=True)
 class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
-    """Find the Young modulus of unknown objects from the force ratio, and their order from soft to hard."""
+    """Find the Young modulus of unknown objects from the force ratio, and their order from hard to soft."""
 
     name = "softness"
     point = SoftnessPoint
