@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.additions import load
-from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.serial_line import FASTEST
@@ -19,6 +19,7 @@ from palpate.instrument.config import check
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import SERIAL, CanSegment
+from palpate.simulators.guests import replaced
 from palpate.simulators.rig.operator import SimulatedOperator
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
@@ -96,7 +97,8 @@ class SimulatedBench:
         self._addresses: dict[str, int] = {}  # unit id on the serial line, or node id, of each device by name
         self._samples = samples
         for name in (*USUAL, *([CHANGER] if samples else [])):
-            self._add(name, KINDS[name], NoSettings())
+            if name not in replaced(scene.devices):
+                self._add(name, KINDS[name], NoSettings())
         for guest in scene.devices:
             self._add(guest.name, guest.kind, guest.settings)
         self.operator = SimulatedOperator(self.rig, self.clock)
@@ -171,6 +173,8 @@ class SimulatedBench:
             ),
             **self._guest_sections(ports, timeouts),
         }
+        if any("exciter" in guest.kind.roles and not guest.kind.contract.has("watchdog") for guest in scene.devices):
+            sections["watchdog"] = NO_WATCHDOG
         return check(sections, BenchDescription, f"scene {scene.name}")
 
     def _on(self, link: str) -> list[str]:
@@ -212,6 +216,11 @@ class SimulatedBench:
         from palpate.simulators.faults.inject import Injection
 
         return Injection(self)
+
+    def set_speed(self, speed: float) -> None:
+        """Speed of its clock to that of its clients, by which devices count how long nothing was heard of one."""
+        for device in self.devices.values():
+            device.speed = speed
 
     @property
     def generator(self) -> SignalGenerator:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,12 @@ class Guest:
     kind: DeviceKind
     settings: Config
     table: Mapping[str, Any]
+
+
+def replaced(found: Sequence[Guest]) -> tuple[str, ...]:
+    """Names of the usual devices that a bench with these guests does not have: it has one exciter."""
+    drives = any("exciter" in guest.kind.roles for guest in found)
+    return tuple(name for name, kind in KINDS.items() if drives and {"source", "amplifier"} & {*kind.roles})
 
 
 def guests(tables: Mapping[str, Mapping[str, Any]], where: str) -> tuple[Guest, ...]:

@@ -144,6 +144,23 @@ class Traffic:
         return (count - before) / (now - then) if then else 0.0
 
 
+def _exciter(sim: SimulatedBench) -> dict[str, str]:
+    """What its page says of generator and amplifier; nothing where a device of another kind drives."""
+    if not {"signal_generator", "shaker_amplifier"} <= sim.devices.keys():
+        return {}
+    generator, amplifier = sim.generator.settings, sim.amplifier
+    contract = amplifier.contract
+    faults = {name: contract.set_bits(name, amplifier.read(name)) for name in ("faults", "faults_latched")}
+    return {
+        "generator": f"{_on(generator['output'])}, {show(generator['amplitude'], 'V')} at "
+        f"{show(generator['frequency'], 'Hz')}",
+        "amplifier": f"{_on(amplifier.settings['enable'])}, {show(amplifier.read('output_current'), 'A')}, "
+        f"{amplifier.read('temperature'):.1f} °C",
+        "faults": ", ".join(sorted(faults["faults"])) or "none",
+        "latched": ", ".join(sorted(faults["faults_latched"])) or "none",
+    }
+
+
 def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
     """The status page of a served bench at this moment.
 
@@ -155,21 +172,13 @@ def status(sim: SimulatedBench, rate: float, behind: float) -> Table:
     from rich.table import Table
 
     with sim.clock.lock:
-        generator, amplifier, positioner = sim.generator.settings, sim.amplifier, sim.positioner
-        indicator, states, sync = sim.indicator, sim.can.states, sim.can.sync_rate
+        positioner, indicator, states, sync = sim.positioner, sim.indicator, sim.can.states, sim.can.sync_rate
         active = sum(state == "OPERATIONAL" for state in states.values())
-        contract = amplifier.contract
-        faults = {name: contract.set_bits(name, amplifier.read(name)) for name in ("faults", "faults_latched")}
         reading = indicator.read("reading_float")
         load = bus_load(active, sync, sim.bitrate) if sync else 0.0
         rows = {
             "bench time": f"{sim.clock.now_ns() / 1e9:.1f} s" + (f", {behind:.1f} s behind" if behind >= 1 else ""),
-            "generator": f"{_on(generator['output'])}, {show(generator['amplitude'], 'V')} at "
-            f"{show(generator['frequency'], 'Hz')}",
-            "amplifier": f"{_on(amplifier.settings['enable'])}, {show(amplifier.read('output_current'), 'A')}, "
-            f"{amplifier.read('temperature'):.1f} °C",
-            "faults": ", ".join(sorted(faults["faults"])) or "none",
-            "latched": ", ".join(sorted(faults["faults_latched"])) or "none",
+            **_exciter(sim),
             "indicator": "bridge open" if math.isnan(reading) else f"{reading:g} mV",
             "positioner": show(positioner.read("position"), "m"),
             "sensor nodes": ", ".join(f"{number} {state.lower()}" for number, state in states.items()),

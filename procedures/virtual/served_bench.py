@@ -123,7 +123,7 @@ def serving(wish: Wish) -> Iterator[Served]:
     failures: list[BaseException] = []
     with ExitStack() as stack:
         sim = stack.enter_context(SimulatedBench(wish.scene, wish.place, wish.samples))
-        sim.amplifier.speed = wish.speed
+        sim.set_speed(wish.speed)
         description = _description(sim, wish)
         if wish.line is not None:
             with storing(wish.line):

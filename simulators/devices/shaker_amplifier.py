@@ -59,7 +59,6 @@ class ShakerAmplifier(SimulatedDevice):
         coil_resistance: float,
     ) -> None:
         super().__init__(clock, serial)
-        self.speed = 1.0  # speed of this clock relative to the clients' clock, in whose seconds the watchdog counts
         self._source = source
         self._changed = changed
         self._resistance = coil_resistance

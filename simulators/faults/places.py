@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from palpate.instrument.additions import load
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
 from palpate.instrument.bench.usual import CAN, LINE
-from palpate.simulators.guests import Guest
+from palpate.simulators.guests import Guest, replaced
 
 
 @runtime_checkable
@@ -51,8 +51,8 @@ class Struck:
 
 def places(nodes: int, guests: Sequence[Guest] = ()) -> list[Struck]:
     """All places of a bench with so many sensor nodes; it may turn out to have no sample changer."""
-    usual = [Struck(name, kind) for name, kind in KINDS.items() if kind.links[0] == "modbus-tcp"]
-    usual += [Struck(name, kind) for name, kind in KINDS.items() if kind.links[0] == "modbus-rtu"]
+    own = [Struck(name, kind) for name, kind in KINDS.items() if name not in replaced(guests)]
+    usual = [each for link in ("modbus-tcp", "modbus-rtu") for each in own if each.kind and each.kind.links[0] == link]
     sensors = [Struck(f"sensor_node_{number}", KINDS["sensor_node"]) for number in range(1, nodes + 1)]
     return [*usual, Struck(LINE), Struck(CAN), *sensors, *(Struck(each.name, each.kind) for each in guests)]
 

@@ -144,6 +144,12 @@ def _turns_within(frequency: int, order: bytes, step_ns: int) -> Floats:
     return np.concatenate([turns.real, turns.imag])
 
 
+def sine(frequency: float, amplitude: float, now_ns: int, before: Periodic | None = None) -> Periodic:
+    """A sine of `frequency` Hz from now on, whose phase goes on from that of `before`, if there is one."""
+    phase = int(before.phase(np.array([now_ns]))[0]) if before is not None else 0
+    return Periodic(0.0, round(frequency * HERTZ), now_ns, phase, np.array([1]), np.array([-1j * amplitude]))
+
+
 def constant(value: float, like: Periodic) -> Periodic:
     """A constant with the time base of another function."""
     return Periodic(value, like.frequency, like.start_ns, like.start_phase, like.order[:0], like.amplitude[:0])

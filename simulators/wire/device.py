@@ -53,6 +53,7 @@ class SimulatedDevice:
 
     contract: ClassVar[Contract]
     readings: ClassVar[tuple[str, ...]] = ()  # names of displayed fields, which the fault `stuck_display` can freeze
+    speed = 1.0  # of this clock, to that of the clients, by which a watchdog counts
 
     @classmethod
     def at(cls, place: Place) -> Self:
