@@ -157,6 +157,8 @@ def _at(node: ast.expr, inside: bool) -> Iterator[_Change]:
         ordered = [] if _named(node) in COMMUTING else node.args
         plain = [number for number, each in enumerate(ordered) if not isinstance(each, ast.Starred)]
         for one, next_one in itertools.pairwise(plain):
+            if ast.dump(node.args[one]) == ast.dump(node.args[next_one]):
+                continue  # they are the same
             yield _Change(
                 node, inside, f"{_shown(node)}: arguments {one + 1} and {next_one + 1} swapped",
                 _swapping(node.args, one, next_one),

@@ -1,0 +1,296 @@
+"""A bus log by itself: its files and names, the frames of a bus as bytes, and what becomes of a log that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import can
+import pytest
+
+from palpate.drivers.links.can import CanLink
+from palpate.drivers.links.modbus import ModbusLink
+from palpate.drivers.logs.bus_log import (
+    BusLog,
+    Frame,
+    check_log,
+    frame_of,
+    kind_called,
+    log_files,
+    logged,
+    packed,
+    read_frames,
+    unpacked,
+)
+from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.instrument.errors import RecordError, UsageError
+from palpate.simulators.clock import VirtualClock
+
+STARTED = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+STARTED_NS = 1_767_323_045 * 1_000_000_000
+
+
+# --- files ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [
+        ("t.pcapng", ["t.pcapng"]),
+        ("t.PcapNg", ["t.PcapNg"]),
+        ("t.blf", ["t.pcapng", "t.blf"]),
+        ("t.ASC", ["t.pcapng", "t.ASC"]),
+    ],
+)
+def test_a_log_has_one_file_for_everything_and_one_for_can_where_its_name_says_so(name: str, files: list[str]) -> None:
+    assert log_files(Path(name)) == [Path(file) for file in files]
+
+
+@pytest.mark.parametrize("name", ["t.pcapng", "t.blf", "t.asc"])
+def test_a_log_that_can_be_written_is_not_begun_by_the_check(name: str, tmp_path: Path) -> None:
+    check_log(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("there", ["t.pcapng", "t.blf"])
+def test_a_log_in_the_place_of_another_file_is_refused_and_leaves_it(there: str, tmp_path: Path) -> None:
+    (tmp_path / there).write_text("precious")
+    with pytest.raises(UsageError, match=f"^--log .*t.blf: .*{there} exists already; give another name$"):
+        check_log(tmp_path / "t.blf")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["precious"]
+
+
+def test_a_log_of_an_unknown_format_or_in_no_folder_is_refused(tmp_path: Path) -> None:
+    formats = r"\.pcapng \(everything\), \.blf or \.asc \(CAN\)"
+    with pytest.raises(UsageError, match=rf"^--log t\.pcap: the name must end in {formats}$"):
+        check_log(Path("t.pcap"))
+    with pytest.raises(
+        RecordError, match=r"no/t\.blf: the bus log cannot be written: No such file or directory; choose"
+    ):
+        check_log(tmp_path / "no" / "t.blf")
+
+
+def test_a_log_to_read_is_a_file_of_a_known_format(tmp_path: Path) -> None:
+    log = tmp_path / "t.ASC"
+    with pytest.raises(UsageError, match=r"t\.ASC: cannot be read: No such file or directory; check the name$"):
+        logged(log)
+    log.mkdir()
+    with pytest.raises(UsageError, match=r"t\.ASC: is no file, so no bus log; check the name$"):
+        logged(log)
+    log.rmdir()
+    log.touch()
+    assert logged(log) == log
+    with pytest.raises(UsageError, match=r"^t\.txt: no bus log, whose name would end in \.blf, \.asc, \.pcapng; check"):
+        logged(Path("t.txt"))
+
+
+@pytest.mark.parametrize(("who", "kind"), [("oven", "oven"), ("left (oven)", "oven"), ("a (b) (oven)", "b) (oven")])
+def test_a_device_is_called_by_its_name_and_its_kind(who: str, kind: str) -> None:
+    assert kind_called(who) == kind
+
+
+# --- CAN frames as bytes -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frame", "data"),
+    [
+        ({"arbitration_id": 0x581, "data": b"\1\2", "is_extended_id": False}, "00000581 02 000000 0102"),
+        ({"arbitration_id": 0x12345678, "data": b"", "is_extended_id": True}, "92345678 00 000000"),
+        ({"arbitration_id": 0x701, "is_remote_frame": True, "dlc": 3, "is_extended_id": False}, "40000701 03 000000"),
+        ({"arbitration_id": 4, "is_error_frame": True, "dlc": 8, "data": bytes(8), "is_extended_id": False},
+         "20000004 08 000000 0000000000000000"),
+    ],
+)  # fmt: skip
+def test_a_frame_is_packed_as_linux_has_it(frame: dict[str, Any], data: str) -> None:
+    """struct can_frame; its identifier and flags are big-endian in a capture (SocketCAN of LINKTYPE 227)."""
+    message = can.Message(**frame)
+    assert packed(message) == bytes.fromhex(data)
+    assert unpacked(bytes.fromhex(data)).equals(message, timestamp_delta=None)
+
+
+def test_a_frame_of_a_log_has_its_time_in_seconds() -> None:
+    packet = Packet(1_500_000_000, "node", Link.CAN, True, bytes.fromhex("00000581 02 000000 0102"))
+    assert frame_of(packet) == Frame(1.5, 0x581, b"\1\2")
+
+
+# --- a log ---------------------------------------------------------------------------------------------
+
+
+class Clock(VirtualClock):
+    """A bench's clock that can be tapped."""
+
+    def tap(self, heard: Callable[[int], object]) -> None:
+        self.heard = heard
+
+
+class Bench(SimpleNamespace):
+    """A bench with one link of each kind, and what its log listens with."""
+
+    clock: Clock
+    links: dict[str, Any]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    taps: dict[str, Callable[..., None]] = {}
+
+    class Modbus(ModbusLink):
+        def __init__(self, name: str, serial: bool) -> None:
+            self.name, self._serial = name, serial
+
+        @property
+        def serial(self) -> bool:
+            return self._serial
+
+        def tap(self, heard: Callable[[bool, bytes], object]) -> None:
+            taps[self.name] = heard  # type: ignore[assignment]
+
+    class Can(CanLink):
+        def __init__(self) -> None:
+            self.name = "can"
+
+        def tap(self, heard: Any) -> None:
+            taps[self.name] = heard
+
+    devices = [
+        SimpleNamespace(name=name, kind=SimpleNamespace(name=kind), link=link, unit=unit)
+        for name, kind, link, unit in (
+            ("left", "oven", "rack", 7),
+            ("stage", "stage", "line", 2),
+            ("sensor_node_5", "sensor_node", "can", 5),
+            ("fan", "fan", "can", 6),
+        )
+    ]
+    return Bench(
+        clock=Clock(),
+        links={"rack": Modbus("rack", False), "line": Modbus("line", True), "can": Can()},
+        description=SimpleNamespace(devices=devices),
+        taps=taps,
+    )
+
+
+def log_of(bench: Any, path: Path) -> BusLog:
+    return BusLog(bench, bench.clock, path, STARTED)
+
+
+def frame(identifier: int, data: bytes = b"") -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+
+
+REQUEST = bytes.fromhex("0001 0000 0006 07 03 0000 0002")  # to unit 7
+
+
+def test_what_travels_is_logged_with_its_time_its_way_and_the_device_it_belongs_to(bench: Any, tmp_path: Path) -> None:
+    begun = bench.clock.now_ns()
+    with log_of(bench, tmp_path / "t.pcapng") as log:
+        log.describe('{"run": 1}')
+        bench.taps["rack"](True, REQUEST)
+        bench.taps["rack"](False, b"any answer")
+        bench.taps["rack"](True, REQUEST[:6] + b"\x09")
+        bench.clock.wait(1e-9)
+        bench.taps["line"](True, b"\x02\x03")
+        bench.taps["line"](False, b"\x09")
+        bench.taps["can"](True, frame(0x605, b"a"))
+        bench.taps["can"](False, frame(0x706))
+        bench.taps["can"](True, frame(0x80))
+        bench.clock.heard(17)
+    now = STARTED_NS + begun
+    assert list(read_pcapng(tmp_path / "t.pcapng")) == [
+        Packet(now, "run", Link.NOTE, True, b'{"run": 1}'),
+        Packet(now, "left (oven)", Link.TCP, True, REQUEST),
+        Packet(now, "left (oven)", Link.TCP, False, b"any answer"),
+        Packet(now, "unit 9", Link.TCP, True, REQUEST[:6] + b"\x09"),
+        Packet(now + 1, "stage", Link.LINE, True, b"\x02\x03"),
+        Packet(now + 1, "stage", Link.LINE, False, b"\x09"),
+        Packet(now + 1, "sensor_node", Link.CAN, True, bytes.fromhex("00000605 01 000000 61")),
+        Packet(now + 1, "fan", Link.CAN, False, bytes.fromhex("00000706 00 000000")),
+        Packet(now + 1, "sensor_node", Link.CAN, True, bytes.fromhex("00000080 00 000000")),
+        Packet(now + 1, "clock", Link.NOTE, True, b"17"),
+    ]
+
+
+def test_a_time_of_start_counts_in_whole_seconds(bench: Any, tmp_path: Path) -> None:
+    with BusLog(bench, bench.clock, tmp_path / "t.pcapng", STARTED.replace(microsecond=400_000)) as log:
+        log.describe("{}")
+    (packet,) = read_pcapng(tmp_path / "t.pcapng")
+    assert packet.time_ns == STARTED_NS + bench.clock.now_ns()
+
+
+@pytest.mark.parametrize("suffix", ["blf", "asc"])
+def test_frames_stand_in_the_can_format_too_with_their_time_and_way(suffix: str, bench: Any, tmp_path: Path) -> None:
+    path = tmp_path / f"t.{suffix}"
+    with log_of(bench, path):
+        bench.clock.wait(1.0)
+        bench.taps["can"](True, frame(0x601, b"ab"))
+        bench.clock.wait(0.5)
+        bench.taps["can"](False, frame(0x581, b"c"))
+    first, second = read_frames(path)
+    assert (first.identifier, first.data, second.identifier, second.data) == (0x601, b"ab", 0x581, b"c")
+    assert second.time - first.time == pytest.approx(0.5, abs=1e-3)
+    ways = [(message.is_rx, message.channel) for message in can.LogReader(path)]
+    assert ways == [(False, 0), (True, 0)]
+    if suffix == "blf":
+        assert first.time == pytest.approx(1e-9 * (STARTED_NS + bench.clock.now_ns()) - 0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize(("name", "content"), [("t.blf", b""), ("t.blf", bytes(200)), ("t.blf", b"LOGG" + bytes(20))])
+def test_a_can_log_that_is_damaged_is_told_as_such(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=r"\S"):
+        list(read_frames(tmp_path / name))
+
+
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), ValueError("write to closed file")])
+def test_a_log_that_fails_ends_and_the_run_goes_on_until_its_end(
+    failure: Exception, bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[Packet] = []
+
+    def full(_writer: PcapngWriter, packet: Packet) -> None:
+        written.append(packet)
+        raise failure
+
+    monkeypatch.setattr(PcapngWriter, "write", full)
+    log = log_of(bench, tmp_path / "t.pcapng")
+    log.__enter__()
+    bench.taps["rack"](True, REQUEST)
+    bench.taps["rack"](False, b"answer")
+    bench.taps["can"](True, frame(0x601))
+    assert len(written) == 1
+    with pytest.raises(RecordError, match=r"t\.pcapng: the bus log is incomplete: .*; make room on the disk, and"):
+        log.__exit__(None, None, None)
+
+
+def test_a_failed_log_does_not_hide_the_failure_of_the_run(
+    bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_writer: PcapngWriter, _packet: Packet) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PcapngWriter, "write", full)
+    with pytest.raises(KeyError, match="the run"), log_of(bench, tmp_path / "t.pcapng") as log:
+        log.describe("{}")
+        raise KeyError("the run")
+
+
+def test_a_log_that_cannot_be_ended_is_incomplete(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_writer: PcapngWriter) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(PcapngWriter, "end", full)
+    with (
+        pytest.raises(RecordError, match=r"incomplete: .*No space left on device"),
+        log_of(bench, tmp_path / "t.pcapng"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("name", ["t.pcapng", "t.blf"])
+def test_a_log_that_cannot_be_begun_is_told_before_the_bench_is_opened(name: str, bench: Any, tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match=rf"no/{name}: the bus log cannot be written: No such file or directory; cho"):
+        log_of(bench, tmp_path / "no" / name).__enter__()
+    assert bench.taps == {}
