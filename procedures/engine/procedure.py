@@ -6,14 +6,16 @@ How one is written, with the load sweep (`measurements/loads/`) as the example:
    `budgets` and `summary()`; `evaluate`, a function of the points. It imports from `instrument` alone.
 2. `report.py`: how the result is shown, as a function that prints it and one that draws it into a folder.
 3. `procedure.py`:
-   - the procedure, a frozen dataclass whose fields are the settings, in the order in which the record holds them;
+   - the procedure, a frozen dataclass whose fields are the settings, in the order in which the record holds them. A
+     `Setting` (`engine/settings.py`) says the unit of each and what it is;
    - `check` refuses what the bench cannot give, before any device is spoken to;
    - `plan` lists the steps; each says `what` is measured, and in `group` what is set up before it;
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
      Work under a dynamic load inherits from `measurements.loaded.Loaded`, which has films, servo and end;
    - `evaluate` and `report` call the functions of 1 and 2.
-4. Its name goes into `engine/known.py`, by which runs are resumed and logs replayed.
-5. A command makes the procedure of its options and gives it to `commands.procedures.measure`.
+4. Its name goes into `engine/known.py`, by which runs are resumed, logs replayed, and `palpate measure` makes a command.
+5. Where fields do not suffice as options, a command of its own makes the procedure and gives it to
+   `commands.procedures.measure`.
 
 The engine does the rest (`engine/conduct.py`): it stores each point before it tells of it, pauses, resumes and replays.
 A procedure holds nothing that changes; what stays set up from step to step is the work's.
