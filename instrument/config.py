@@ -102,8 +102,8 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
         found._verified = told == found.sha256()
     elif told != found.sha256():
         raise ConfigError(
-            f"{path}: was changed after it was written: sha256 = {str(told)[:12]}… belongs to other values; put it "
-            f"back (the run that it came of has it) or, if the change is meant, accept it: {ACCEPT} {path}"
+            f"{path}: was changed after it was written: its sha256 = {str(told)[:12]}… belongs to other values; "
+            f"restore it from the folder of its run or, if the change is intended, accept it: {ACCEPT} {path}"
         )
     return found
 

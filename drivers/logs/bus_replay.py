@@ -169,7 +169,7 @@ class BusReplay:
             goes_on = "ends here" if at == len(self._packets) else f"goes on with {self._describe(self._packets[at])!r}"
             raise ConfigError(
                 f"{self.path}: the replay sends {self._describe(did)!r}, but the log {goes_on}; only a run that was "
-                "not paused or stopped and lost no connection can be replayed, with the palpate that recorded it"
+                "not paused or stopped and lost no connection can be replayed, with the version that recorded it"
             )
         self._at += 1
         self._hear()

@@ -77,11 +77,14 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
     link = links[section.link]
     if not any(isinstance(link, LINKS[each]) for each in kind.links):
         raise ConfigError(
-            f"{where}: link: a {kind.name} is reached over {' or '.join(kind.links)}, {section.link} is another"
+            f"{where}: link: a {kind.name} needs a link of kind {' or '.join(kind.links)}; {section.link!r} is of "
+            "another kind"
         )
     key, other = ("node", "unit") if isinstance(link, CanLink) else ("unit", "node")
     if getattr(section, key) is None or getattr(section, other) is not None:
-        raise ConfigError(f"{where}: on link {section.link} a device has a {key}, and no {other}; give {key} = NUMBER")
+        raise ConfigError(
+            f"{where}: a device on link {section.link} needs a {key} and must have no {other}; give {key} = NUMBER"
+        )
     unit: int = getattr(section, key)
     settings = check(table, kind.settings, where)
     return Listed(name, kind, section.link, unit, settings, section.role, section.optional)
@@ -97,7 +100,7 @@ def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
         place = (each.link, each.unit)
         if place in by_place:
             raise ConfigError(
-                f"{by_place[place]} and {each.name} are both number {each.unit} on {each.link}; correct one"
+                f"{by_place[place]} and {each.name} both have the address {each.unit} on {each.link}; correct one"
             )
         names.add(each.name)
         by_place[place] = each.name

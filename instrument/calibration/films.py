@@ -192,7 +192,7 @@ def calibrate_films(
         if not value > 3 * value_u:
             raise EstimateError(
                 f"film {film.name!r} on channel {film.channel} gives {1e3 * value:.3g} mV/N with standard uncertainty "
-                f"{1e3 * value_u:.2g} mV/N, not above three of them; check its connection"
+                f"{1e3 * value_u:.2g} mV/N; it must be more than three times that: check its connection"
             )
     crosstalk, crosstalk_u = _crosstalk(design, readings, ratio, mean)
     frequencies = tuple(sorted({reading.frequency for reading in readings}))

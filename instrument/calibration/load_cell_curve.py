@@ -84,8 +84,8 @@ def load_cell_curve(
     ))  # fmt: skip
     if not sensitivity.value > 3 * sensitivity.u:
         raise EstimateError(
-            f"sensitivity {sensitivity.value:.4g} mV/N with standard uncertainty {sensitivity.u:.2g} mV/N is not above "
-            "three of them; check the weights, the bridge and its polarity"
+            f"sensitivity {sensitivity.value:.4g} mV/N with standard uncertainty {sensitivity.u:.2g} mV/N is not more "
+            "than three times that; check the weights, the bridge and its polarity"
         )
     span = float(line.coefficients[1] * np.ptp(load))
     linearity = float(np.abs(mean - line.reading(load)).max()) / span

@@ -73,7 +73,7 @@ class Question:
                 raise UnknownName("setting of a model", name, SETTINGS)
             if name in FIXED.get(self.model, ()):
                 raise RangeError(
-                    f"{name} {self.settings[name]}: model {self.model!r} has its own and no other; leave it out"
+                    f"{name} {self.settings[name]}: model {self.model!r} always takes its own value; leave it out"
                 )
 
     @property

@@ -52,7 +52,7 @@ def ratio_noise(fit: SineFit, numerator: int, denominator: int) -> float:
         EstimateError: an amplitude is zero.
     """
     if not (fit.amplitude[numerator] > 0 and fit.amplitude[denominator] > 0):
-        raise EstimateError("an amplitude is zero: no dwell makes a ratio of it; raise the drive or check the film")
+        raise EstimateError("the amplitude of a film is zero, so there is no ratio; raise the drive or check the film")
     density = fit.noise * math.sqrt(2 / fit.rate) / fit.amplitude
     one, other = float(density[numerator]), float(density[denominator])
     in_phase = math.cos(float(fit.phase[numerator] - fit.phase[denominator]))
@@ -86,9 +86,9 @@ def dwell_of(
     asked = noise**2 / ((target - lowest) * (target + lowest))
     if not asked <= longest:
         raise RangeError(
-            f"target {target:.3g} takes a dwell of {asked:.3g} s by the noise of this point, limit {longest:g} s; the"
-            f" floor is {lowest:.3g}; ask for {math.hypot(lowest, noise / math.sqrt(longest)):.3g} or more, or raise"
-            " the load"
+            f"target uncertainty {target:.3g} needs a dwell of {asked:.3g} s with the noise of this point, above the"
+            f" limit of {longest:g} s; no dwell gets below {lowest:.3g}; ask for"
+            f" {math.hypot(lowest, noise / math.sqrt(longest)):.3g} or more, or raise the load"
         )
     dwell = whole_steps(max(asked, 1 / frequency))
     return Dwell(dwell, asked, math.hypot(lowest, noise / math.sqrt(dwell)))

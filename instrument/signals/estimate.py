@@ -213,7 +213,7 @@ def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[flo
     if not bottom > 3 * bottom_u:
         raise EstimateError(
             f"amplitude of channel {denominator} is {bottom:.3g} V with standard uncertainty {bottom_u:.3g} V, "
-            "below the 3 that a denominator needs; raise the drive, lengthen the dwell or check the film's connection"
+            "less than three times that; raise the drive, lengthen the dwell or check the film's connection"
         )
     ratio = top / bottom
     common = float(fit.amplitude_correlation[numerator, denominator]) * top_u * bottom_u

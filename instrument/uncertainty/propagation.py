@@ -280,7 +280,7 @@ def _draw(problem: _Problem, generator: np.random.Generator) -> Floats:
             if len(group) > 1:
                 names = ", ".join(problem.inputs[i].name for i in group)
                 raise EstimateError(
-                    f"{names} are correlated and rectangular, which no one distribution is; take normal"
+                    f"{names} are correlated and rectangular, which defines no joint distribution; take normal ones"
                 )
             drawn[group] = generator.uniform(-math.sqrt(3), math.sqrt(3), (1, TRIALS))
         elif fewest < MANY:

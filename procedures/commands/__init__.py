@@ -1,4 +1,4 @@
-"""The command line `palpate`. Modules that cost start-up time are imported inside the commands."""
+"""The command line `palpate`. Commands import slow modules inside their functions, so that palpate starts fast."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from palpate.procedures.commands.sweep import sweep
 from palpate.procedures.commands.test import test
 from palpate.procedures.console.terminal import give_up, say
 
-ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # by exit status
-MOST_FILES = 128  # open at once; a served bench with all its clients has about 100
+ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message
+MOST_FILES = 128  # files that may have to be open at once; a served bench with all its clients has about 100
 
 
 @click.group(
@@ -42,10 +42,10 @@ MOST_FILES = 128  # open at once; a served bench with all its clients has about 
 def palpate() -> None:
     """Drive a bench for piezoelectric tactile sensors, or its simulation.
 
-    Without --bench the bench is simulated: no hardware is needed. Results lie in runs/, stamped SIMULATED.
+    Without --bench the bench is simulated: no hardware is needed. Results are stored in runs/, marked SIMULATED.
 
-    Exit status: 0 done, 1 the bench or the disk could not or no point is valid, 2 what was asked for cannot be, 129 the
-    terminal was closed, 130 interrupted by Ctrl-C, 143 terminated.
+    Exit status: 0 done; 1 the bench or the disk failed, or no point is valid; 2 wrong or impossible arguments; 129 the
+    terminal was closed; 130 interrupted by Ctrl-C; 143 terminated.
     """
 
 
@@ -57,11 +57,7 @@ for group in (
 
 
 def main() -> None:
-    """Run, and turn every mistake of the user's or the bench's into one message and an exit status.
-
-    Exit status: 0 done, 1 the bench or the disk could not or no point is valid, 2 what was asked for cannot be, 129
-    hung up (the terminal was closed), 130 interrupted (Ctrl-C), 143 terminated.
-    """
+    """Run the command line, and turn every error into one message and the exit status that `palpate --help` lists."""
     from palpate.procedures.arithmetic import same_everywhere
 
     same_everywhere()
@@ -79,7 +75,7 @@ def _run() -> None:
     from palpate.instrument.errors import PalpateError
 
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files can hold bytes that are no text
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names can contain bytes that are no text
     try:
         _check_files()
         status = palpate.main(prog_name="palpate", standalone_mode=False)
@@ -89,7 +85,7 @@ def _run() -> None:
         say(shown.getvalue().rstrip("\n"), err=True)
         sys.exit(2)
     except (click.Abort, KeyboardInterrupt) as error:
-        _complain("interrupted", error.__cause__ or error)  # what was noted of Ctrl-C is on click's cause
+        _complain("interrupted", error.__cause__ or error)  # click puts the notes of Ctrl-C on the cause
         sys.exit(130)
     except SystemExit as error:
         if error.code in ENDED:
@@ -100,27 +96,28 @@ def _run() -> None:
         sys.exit(error.exit_code)
     except OSError as error:
         if isinstance(before := error.__context__, SystemExit) and before.code in ENDED:
-            raise before from None  # only what was to be said of it could not be
+            raise before from None  # the program was ending already, and only its last message could not be written
         _complain(f"error: {error}", error)
         sys.exit(1)
     except MemoryError as error:
-        _complain("error: it takes more memory than this computer has; take a smaller file or fewer points", error)
+        _complain("error: this computer has too little memory for it; take a smaller file or fewer points", error)
         sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)
 
 
 def _check_files() -> None:
-    """Raises BenchError: sockets, terminals and records of a bench are more files than may be open at once."""
+    """Raises BenchError: fewer files may be open at once than the sockets, terminals and records of a bench need."""
     from palpate.instrument.errors import BenchError
 
     allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= allowed < MOST_FILES:  # -1: without limit
         raise BenchError(
-            f"only {allowed} files may be open at once, {MOST_FILES} can be needed; give ulimit -n {MOST_FILES}"
+            f"only {allowed} files may be open at once, but a bench can need {MOST_FILES}; run ulimit -n {MOST_FILES} "
+            "first"
         )
 
 
 def _complain(message: str, error: BaseException) -> None:
-    with contextlib.suppress(OSError):  # a terminal that hung up is gone
+    with contextlib.suppress(OSError):  # the terminal may be gone
         for line in (f"palpate: {message}", *getattr(error, "__notes__", ())):
             say(line, err=True)

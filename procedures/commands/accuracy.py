@@ -1,4 +1,4 @@
-"""palpate accuracy."""
+"""The commands palpate accuracy, accuracy models and accuracy surfaces."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from palpate.procedures.commands.validation import validation
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --out prices --json\n\n  palpate accuracy dwell",
 )
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, accuracy.png (default: no plot).")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot accuracy.png (default: no plot).")
 @output_options
 @click.pass_context
 def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: bool) -> None:
-    """What accuracy costs in time. Without a command: all of it on one page, some 20 s."""
+    """Show how much time accuracy costs. Without a command: all of it on one page, in about 20 s."""
     if context.invoked_subcommand is None:
         page(out, Output(as_json, quiet))
     elif out is not None or as_json or quiet:
-        raise click.UsageError(f"options of {context.invoked_subcommand!r} stand behind it, not before it")
+        raise click.UsageError(f"give the options of {context.invoked_subcommand!r} after it, not before it")
 
 
 accuracy.add_command(integrators)
@@ -40,16 +40,16 @@ accuracy.add_command(validation)
 )
 @click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
 @click.option("--measure", "anew", is_flag=True, help="Measure on this machine: an hour for all designs.")
-@click.option("--store", is_flag=True, help="Measure, and keep it in the list that models are chosen by.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, models.png (default: no plot).")
+@click.option("--store", is_flag=True, help="Measure, and store the result in the list by which models are chosen.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot models.png (default: no plot).")
 @output_options
 def models(design: str | None, anew: bool, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
-    """Error and time of every sensor model at every refinement: the list that model "auto" chooses by.
+    """Show error and time of every sensor model at every refinement: the list by which model "auto" chooses.
 
-    Shows the stored list, with the machine that it was measured on; times are those of its processor. The error is the
-    greatest distance from a converged reference, whose own uncertainty is counted in, for objects like the thesis'
-    rubber samples. The validation error is the distance from the thesis' experiments, rms over their samples, which no
-    mesh makes smaller: see palpate accuracy validation.
+    The stored list names the machine on which it was measured; times are processor time. The error is the greatest
+    difference from a converged reference, with the reference's own uncertainty, for objects like the thesis' rubber
+    samples. The validation error is the rms difference from the thesis' experiments over their samples, which no mesh
+    makes smaller: see palpate accuracy validation.
     """
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.prices import price_list
@@ -79,7 +79,7 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     priced = dict.fromkeys((price.design, price.model) for price in prices.prices)
     compared = [validate(of, "physical", by) for of, by in priced]
     plot = None if out is None else out / PLOT
-    # The figures first: a plot that cannot be written loses none of them.
+    # The numbers come first, so that none is lost if the plot cannot be written.
     if output.as_json:
         output.json(
             {
@@ -100,10 +100,10 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
 @click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@click.option("--store", is_flag=True, help='Build them anew, and keep them as those of model "surface".')
+@click.option("--store", is_flag=True, help='Build the surfaces anew, and store them for model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
-    """Response surfaces that model "surface" answers by, with their bounds; building all takes a quarter of an hour."""
+    """Show the response surfaces of model "surface", with their bounds; building all takes a quarter of an hour."""
     from palpate.instrument.errors import UnknownName
     from palpate.instrument.models.parameter_sets import get_parameter_set
     from palpate.instrument.models.stored import surface

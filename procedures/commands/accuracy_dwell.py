@@ -1,4 +1,4 @@
-"""palpate accuracy dwell."""
+"""The command palpate accuracy dwell."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from palpate.procedures.commands.options import FILE_NAME, Command, Output, make
 )
 @click.option("--scene", metavar="NAME|FILE", default="thesis_single", show_default=True, help="Scene to simulate.")
 @question_options
-@click.option("--dwell", help="Dwells, with commas (default: 0.1 s to 10 s, what is a cycle or more).")
-@click.option("--estimator", multiple=True, help="Such as 'least squares'; again for more (default: all).")
-@click.option("--rate", help="Samples a second, such as '250 Hz' (default: 25 a cycle).")
+@click.option("--dwell", help="Dwells, with commas (default: 0.1 s to 10 s, all of a cycle or more).")
+@click.option("--estimator", multiple=True, help="Such as 'least squares'; repeat it for more (default: all).")
+@click.option("--rate", help="Sample rate, such as '250 Hz' (default: 25 samples in a cycle).")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, dwell.png (default: no plot).")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot dwell.png (default: no plot).")
 @output_options
 def dwell_command(
     scene: str,
@@ -36,10 +36,10 @@ def dwell_command(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Uncertainty and bias of the force ratio against the dwell, by each estimator, beside the Cramér–Rao bound.
+    """Show uncertainty and bias of the force ratio against the dwell, for each estimator, with the Cramér–Rao bound.
 
-    One long record of a settled load is cut into pieces. The floor that no dwell beats is the scatter of the films'
-    gains from one load set to the next, and what moves in step with the drive.
+    One long record of a settled load is cut into pieces. A longer dwell cannot reduce the scatter of the films' gains
+    from one load set to the next, nor disturbances that move in step with the drive.
     """
     from palpate.instrument.errors import EstimateError
     from palpate.instrument.quantity import parse, parse_list
@@ -67,4 +67,4 @@ def dwell_command(
 
         print_dwell(prices, title, plot)
     if prices.saturated:
-        raise EstimateError(f"scene {scene}: a film is over-ranged, so no figure is of use; take a smaller --load")
+        raise EstimateError(f"scene {scene}: a film is over-ranged, so no result is usable; take a smaller --load")

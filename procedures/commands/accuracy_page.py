@@ -1,4 +1,4 @@
-"""palpate accuracy, by itself."""
+"""The command palpate accuracy without a subcommand."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.procedures.commands.options import Output, make_folder
 
 
 def page(out: Path | None, output: Output) -> None:
-    """Collect what is stored, measure the rest, and show it."""
+    """Collect the stored results, measure the others, and show all."""
     from palpate.procedures.virtual.page import collect
 
     make_folder(out)

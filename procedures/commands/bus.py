@@ -1,4 +1,4 @@
-"""palpate bus."""
+"""The commands palpate bus show and bus replay."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.procedures.commands.options import FILE_NAME, OUT, Group, Output, o
 
 @click.group(cls=Group)
 def bus() -> None:
-    """Look at what went over the buses of a run (`--log FILE` of every command that uses a bench)."""
+    """Look at the bus traffic of a run, which `--log FILE` of every command with a bench records."""
 
 
 @bus.command(
@@ -22,9 +22,9 @@ def bus() -> None:
 @click.argument("log", type=FILE_NAME, metavar="FILE")
 @output_options
 def show(log: Path, as_json: bool, quiet: bool) -> None:
-    """Decode a log, whole (.pcapng) or of CAN alone (.blf, .asc), with names, values and units.
+    """Decode a log of all traffic (.pcapng) or of CAN (.blf, .asc), with names, values and units.
 
-    Times are of the bench's clock, in s since the first message.
+    Times are those of the bench's clock, in seconds since the first message.
     """
     from palpate.procedures.logs.shown import Line, read_log
     from palpate.procedures.records.holes import check_holes
@@ -33,7 +33,7 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
     check_holes(log)
     messages: list[Line] = []
     try:
-        messages.extend(read_log(log))  # keeps what stands before the damage
+        messages.extend(read_log(log))  # keeps the messages before a damage
         if output.as_json:
             output.json({"file": str(log), "messages": [asdict(message) for message in messages]})
     finally:
@@ -49,10 +49,11 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
 @OUT
 @output_options
 def replay(log: Path, out: Path | None, as_json: bool, quiet: bool) -> None:
-    """Do the run of a log again: the drivers hear what they heard then, and the points are the same to the byte.
+    """Repeat the run of a log: the drivers receive the logged answers, and the points are the same to the byte.
 
-    FILE is the .pcapng of a log, or the CAN file beside it. No device, nobody and no time is needed. Calibrations that
-    come out are not kept for later runs. It ends at the first request that the log does not hold at that place.
+    FILE is the .pcapng file of a log, or the CAN file beside it. Neither devices nor an operator are needed, and no
+    time passes. Resulting calibrations are not stored for later runs. The replay stops at the first request that the
+    log does not have at this place.
     """
     from palpate.procedures.commands.procedures import tell
     from palpate.procedures.engine.known import class_of

@@ -1,4 +1,4 @@
-"""palpate calibrate."""
+"""The commands palpate calibrate load-cell, calibrate films and calibrate accept."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def calibrate() -> None:
 )
 @click.option("--runs", default=1, show_default=True, help="Runs up and down in each position; 2 give repeatability.")
 @click.option(
-    "--positions", default="0", show_default=True, help="Of the cell about its axis, degrees; ISO 376: 0,120,240."
+    "--positions", default="0", show_default=True, help="Degrees about the cell's axis; ISO 376 has 0,120,240."
 )
 @click.option(
     "--degree",
     type=click.Choice(["auto", "1", "2"]),
     default="auto",
     show_default=True,
-    help="Of the curve; auto: 2 where an F-test finds it better.",
+    help="Degree of the curve; auto: 2 if an F-test finds it better.",
 )
-@click.option("--creep", is_flag=True, help="Watch the greatest load for 300 s.")
-@click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
+@click.option("--creep", is_flag=True, help="Measure the creep under the greatest load for 300 s.")
+@click.option("--valid-days", default=365, show_default=True, help="Days until the calibration expires.")
 @bench_options
 @budget_option
 def load_cell(
@@ -59,9 +59,9 @@ def load_cell(
 ) -> None:
     """Calibrate the load cell with dead weights, 140 to 740 gf up and down (thesis Table 5.1).
 
-    Fits a line, or a curve where it is better, with uncertainty; classifies by ISO 376 and ASTM E74; writes a
-    certificate; stores the calibration: later sweeps with the same indicator use and name it, until it expires and
-    within its loads.
+    Fits a line, or a curve if it is better, with its uncertainty; classifies the cell by ISO 376 and ASTM E74; writes a
+    certificate; and stores the calibration. Later runs with the same indicator use and name it, within its loads and
+    until it expires.
     """
     from palpate.instrument.quantity import parse_list
     from palpate.procedures.commands.procedures import measure
@@ -85,9 +85,9 @@ def load_cell(
     "\n\n  palpate calibrate films --scene array_16 --json\n\n  palpate calibrate films --bench lab.toml"
 )
 @click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
-@click.option("--frequencies", default="10 Hz", show_default=True, help="Of the load, in a list.")
+@click.option("--frequencies", default="10 Hz", show_default=True, help="Frequencies of the load, with commas.")
 @dwell_option
-@click.option("--valid-days", default=365, show_default=True, help="Until the calibration expires.")
+@click.option("--valid-days", default=365, show_default=True, help="Days until the calibration expires.")
 @extrapolate_option
 @bench_options
 @budget_option
@@ -100,11 +100,11 @@ def films(
     choice: Choice,
     output: Output,
 ) -> None:
-    """Calibrate the films against the load cell, each tooth pressed alone (thesis 5.4).
+    """Calibrate the films against the load cell, with each tooth pressed alone (thesis 5.4).
 
-    For each film its sensitivity, linearity and clamping factor (sensitivity over the design's own), for several
-    teeth what each hears of the others. Stores the calibration: later runs with the same sensor on the same node use
-    and name it in place of the design's sensitivities.
+    Finds each film's sensitivity, linearity and clamping factor (sensitivity over the design's own) and, with several
+    teeth, the crosstalk between them. Stores the calibration: later runs with the same sensor on the same node use and
+    name it instead of the design's sensitivities.
     """
     from palpate.instrument.quantity import parse, parse_list
     from palpate.procedures.commands.procedures import measure
@@ -119,11 +119,11 @@ def films(
 @click.argument("file", type=FILE_NAME)
 @output_options
 def accept(file: Path, as_json: bool, quiet: bool) -> None:
-    """Accept a calibration that was edited by hand, after looking it over.
+    """Accept a calibration that was edited by hand, after you have checked it.
 
-    FILE holds the hash of what was written into it, and is refused once something else stands there. This gives it a
-    new hash and today's date, which every run that uses it tells. A file from before there were hashes is accepted the
-    same way.
+    FILE holds a hash of its content, and runs refuse it once the content was changed. This command gives it a new hash
+    and today's date, which every run that uses it reports. A file that is older than the hashes is accepted in the same
+    way.
     """
     from datetime import UTC, datetime
 

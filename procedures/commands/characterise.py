@@ -1,4 +1,4 @@
-"""palpate characterise."""
+"""The command palpate characterise."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from palpate.procedures.commands.options import (
 def characterise(
     sample: str, loads: str, dwell: str, frequency: str, drift_time: str, choice: Choice, output: Output
 ) -> None:
-    """Find what the sensor can do (thesis 2.1), each figure with its standard uncertainty.
+    """Measure the sensor's characteristics (thesis 2.1), each with its standard uncertainty.
 
     Signal-to-noise ratio, force sensitivity, resolution, linearity, hysteresis, dynamic range and drift of every film,
-    and the sensor's spatial resolution: loads up, loads down, then the middle one held.
+    and the sensor's spatial resolution. The loads go up, then down; then the middle one is held.
     """
     from palpate.instrument.quantity import parse
     from palpate.procedures.commands.procedures import measure

@@ -1,4 +1,4 @@
-"""palpate contracts."""
+"""The command palpate contracts export."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from palpate.procedures.commands.options import FILE_NAME, Group, Output, output
 
 @click.group(cls=Group)
 def contracts() -> None:
-    """The devices' register and object maps."""
+    """Write the devices' register and object maps."""
 
 
 @contracts.command(epilog="Examples:\n\n  palpate contracts export --to maps")
-@click.option("--to", "folder", required=True, type=FILE_NAME, metavar="DIR", help="Where they go.")
+@click.option("--to", "folder", required=True, type=FILE_NAME, metavar="DIR", help="Folder for the files.")
 @output_options
 def export(folder: Path, as_json: bool, quiet: bool) -> None:
-    """Write the register tables (Markdown), the node's EDS and a DBC for logging tools."""
+    """Write the register tables (Markdown), the sensor node's EDS, and a DBC for logging tools."""
     from palpate.instrument.bench.kinds import all_kinds
     from palpate.instrument.contracts.export import export_contracts
 

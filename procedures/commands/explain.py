@@ -1,4 +1,4 @@
-"""palpate scene explain."""
+"""The command palpate scene explain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.procedures.commands.options import Command, F, Output, output_optio
 
 
 def question_options(command: F) -> F:
-    """--sample, --load and --frequency."""
+    """Add the options --sample, --load and --frequency."""
     for option in (
         click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load."),
         click.option("--load", default="3 N", show_default=True, help="Load, peak to peak, if nothing limits it."),
@@ -25,10 +25,10 @@ def question_options(command: F) -> F:
 )
 @click.argument("scene")
 @question_options
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which it is averaged.")
-@click.option("--steady", is_flag=True, help="Of the settled state, not of waveforms; and what it is.")
-@click.option("--tolerance", default="1e-4", show_default=True, help="What may be left out without a mark.")
-@click.option("--strict", is_flag=True, help="A warning is an error.")
+@click.option("--dwell", default="1 s", show_default=True, help="Time over which the signals are averaged.")
+@click.option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
+@click.option("--tolerance", default="1e-4", show_default=True, help="Change by omitted effects that gets no mark.")
+@click.option("--strict", is_flag=True, help="Treat a warning as an error.")
 @output_options
 def explain(
     scene: str,
@@ -42,7 +42,7 @@ def explain(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """What a scene simulates and how, and what leaving the rest out can change."""
+    """Explain what a scene simulates and how, and how much the omitted effects could change."""
     from palpate.instrument.quantity import parse_tolerance
     from palpate.procedures.virtual.explained import Explained, asked, print_explained
 

@@ -1,4 +1,4 @@
-"""palpate accuracy integrators."""
+"""The command palpate accuracy integrators."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from palpate.procedures.commands.options import FILE_NAME, Command, Output, make
     cls=Command,
     epilog="Examples:\n\n  palpate accuracy integrators\n\n  palpate accuracy integrators --out prices --json",
 )
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the plot goes, integrators.png (default: no plot).")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot integrators.png (default: no plot).")
 @output_options
 def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
-    """Error and time of ways to follow a stiff chain through time, measured now: some 20 s.
+    """Measure error and time of methods that integrate a stiff chain in time; this takes about 20 s.
 
-    Nine states whose rates span six decades, under a 10 Hz sine for 10 s, from rest. The error is the greatest of the
-    output over its greatest value, against a matrix exponential in extended precision. Beside it a Bouc-Wen operator,
-    whose hysteresis is stiff under steps of x, in 3 cycles of the sine.
+    The chain has nine states whose rates span six decades. It starts at rest, under a 10 Hz sine for 10 s. The error is
+    the greatest error of the output over its greatest value, against a matrix exponential in extended precision. A
+    second task is a Bouc-Wen operator, whose hysteresis is stiff under steps of x, over 3 cycles of the sine.
     """
     from palpate.procedures.virtual.integrators import measure, plot_integrators, print_integrators, task
 

@@ -1,4 +1,4 @@
-"""palpate measure."""
+"""The command palpate measure, which has a subcommand for each known procedure."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from palpate.procedures.commands.options import DRY_RUN, Choice, Command, Group,
 if TYPE_CHECKING:
     from palpate.procedures.engine.settings import Asked
 
-FIELD = "field_"  # before a field's name as a parameter, so that none of the command's own is called the same
+FIELD = "field_"  # prefix of a parameter for a field, so that no other parameter of the command has the same name
 WIDTH = 80  # characters of a procedure's purpose in the list
 PLAIN = {float: "NUMBER", int: "INTEGER", str: "TEXT"}
 EXAMPLES = "Examples:\n\n  palpate measure {0}{1}\n\n  palpate measure {0}{1} --scene ideal --dry-run"
 
 
 class Known(Group):
-    """A group whose commands are the procedures that are known: ours, and those of installed packages."""
+    """A group with a command for each known procedure: palpate's own, and those of installed packages."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         from palpate.procedures.engine.known import names
@@ -37,7 +37,7 @@ class Known(Group):
             raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List them; one that cannot be used with what is wrong with it."""
+        """List the procedures; for one that cannot be used, say why."""
         rows = []
         for name in self.list_commands(ctx):
             try:
@@ -53,9 +53,9 @@ class Known(Group):
     epilog="Examples:\n\n  palpate measure sweep-loads --help\n\n  palpate measure sweep-loads --loads '2 N, 3 N'",
 )
 def measure() -> None:
-    """Carry out a procedure by its name: one that an installed package adds, or one of ours.
+    """Carry out a procedure by its name: one that an installed package adds, or one of palpate's.
 
-    Its settings are its options. A package says by an entry point which procedures it adds.
+    Its settings are its options. A package adds procedures by entry points.
     """
 
 
@@ -63,7 +63,7 @@ def command_of(name: str) -> click.Command:
     """The command of a procedure.
 
     Raises:
-        UnknownName: there is none of that name.
+        UnknownName: there is no procedure of that name.
         ConfigError: its package cannot be used, or one of its settings cannot be an option.
     """
     from palpate.procedures.engine.known import procedure_class
@@ -79,7 +79,7 @@ def command_of(name: str) -> click.Command:
         (plan if dry_run else measure)(made(kind, values), choice, output)
 
     written = inspect.cleandoc(vars(kind).get("__doc__") or "").partition("\n\n")[0]
-    by_dataclass = written.startswith(f"{kind.__name__}(")  # where nobody wrote one
+    by_dataclass = written.startswith(f"{kind.__name__}(")  # the docstring that a dataclass makes if it has none
     needed = "".join(f" {_text(each)} ..." for each in asked if each.required)
     command = click.command(
         name,
@@ -109,15 +109,15 @@ def _option(asked: Asked) -> click.Option:
 
 
 def _check_different(name: str, common: Sequence[click.Parameter], own: Sequence[click.Option]) -> None:
-    """Raises ConfigError: an option is called as another of the command."""
+    """Raises ConfigError: two options of the command have the same name."""
     taken = {"--help", *(text for each in common for text in each.opts)}
     for option in own:
         texts = {*option.opts, *option.secondary_opts}
         if twice := texts & taken:
             field = str(option.name).removeprefix(FIELD)
             raise ConfigError(
-                f"procedure {name!r}: field {field!r} cannot be the option {min(twice)}, which is another's; "
-                "give the field another name"
+                f"procedure {name!r}: field {field!r} cannot be the option {min(twice)}, which the command has "
+                "already; give the field another name"
             )
         taken |= texts
 

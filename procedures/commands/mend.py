@@ -1,4 +1,4 @@
-"""palpate runs check and palpate runs repair."""
+"""The commands palpate runs check and runs repair."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from palpate.procedures.lab.store import store
 @click.argument("run")
 @output_options
 def check(run: str, as_json: bool, quiet: bool) -> int:
-    """Look a run over, without changing it. RUN is a folder or a name in runs/. Exit status 1 when it is damaged.
+    """Check a run for damage without changing it. RUN is a folder or a name in runs/. Exit status 1: it is damaged.
 
-    Every row carries its own hash and that of the row before, and a file beside it tells how many there were: so each
-    row that is lost or changed is found. A run that has not ended is no damage. One of record format 3 has checksums
-    alone, and is said to be unhashed: that it has lost its last points cannot be noticed.
+    Every row has its own hash and the hash of the row before, and a second file holds the number of rows. So each lost
+    or changed row is found. A run that has not ended is not damaged. A run of record format 3 has only checksums, and
+    is called unhashed: points that are lost at its end go unnoticed.
     """
     from palpate.procedures.records.check import check as look_over
     from palpate.procedures.records.run_list import find_run
@@ -40,10 +40,10 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
 @click.option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
 @output_options
 def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
-    """Salvage a damaged run into a new one, and say what is gone. RUN, which is only read, is a folder or a name.
+    """Salvage a damaged run into a new one, and say what is lost. RUN is a folder or a name; it is only read.
 
-    Every row that is whole is looked for, wherever it lies in the damaged file. Header and last event of the new run
-    say what is gone. A run that lost nothing but its end can be resumed.
+    All undamaged rows are found, wherever they lie in the damaged file. Header and last event of the new run say what
+    is lost. A run that lost only its end can be resumed.
     """
     from palpate.procedures.records.repair import repair as salvage
     from palpate.procedures.records.run_list import find_run

@@ -1,4 +1,4 @@
-"""palpate model."""
+"""The commands palpate model ratio, model modulus and model plot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.procedures.lab.store import store
 if TYPE_CHECKING:
     from palpate.instrument.models.ratio import Question
 
-# Settings that go over the parameter set's, with their units.
+# Settings that replace values of the parameter set, with their units and help.
 _SETTINGS = {
     "sensed_thickness": ("m", "Thickness of the object."),
     "sensed_poisson": ("", "Poisson ratio of the object."),
@@ -42,7 +42,7 @@ model.add_command(shear)
 
 
 def question_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Which sensor, by which model, from which numbers: the command gets one `question`."""
+    """Add the options for sensor, model and parameters; the command gets them as one `question`."""
 
     @functools.wraps(command)
     def asked(
@@ -75,17 +75,17 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 default="auto",
                 show_default=True,
                 help="column, column_fitted, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid;"
-                " or auto: the cheapest that meets the tolerance.",
+                " or auto: the fastest that meets the tolerance.",
             ),
             *described,
             click.option(
-                "--interface", help="bonded, frictionless, or capped: frictionless, the ring's top kept level."
+                "--interface", help="bonded, frictionless, or capped (frictionless, with the ring's top kept level)."
             ),
             click.option(
                 "--parameters",
                 default="physical",
                 show_default=True,
-                help="What is not given above: thesis, physical, identified or capped.",
+                help="Set of all values that are not given above: thesis, physical, identified or capped.",
             ),
             click.option(
                 "--tolerance", help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid)."
@@ -104,19 +104,19 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     "\n\n  palpate model ratio --design common_base --sensed-modulus '100 kPa' --at '6 mm, 6 mm'"
 )
 @click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
-@click.option("--at", metavar="X,Y", help="The force acts in one point, from the object's corner (default: all over).")
+@click.option("--at", metavar="X,Y", help="Point of the force, from the object's corner (default: spread over all).")
 @question_options
 @output_options
 def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool, quiet: bool) -> None:
-    """Force ratio, tooth force over total force, for objects of given moduli.
+    """Compute the force ratio (tooth force over total force) for objects with given moduli.
 
-    Model auto takes the cheapest whose error in the price list (palpate accuracy models) meets the tolerance, and says
-    which. The error estimate of a model that you name is that of its discretisation; models in closed form have none.
-    The model error is what it leaves out, by the price list; none for the experiment and for what was not priced.
-    The validation error is how far the model lies from the thesis' experiments, rms over their samples, by the
-    parameter set as it is, without settings of yours: palpate accuracy validation.
-    The solid model takes seconds to a minute a point; the extra "fast" shortens it. It alone knows a force in one
-    point.
+    Model auto takes the fastest model whose error in the price list (palpate accuracy models) meets the tolerance, and
+    names it. The error estimate of a model that you name is that of its discretisation; models in closed form have
+    none. The model error is the error of what the model leaves out, by the price list; the experiment, and cases that
+    the price list lacks, have none. The validation error is the rms difference from the thesis' experiments over their
+    samples, with the parameter set alone, without your settings: see palpate accuracy validation.
+    The solid model takes seconds to a minute for a point; the extra "fast" shortens it. It is the only one that accepts
+    a force in one point.
     The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
     from palpate.instrument.models.ratio import ask
@@ -157,18 +157,18 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
 )
 @click.option("--force-ratio", required=True, help="Force ratio, or a list with commas.")
 @click.option(
-    "--uncertainty", help="Standard uncertainty of the ratios (default: by how much the design's repeat, about 4 %)."
+    "--uncertainty", help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %)."
 )
 @question_options
 @output_options
 def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_json: bool, quiet: bool) -> None:
-    """Young modulus of the sensed object from the force ratio, with an interval that covers it by 95 %.
+    """Find the Young modulus of the sensed object from the force ratio, with a 95 % interval.
 
-    Near the ratio of a very hard or a very soft object, and outside what the model gives, the answer is a bound.
-    The interval holds the uncertainty of the ratio, the model's error estimate, and, where the price list knows it,
-    what the model leaves out (model error). It does not hold the validation error: how far the model lies from the
-    thesis' experiments is told below it.
-    Models in closed form and surfaces take less than a second, the axisymmetric one some 20 s, the solid one half
+    Near the ratio of a very hard or a very soft object, and outside the model's range, the answer is only a bound.
+    The interval includes the uncertainty of the ratio, the model's error estimate and, if the price list has it, the
+    model error. It does not include the validation error, the difference from the thesis' experiments, which is printed
+    below.
+    Models in closed form and surfaces take less than a second, the axisymmetric model about 20 s, the solid model half
     an hour.
     """
     from palpate.instrument.findings import object_modulus as model_modulus
@@ -201,14 +201,14 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     "\n\n  palpate model plot --design common_base --model solid --sensed-modulus '100 kPa'"
 )
 @click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
-@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="Where the picture goes (default: new in runs/plots/).")
+@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @question_options
 @output_options
 def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
     """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
 
-    The section is that of the first modulus, for 1 N. The axisymmetric and the solid model know one: for any other
-    the force ratio is drawn alone.
+    The section is drawn for the first modulus and 1 N. Only the axisymmetric and the solid model compute a section; for
+    other models only the force ratio is drawn.
     """
     from palpate.instrument.quantity import parse_list
     from palpate.procedures.showing import model_picture, model_plot
@@ -223,11 +223,11 @@ def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: boo
 
 
 def _place(text: str) -> tuple[float, float]:
-    """(x, y) [m].
+    """A point (x, y) from a text [m].
 
     Raises:
-        UsageError: not two lengths.
-        QuantityError: a length has no unit, or another one's.
+        UsageError: the text has not two lengths.
+        QuantityError: a length has no unit, or a wrong one.
     """
     from palpate.instrument.errors import UsageError
     from palpate.instrument.quantity import parse_list

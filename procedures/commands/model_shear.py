@@ -1,4 +1,4 @@
-"""palpate model shear."""
+"""The command palpate model shear."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from palpate.procedures.commands.options import Command, Output, output_options
 @click.option("--sample", default="1", show_default=True, help="Rubber sample on the sensor.")
 @output_options
 def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
-    """What a force along the sensor's face does to each film, and the load off centre that does the same.
+    """Compute the effect of a shear force on each film, and the off-centre load with the same effect.
 
-    Once on the top of the first tooth, once on the object's upper side, along the line of the teeth; by the solid
-    model, with the object bonded. The change is that from the mesh before.
+    The force acts along the line of the teeth, once on the top of the first tooth and once on the object's upper side.
+    The solid model computes it, with the object bonded. The change is the difference from the next coarser mesh.
     """
     from palpate.instrument.models import shear as model
     from palpate.instrument.sensor.designs import get_design

@@ -1,4 +1,4 @@
-"""palpate new."""
+"""The commands palpate new device, new effect and new procedure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that commands share, and how they speak: tables for people, one JSON object for machines."""
+"""Options that commands share, and their output: tables for people, one JSON object for machines."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 class Command(click.Command):
-    """A command that refuses an option of one value which is given twice; click would take the last."""
+    """A command that refuses an option that is given twice; click would silently take the last value."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         parser = self.make_parser(ctx)
@@ -31,21 +31,21 @@ class Command(click.Command):
         given, _, _ = parser.parse_args(list(args))
         for option in single:
             values = [repr(value) for value in given.get(option.name, ())]
-            if len(values) > 1 and not ctx.resilient_parsing:  # as a shell does that completes a line
+            if len(values) > 1 and not ctx.resilient_parsing:  # no error while a shell completes the line
                 name = max(option.opts, key=len)
                 raise UsageError(f"{name} is given {len(values)} times, as {' and '.join(values)}; give it once")
         return super().parse_args(ctx, args)
 
 
 class Group(Command, click.Group):
-    """A group of such commands."""
+    """A group whose commands are of this kind."""
 
     command_class = Command
     group_class = type
 
 
 def make_folder(out: Path | None) -> None:
-    """A folder for a plot, before anything is measured for it. Raises RecordError: it cannot be made."""
+    """Make the folder for a plot, before anything is measured. Raises RecordError: it cannot be made."""
     from palpate.procedures.records.run import storing
 
     if out is not None:
@@ -54,14 +54,14 @@ def make_folder(out: Path | None) -> None:
 
 
 def output_options(command: F) -> F:
-    """--json and --quiet."""
+    """Add the options --json and --quiet."""
     command = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
     return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
 DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 
-# What is done at a point: each comes as text.
+# Options for a point; each value is a text.
 sample_option = click.option("--sample", default="1", show_default=True, help="Rubber sample.")
 load_option = click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
 dwell_option = click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
@@ -69,8 +69,8 @@ frequency_option = click.option("--frequency", default="10 Hz", show_default=Tru
 
 
 def extrapolate_option(command: F) -> F:
-    """--extrapolate: the command gets it as `extrapolate`."""
-    text = "Let loads pass that lie outside the calibrated range."
+    """Add the option --extrapolate, which the command gets as `extrapolate`."""
+    text = "Allow loads outside the load cell's calibrated range."
     return click.option("--extrapolate", is_flag=True, help=text)(command)
 
 
@@ -80,7 +80,7 @@ assume_option = click.option(
 
 
 def budget_option(command: F) -> F:
-    """--budget, of a command with `bench_options` above it: `output` then has `budgets`."""
+    """Add the option --budget to a command with `bench_options` above it; its `output` then has `budgets`."""
 
     @functools.wraps(command)
     def gathered(*, budget: bool, output: Output, **own: object) -> object:
@@ -91,7 +91,7 @@ def budget_option(command: F) -> F:
 
 
 class _FileName(click.Path):
-    """A path that is given: "" would be the current folder."""
+    """A path that is not empty, because "" would mean the current folder."""
 
     def convert(
         self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None
@@ -107,9 +107,15 @@ OUT = click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which bench a command shall use, where its run and a log of its buses go; None: what is usual, no log.
+    """The bench of a command, and its files.
 
-    `assume_mounted`: nobody is asked to confirm what was mounted or placed by hand.
+    Attributes:
+        bench: bench file of a real bench; None: the bench is simulated.
+        scene: name or file of the scene; None: the default.
+        seed: seed of the scene; None: the scene's own.
+        out: folder of the run; None: a new one in the store.
+        log: file for the bus traffic; None: no log.
+        assume_mounted: True: nobody is asked to confirm what was mounted or placed by hand.
     """
 
     bench: Path | None
@@ -120,12 +126,12 @@ class Choice:
     assume_mounted: bool = False
 
     def simulated_on(self, scene: str) -> Choice:
-        """It, on this scene where neither a scene nor a bench is named."""
+        """The same choice, with this scene if neither a scene nor a bench is named."""
         return self if self.bench or self.scene else replace(self, scene=scene)
 
 
 def bench_options(command: F) -> F:
-    """Options of every command that uses a bench: it gets them as `choice` and `output`."""
+    """Add the options of every command with a bench, which the command gets as `choice` and `output`."""
 
     @functools.wraps(command)
     def gathered(
@@ -151,11 +157,11 @@ def bench_options(command: F) -> F:
             "--log",
             type=FILE_NAME,
             metavar="FILE",
-            help="Record all traffic there (.pcapng), or CAN (.blf, .asc) and all beside it.",
+            help="Record all traffic in FILE (.pcapng), or CAN in FILE (.blf, .asc) and all traffic beside it.",
         ),
         click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         click.option(
-            "--scene", metavar="NAME|FILE", help="Scene to simulate (default: the one named above, else thesis_single)."
+            "--scene", metavar="NAME|FILE", help="Scene to simulate (default: the one named above, or thesis_single)."
         ),
         click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
         OUT,
@@ -166,7 +172,7 @@ def bench_options(command: F) -> F:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """How to speak. `budgets`: with the uncertainty budget of each result."""
+    """The form of the output: JSON, quiet, or for people; `budgets`: with the uncertainty budget of each result."""
 
     as_json: bool
     quiet: bool
@@ -177,7 +183,7 @@ class Output:
         return not self.as_json and not self.quiet
 
     def json(self, value: Mapping[str, object]) -> None:
-        """The one object on stdout."""
+        """Print the one JSON object on stdout."""
         click.echo(json.dumps(value, indent=2, allow_nan=False))
 
     def line(self, text: str) -> None:
@@ -185,5 +191,5 @@ class Output:
             say(text)
 
     def progress(self, first: str = "opening the bench") -> AbstractContextManager[Progress]:
-        """A progress bar on stderr, where someone can see it."""
+        """A progress bar on stderr, if stderr is a terminal."""
         return nullcontext(silent) if self.quiet else bar(first)

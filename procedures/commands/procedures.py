@@ -1,4 +1,4 @@
-"""A procedure as a command: planned or measured, and told."""
+"""Runs a procedure for a command: plans or measures it, and shows the result."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 def chosen_by(choice: Choice, model: str | None = None) -> Chosen:
-    """The bench that a command will open. Raises as `choose`."""
+    """The bench that a command will open. Raises as `choose` does."""
     return choose(choice.bench, choice.scene, choice.seed, model, None, choice.assume_mounted)
 
 
 def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
-    """Carry out a procedure on the bench of a command, and tell what it found. Raises as `open_and_run`."""
+    """Carry out a procedure on the bench of a command, and show its result. Raises as `open_and_run` does."""
     chosen = chosen_by(choice, model)
     with keys.keyboard() if procedure.pausable else nullcontext(NOBODY) as pause, output.progress() as progress:
         done = open_and_run(procedure, chosen, out=choice.out, log=choice.log, progress=progress, pause=pause)
@@ -40,13 +40,13 @@ def measure(procedure: Procedure[S, P, R], choice: Choice, output: Output, model
 
 
 def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: str | None = None) -> None:
-    """Tell what a procedure would do; nothing is sent. Raises what it refuses."""
+    """Show what a procedure would do, without sending anything. Raises what the procedure's checks raise."""
     from palpate.procedures.showing.plan import print_plan
 
     target = chosen_by(choice, model).target
     doubt = refuse(procedure, target)
     with places(choice.out, choice.log, procedure.name, datetime.now(UTC)):
-        pass  # nothing is left of them
+        pass  # this only checks that they can be written; the empty folder is removed again
     planned = procedure.plan(target)
     if output.as_json:
         output.json(planned.summary())
@@ -57,10 +57,11 @@ def plan(procedure: Procedure[S, P, R], choice: Choice, output: Output, model: s
 
 
 def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> None:
-    """Keep the calibration of a finished run, draw its plot, and tell its result.
+    """Store the calibration of a finished run, draw its plot, and show its result.
 
     Raises:
-        EstimateError: nothing can be concluded from it. RecordError: the disk could not, or what is told crashed.
+        EstimateError: the points give no result.
+        RecordError: a file cannot be written, or the report crashed.
     """
     with after(done.folder):
         outcome: Outcome = {**done.outcome, **procedure.keep(done)}
@@ -78,23 +79,23 @@ def tell(procedure: Procedure[S, P, R], done: Finished[R], output: Output) -> No
 
 @contextmanager
 def after(folder: Path) -> Iterator[None]:
-    """What follows a finished run: its errors say where the run is."""
+    """A context for the work after a finished run; its errors name the run's folder."""
     try:
         yield
     except (PalpateError, OSError, KeyboardInterrupt) as error:
         error.add_note(f"the run is kept in {folder}; look at it with palpate runs show")
         raise
-    except Exception as error:  # a plot is drawn by libraries, fonts and file formats that can fail in any way
+    except Exception as error:  # plotting uses libraries, fonts and file formats that can fail in any way
         raise RecordError(
-            f"the run is kept in {folder}, what follows it crashed ({type(error).__name__}: {error}); "
-            "look at it with palpate runs show"
+            f"the run is kept in {folder}, but its report crashed ({type(error).__name__}: {error}); "
+            "look at the run with palpate runs show"
         ) from error
 
 
 def tell_result(
     output: Output, found: Mapping[str, object], show: Callable[[], None], budgets: Sequence[Budget | Propagated] = ()
 ) -> None:
-    """Tell what a run found: as JSON, or by `show` for people; its budgets where they are asked for."""
+    """Show the result of a run, as JSON or by `show` for people, with its budgets if they are asked for."""
     if output.as_json:
         told = {name: value for name, value in found.items() if name != "budgets"}
         output.json({**told, "budgets": [each.summary() for each in budgets]} if output.budgets else told)

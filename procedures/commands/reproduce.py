@@ -1,4 +1,4 @@
-"""palpate reproduce."""
+"""The commands palpate reproduce and reproduce models."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from palpate.procedures.lab.store import result_folder
     epilog="Examples:\n\n  palpate reproduce\n\n  palpate reproduce --out compared --json",
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scenes.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: new in runs/).")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
 @output_options
 @click.pass_context
 def reproduce(context: click.Context, seed: int | None, out: Path | None, as_json: bool, quiet: bool) -> int:
-    """Set every table and figure of chapters 4 and 5 beside ours: the models, and simulated experiments.
+    """Compare every table and figure of the thesis' chapters 4 and 5 with the models and simulated experiments.
 
-    Sweeps of the three arrangements, a load-cell calibration and compressions of samples, each recorded; the models'
-    tables from kept finite-element solutions. One HTML page with plots, one CSV a table: thesis' value as printed and
-    repaired, ours, difference, error in percent of theory and of experiment, and what a match is worth.
+    Runs and records sweeps of the three arrangements, a load-cell calibration and compressions of samples. The models'
+    tables come from stored finite-element solutions. Writes one HTML page with plots, and a CSV file for each table:
+    the thesis' value as printed and as repaired, palpate's value, their difference, the error in percent of theory and
+    of experiment, and what a match is worth.
 
-    Each row is input (the thesis' number itself went in), fitted (parameters were chosen to meet this very table) or
-    predicted (neither), and each class is counted alone. Exit status 1 where one has not what is required of it: of
-    input rows an answer each, 93 % within twice their stated scatter, and no table or arrangement off in the mean by
-    more than chance;
-    of fitted rows all within the goal of the fit; of predicted ones an answer each, however far off it is; and the
-    orders of softness right.
+    Each row is input (the thesis' number itself was used), fitted (parameters were chosen to meet this table) or
+    predicted (neither); each class is counted separately. Exit status 1 if a class fails: input rows all need an
+    answer, 93 % of them within twice their stated scatter, and no table or arrangement may have a mean error that
+    chance does not explain; fitted rows must all meet the goal of the fit; predicted rows all need an answer, whatever
+    its error; and the orders of softness must be right.
     """
     if context.invoked_subcommand is not None:
         return 0
@@ -66,7 +66,7 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
 
 @contextmanager
 def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
-    """Whatever ends the work says how many tables were done by then."""
+    """A context in which every error says how many tables are finished."""
     try:
         yield
     except BaseException as error:
@@ -80,16 +80,17 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
     " --out compared\n\n  palpate reproduce models --json"
 )
 @click.option(
-    "--parameters", default="both", show_default=True, help="Of the sensor models: physical, identified or both."
+    "--parameters", default="both", show_default=True, help="Sets of the sensor models: physical, identified or both."
 )
-@click.option("--fresh", is_flag=True, help="Solve everything anew, a minute or two, and write the solutions.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: new in runs/).")
+@click.option("--fresh", is_flag=True, help="Solve everything anew, in a minute or two, and write the solutions.")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
 @output_options
 def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
-    """Finite-element tables, theories of Table 5.8 and figures of chapter 4, beside the sensor models.
+    """Compare the thesis' finite-element tables, theories and figures of chapter 4 with the sensor models.
 
-    Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, repaired cells marked; figures of chapter 4 as PNG,
-    the thesis' values as marks and ours as curves, its schematics from designs and meshes; a summary.
+    Writes Tables 4.1 to 4.6, A2.1 to A2.7 and 5.8 cell by cell as CSV, with repaired cells marked; the figures of
+    chapter 4 as PNG, with the thesis' values as marks and palpate's as curves, and its schematics from designs and
+    meshes; and a summary.
     """
     from palpate.procedures.reproduce import models as against
     from palpate.procedures.reproduce.files import table_object

@@ -1,4 +1,4 @@
-"""palpate runs resume."""
+"""The command palpate runs resume."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from palpate.procedures.lab.store import store
 )
 @click.argument("run")
 @click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
-@click.option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record says how.")
+@click.option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record lists changes.")
 @assume_option
 @output_options
 def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, as_json: bool, quiet: bool) -> None:
     """Go on with a run that was killed, stopped or failed. RUN is a folder or a name in runs/.
 
     The bench is opened again and compared with the record: settings, devices, contracts, calibrations, versions. No
-    finished point is lost or stored twice. A real bench begins at the next point, its sample mounted anew; a simulated
-    one does everything again up to there, so that the finished run equals one that was never interrupted. Where the
-    last digits of numbers are another machine's, stored points are compared to 1e-6 of each; the record says so.
+    finished point is lost or stored twice. A real bench continues at the next point, with its sample mounted again; a
+    simulated bench repeats everything up to there, so that the finished run equals one without an interruption. If
+    another machine computed the stored points, they are compared to a relative 1e-6; the record says so.
     """
     from palpate.procedures.commands.procedures import tell
     from palpate.procedures.engine.known import class_of

@@ -1,4 +1,4 @@
-"""palpate runs."""
+"""The commands palpate runs list, runs show and runs export."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.procedures.lab.store import store
 
 @click.group(cls=Group)
 def runs() -> None:
-    """Look at recorded runs, go on with them, mend them."""
+    """Look at recorded runs, resume them, repair them."""
 
 
 for command in (resume, check, repair):
@@ -47,9 +47,9 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
 @output_options
 def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
-    """Show a run: what it was, its points, its events. RUN is a folder or a name in runs/.
+    """Show a run: its settings, its points, its events. RUN is a folder or a name in runs/.
 
-    Every row is checked against its hash; the digest is equal for runs that measured the same.
+    Every row is checked against its hash. Runs with the same measured values have the same digest.
     """
     from palpate.procedures.records.run import Run
     from palpate.procedures.records.run_list import find_run
@@ -69,7 +69,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 )
 @click.argument("run")
 @click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Where the files go (default: the run).")
+@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: that of the run).")
 @output_options
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""

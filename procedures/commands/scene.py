@@ -1,4 +1,4 @@
-"""palpate scene."""
+"""The commands palpate scene list, scene show, scene check and scene plot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.procedures.commands.options import FILE_NAME, Group, Output, output
 
 @click.group(cls=Group)
 def scene() -> None:
-    """Look at what a simulated bench simulates: shipped scenes, or files of your own."""
+    """Look at the scenes of simulated benches: shipped ones, or files of your own."""
 
 
 scene.add_command(explain)
@@ -21,7 +21,7 @@ scene.add_command(explain)
 @scene.command("list", epilog="Examples:\n\n  palpate scene list")
 @output_options
 def list_(as_json: bool, quiet: bool) -> None:
-    """Scenes that come with palpate, and what each is for."""
+    """List the scenes that come with palpate, with the purpose of each."""
     from palpate.procedures.virtual.parameters import all_shipped, print_list
 
     output = Output(as_json, quiet)
@@ -36,7 +36,7 @@ def list_(as_json: bool, quiet: bool) -> None:
 @click.argument("scene")
 @output_options
 def show(scene: str, as_json: bool, quiet: bool) -> None:
-    """Every parameter of a scene, those included that its file leaves to their defaults."""
+    """Show all parameters of a scene, also those with their default values."""
     from palpate.procedures.virtual.parameters import parameters, print_scene
 
     output = Output(as_json, quiet)
@@ -67,13 +67,13 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
 )
 @click.argument("scene")
 @question_options
-@click.option("--periods", default=3, show_default=True, type=click.IntRange(1, 100), help="How many are drawn.")
-@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="Where the picture goes (default: new in runs/plots/).")
+@click.option("--periods", default=3, show_default=True, type=click.IntRange(1, 100), help="Number of drawn periods.")
+@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @output_options
 def plot(
     scene: str, sample: str, load: str, frequency: str, periods: int, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
-    """Draw the waveforms at each stage of the chain, from the shaker's coil to what the sensor nodes send."""
+    """Draw the waveforms at each stage of a scene, from the shaker's coil to the samples of the sensor nodes."""
     from palpate.procedures.virtual.explained import asked
     from palpate.procedures.virtual.waveforms import plot as plot_waveforms
 

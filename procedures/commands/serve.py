@@ -1,4 +1,4 @@
-"""palpate serve."""
+"""The command palpate serve."""
 
 from __future__ import annotations
 
@@ -24,17 +24,21 @@ if TYPE_CHECKING:
 )
 @click.argument("scene")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
-@click.option("--listen", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Of the Modbus TCP ports.")
-@click.option("--port", type=click.IntRange(1, 65533), help="First Modbus TCP port (default: any that are free).")
-@click.option("--line", type=FILE_NAME, metavar="PATH", help="Name of the serial line, a link to its terminal.")
-@click.option("--can", default="udp_multicast", show_default=True, metavar="INTERFACE[:CHANNEL]", help="Of python-can.")
+@click.option(
+    "--listen", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Address of the Modbus TCP ports."
+)
+@click.option("--port", type=click.IntRange(1, 65533), help="First Modbus TCP port (default: any free ports).")
+@click.option("--line", type=FILE_NAME, metavar="PATH", help="Make PATH a link to the serial line's terminal.")
+@click.option(
+    "--can", default="udp_multicast", show_default=True, metavar="INTERFACE[:CHANNEL]", help="CAN bus of python-can."
+)
 @click.option(
     "--speed", default=1.0, show_default=True,
-    help="Of the bench's clock, to that of the wall; --bench of another process goes by the wall's and wants 1.",
+    help="Speed of the bench's clock against the wall clock; palpate --bench in another process needs 1.",
 )  # fmt: skip
-@click.option("--step", metavar="TIME", help="Time stands still; Enter moves it on by so much.")
-@click.option("--samples", help="Samples that a sample changer holds and mounts.")
-@click.option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file there.")
+@click.option("--step", metavar="TIME", help="Let time stand still, and move it on by TIME at each Enter.")
+@click.option("--samples", help="Samples in the sample changer (default: no changer).")
+@click.option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file to FILE.")
 @click.option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
 @output_options
 def serve(
@@ -54,12 +58,12 @@ def serve(
 ) -> None:
     """Serve a whole simulated bench on the wire until Ctrl-C, for palpate in another process or any other client.
 
-    Prints the bench file by which it is found. With --samples a sample changer mounts what its clients tell it to.
+    Prints the bench file with which clients find it. With --samples it has a sample changer, which clients command.
 
-    What a person does at the bench is typed: mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn
-    DEGREES, warm KELVIN. So are faults, as [[fault]] tables of a scene name them: fault PLACE KIND [NAME=VALUE ...]
-    gives one, clear PLACE [KIND] or clear all takes it away, faults lists them. One without at, transaction or
-    probability begins at once and lasts until it is cleared. quit ends it.
+    Type what a person does at the bench: mount SAMPLE, lay SAMPLE|none, probe X Y, tooth N, weight MASS, turn DEGREES,
+    warm KELVIN. Type faults with the names of a scene's [[fault]] tables: fault PLACE KIND [NAME=VALUE ...] gives a
+    fault, clear PLACE [KIND] or clear all removes it, faults lists all. A fault without at, transaction or probability
+    begins at once and lasts until it is cleared. Type quit to end.
     """
     from palpate.procedures.virtual.served_bench import Wish, serve_until_told
 

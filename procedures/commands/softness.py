@@ -1,4 +1,4 @@
-"""palpate softness."""
+"""The command palpate softness."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     "\n\n  palpate softness --bench lab.toml --thickness '3 mm'",
 )
 @click.option("--samples", help="Rubber samples, in order.")
-@click.option("--modulus", help="Young modulus of unknown objects, or a list with commas: of a simulated bench.")
-@click.option("--thickness", default="3 mm", show_default=True, help="Of an unknown object.")
+@click.option("--modulus", help="Young modulus of unknown objects on a simulated bench, or a list with commas.")
+@click.option("--thickness", default="3 mm", show_default=True, help="Thickness of an unknown object.")
 @click.option("--loads", default="2 N:4 N:1 N", show_default=True, help="first:last:step or a list; peak to peak.")
 @dwell_option
 @frequency_option
-@click.option("--model", metavar="NAME", help="That answers: experiment, auto, column, ... (default: experiment).")
+@click.option("--model", metavar="NAME", help="Sensor model: experiment, auto, column, ... (default: experiment).")
 @bench_options
 @budget_option
 def softness(
@@ -46,11 +46,11 @@ def softness(
     choice: Choice,
     output: Output,
 ) -> None:
-    """Measure how hard objects are: Young modulus with an interval, and their order.
+    """Measure the softness of objects: the Young modulus with an interval, and their order.
 
-    Without --samples and --modulus one unknown object is mounted, on a real bench. Where the ratio says little of the
-    modulus, above 0.97 or outside what the model gives, the answer is a bound. The model that turns ratios into moduli
-    is named with its price; "experiment" interpolates what was measured on the six samples.
+    On a real bench, without --samples and --modulus, one unknown object is mounted. If the ratio says little about the
+    modulus (above 0.97, or outside the model's range), the answer is only a bound. The result names the model that
+    turns ratios into moduli, with its error and time; "experiment" interpolates the measurements on the six samples.
     """
     from palpate.instrument.quantity import parse
     from palpate.procedures.commands.procedures import chosen_by, measure
@@ -71,10 +71,11 @@ def softness(
 def _objects(
     design: Design, samples: str | None, modulus: str | None, thickness: float, real: bool
 ) -> tuple[Sample, ...]:
-    """What is to be mounted, in order.
+    """The objects to mount, in order.
 
     Raises:
-        UsageError: both or neither are given, or a modulus for a real bench.
+        UsageError: samples and moduli are both given, neither is given for a simulated bench, or a modulus is given
+            for a real bench.
     """
     from palpate.instrument.errors import UsageError
     from palpate.instrument.quantity import parse
@@ -82,13 +83,13 @@ def _objects(
     from palpate.procedures.measurements.softness.procedure import unknown_object
 
     if samples is not None and modulus is not None:
-        raise UsageError("--samples and --modulus: name samples, or give moduli of unknown objects; not both")
+        raise UsageError("--samples and --modulus: give either samples or moduli of unknown objects, not both")
     if samples is not None:
         return tuple(get_sample(name) for name in parse_samples(samples))
     if real and modulus is not None:
-        raise UsageError("--modulus: on a real bench the object has its own; leave it out")
+        raise UsageError("--modulus: on a real bench the object has its own modulus; leave this option out")
     if modulus is not None:
         return tuple(unknown_object(design, thickness, parse(text, "Pa")) for text in modulus.split(","))
     if not real:
-        raise UsageError("--samples or --modulus is missing: say what the simulated bench shall touch")
+        raise UsageError("--samples or --modulus is missing: name the objects that the simulated bench touches")
     return (unknown_object(design, thickness),)

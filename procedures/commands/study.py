@@ -1,4 +1,4 @@
-"""palpate study."""
+"""The command palpate study."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options
 from palpate.procedures.lab.store import store
 
-AHEAD = 4  # cells that each worker is given at a time, so that none waits for the next
+AHEAD = 4  # cells that are handed out in advance for each worker, so that none has to wait
 FOLDER = "studies"
 
 
@@ -19,7 +19,7 @@ FOLDER = "studies"
     "\n\n  palpate study study.toml --dask tcp://cluster:8786 --json",
 )
 @click.argument("study", type=FILE_NAME)
-@click.option("--workers", type=click.IntRange(1, 1000), help="Processes (default: one a core).")
+@click.option("--workers", type=click.IntRange(1, 1000), help="Number of processes (default: one for each core).")
 @click.option("--dask", metavar="ADDRESS", help="Compute on this dask scheduler instead.")
 @click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
 @click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of the study (default: runs/studies/<file's name>).")
@@ -27,10 +27,10 @@ FOLDER = "studies"
 def study(
     study: Path, workers: int | None, dask: str | None, to: str, out: Path | None, as_json: bool, quiet: bool
 ) -> int:
-    """Sweep the loads on many simulated scenes: a grid, or draws, over what STUDY.toml says.
+    """Sweep the loads on many simulated scenes: a grid or random draws over the axes in STUDY.toml.
 
-    A cell that is stored is not computed again: after Ctrl-C or a kill, give the command again. A cell that fails says
-    why and the others go on; exit status 1 then. The results are the same whatever computes them.
+    Stored cells are not computed again: after Ctrl-C or a kill, give the command again. If a cell fails, its reason is
+    stored, the others go on, and the exit status is 1. The results do not depend on the workers that compute them.
     """
     from dataclasses import asdict
     from importlib import metadata
@@ -56,7 +56,7 @@ def study(
     described = {
         "palpate": metadata.version("palpate"),
         "study": asked.file.model_dump(mode="json"),
-        "order of axes": list(asked.axes),  # by which cells are numbered
+        "order of axes": list(asked.axes),  # it determines the numbers of the cells
         "scenes": {name: file.model_dump(mode="json") for name, file in sweep.scenes.items()},
     }
     check_holes(folder / RECORD)

@@ -1,4 +1,4 @@
-"""palpate sweep."""
+"""The commands palpate sweep loads, sweep frequency, sweep temperature and sweep position."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from palpate.procedures.commands.options import (
     sample_option,
 )
 
-MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene: of `palpate model ratio`, or auto.")
+MODEL = click.option("--model", metavar="NAME", help="Sensor model of the scene, as in `palpate model ratio`, or auto.")
 
 
 @click.group(cls=Group)
 def sweep() -> None:
-    """Sweep a quantity and record the sensor's answer. At a terminal `p` pauses between points, Ctrl-C stops."""
+    """Sweep a quantity and record the sensor's response. At a terminal `p` pauses between points, Ctrl-C stops."""
 
 
 @sweep.command(
@@ -34,7 +34,7 @@ def sweep() -> None:
 @click.option("--samples", default="1-6", show_default=True, help="Rubber samples, in order.")
 @click.option("--loads", default="1.5 N:4 N:0.5 N", show_default=True, help="first:last:step or a list; peak to peak.")
 @click.option("--dwell", help="Time over which each point is averaged (default: 1 s).")
-@click.option("--tolerance", help="Instead: relative standard uncertainty of a point, by which its dwell is chosen.")
+@click.option("--tolerance", help="Instead of --dwell: relative standard uncertainty that each point shall reach.")
 @frequency_option
 @MODEL
 @extrapolate_option
@@ -55,8 +55,9 @@ def loads(
 ) -> None:
     """Load each sample with each load set and measure the force ratio.
 
-    For every point: load, indicator reading, film voltages, forces and the force ratio with its standard uncertainty,
-    those of each tooth where there are several; then the mean ratio and the softness order beside the thesis' own.
+    Prints for every point the load, indicator reading, film voltages, forces and the force ratio with its standard
+    uncertainty, for each tooth if there are several; then the mean ratio and the softness order, with the thesis'
+    values.
     """
     from palpate.instrument.errors import UsageError
     from palpate.instrument.quantity import parse, parse_tolerance
@@ -66,7 +67,7 @@ def loads(
     from palpate.procedures.steps.checks import parse_loads
 
     if dwell is not None and tolerance is not None:
-        raise UsageError("--dwell and --tolerance: the one is chosen by the other; give one of them")
+        raise UsageError("--dwell and --tolerance: the tolerance determines the dwell; give only one of them")
     asked = LoadSweep(
         parse_samples(samples),
         parse_loads(loads),
@@ -87,7 +88,7 @@ def loads(
 )
 @sample_option
 @load_option
-@click.option("--dwell", default="1 s", show_default=True, help="Shortest time at a point; three cycles at least.")
+@click.option("--dwell", default="1 s", show_default=True, help="Shortest time at a point; at least three cycles.")
 @MODEL
 @extrapolate_option
 @DRY_RUN
@@ -103,10 +104,10 @@ def frequency(
     choice: Choice,
     output: Output,
 ) -> None:
-    """Gain and phase of each film over frequency, the charge amplifiers' corner, and a resonance.
+    """Measure gain and phase of each film over frequency, the charge amplifiers' corner, and the resonance.
 
-    Gains are film voltage for the load that the cell measures. Generator and sensor nodes share no clock, so phases
-    are those before the first base film. The band of touch, to 20 Hz, is marked.
+    The gain is film voltage over the load that the load cell measures. Generator and sensor nodes have no common clock,
+    so the phase is the lead over the first base film. The band of touch, up to 20 Hz, is marked.
     """
     from palpate.instrument.quantity import parse
     from palpate.procedures.commands.procedures import measure, plan
@@ -120,8 +121,10 @@ def frequency(
     epilog="Examples:\n\n  palpate sweep temperature\n\n  palpate sweep temperature --scene long_drift"
     "\n\n  palpate sweep temperature --temperatures '0 K, 5 K, 15 K, 10 K' --soak '10 min' --bench lab.toml"
 )
-@click.option("--temperatures", default="0 K, 5 K, 15 K, 10 K", show_default=True, help="Against the start, in order.")
-@click.option("--soak", default="30 min", show_default=True, help="Time before each change.")
+@click.option(
+    "--temperatures", default="0 K, 5 K, 15 K, 10 K", show_default=True, help="Relative to the start, in order."
+)
+@click.option("--soak", default="30 min", show_default=True, help="Wait before each change.")
 @sample_option
 @load_option
 @dwell_option
@@ -143,11 +146,11 @@ def temperature(
     choice: Choice,
     output: Output,
 ) -> None:
-    """What warming films add to their signals, and what the fitted trend takes away of it.
+    """Measure what a change of temperature adds to the films' signals, and what a fitted trend leaves of it.
 
-    A point is measured right after each change of the surroundings. Beside the fit with a trend stands what a lock-in
-    amplifier and a voltmeter would have read off the same record. Simulated on
-    the scene humid_body where none is named; only scenes with pyroelectric films have anything to show.
+    A point is measured right after each change of the surroundings. The errors of a lock-in amplifier and of a
+    voltmeter on the same record are shown next to the fit with a trend. The default scene is humid_body; only scenes
+    with the effect pyroelectric have anything to show.
     """
     from palpate.instrument.quantity import parse, parse_list
     from palpate.procedures.commands.procedures import measure, plan
@@ -188,9 +191,9 @@ def position(
     choice: Choice,
     output: Output,
 ) -> None:
-    """Move a point load along the base of two teeth; find its place and size by the films.
+    """Move a point load along the base of two teeth, and find its place and size from the films.
 
-    Simulated on the scene thesis_common_base where none is named. Table A2.7 stands beside, with its doubts.
+    The default scene is thesis_common_base. The thesis' Table A2.7 is shown next to it, with its doubts.
     """
     from palpate.instrument.quantity import parse
     from palpate.procedures.commands.procedures import measure, plan

@@ -1,4 +1,4 @@
-"""palpate accuracy validation."""
+"""The command palpate accuracy validation."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from palpate.procedures.commands.options import Command, Output, output_options
     "\n\n  palpate accuracy validation --what-if",
 )
 @click.option("--design", help="single, common_base or different_base (default: all).")
-@click.option("--what-if", "causes", is_flag=True, help="What could move models and experiments apart, and how far.")
-@click.option("--store", is_flag=True, help="Solve what is kept of finite elements anew, some minutes, and keep it.")
+@click.option("--what-if", "causes", is_flag=True, help="Show how far possible causes move models from experiments.")
+@click.option("--store", is_flag=True, help="Solve the stored finite elements anew, in some minutes, and store them.")
 @output_options
 def validation(design: str | None, causes: bool, store: bool, as_json: bool, quiet: bool) -> None:
-    """How far each sensor model lies from the experiments of the thesis, sample by sample.
+    """Show the difference of each sensor model from the thesis' experiments, sample by sample.
 
-    Model less measured mean, in percent of the measured mean: above 0 the model is the higher. No mesh makes it
-    smaller. A model that is given the measured means is "input": they cannot judge it. With --what-if: what friction,
-    load, geometry, rubber and base each change on one sensor and on a pair, and what the readings themselves tell.
+    It is the model minus the measured mean, in percent of the measured mean, so positive values mean that the model is
+    higher. No mesh makes it smaller. A model that was built from the measured means is "input": they cannot judge it.
+    With --what-if: how much friction, load, geometry, rubber and base each change one sensor and a pair, and what the
+    readings themselves show.
     """
     from palpate.instrument.errors import UnknownName, UsageError
     from palpate.instrument.models import validation as kept
@@ -37,7 +38,7 @@ def validation(design: str | None, causes: bool, store: bool, as_json: bool, qui
     if design is not None and design not in designs:
         raise UnknownName("design with experiments", design, designs)
     if design is not None and (causes or store):
-        raise UsageError("--design goes with neither --what-if nor --store: both take one sensor and the pairs")
+        raise UsageError("--design: not with --what-if or --store, which always take one sensor and the pairs")
     solutions = Solutions() if store else Solutions.shipped(what_if.STORED, kept.RENEW)
     with output.progress("solving") as progress:
         if store:

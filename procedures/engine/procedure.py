@@ -180,7 +180,9 @@ class Procedure(ABC, Generic[S, P, R]):
         asked = {each.name for each in fields(cls)} - cls.added
         if isinstance(given, dict) and (lacking := asked - given.keys()):
             lack = ", ".join(sorted(lacking))
-            raise RecordError(f"{run.folder}: its settings are of another palpate (no {lack}); run anew")
+            raise RecordError(
+                f"{run.folder}: its settings were recorded by another version of palpate (no {lack}); run anew"
+            )
         return settings_of(run, cls)
 
     def check(self, target: Target) -> None:

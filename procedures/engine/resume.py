@@ -96,11 +96,11 @@ def begun(run: Run, kind: type[Procedure[S, P, R]], bench: Path | None) -> Proce
     """
     if header_of(run)["scene"] is not None:
         if bench is not None:
-            raise UsageError("--bench: the run was on a simulated bench; leave it out")
+            raise UsageError("--bench: the run used a simulated bench; leave this option out")
     elif not kind.continues and run.points():
         raise UsageError(
-            f"{run.folder}: on a real bench {run.procedure!r} cannot go on in the middle, its points belong "
-            "together; run it anew"
+            f"{run.folder}: on a real bench {run.procedure!r} cannot be resumed, because its points must be taken in "
+            "one run; run it anew"
         )
     return kind.recorded(run)
 

@@ -246,10 +246,10 @@ def _linked(file: ChainFile, head: Head | None, fault: str, name: str) -> Chain:
     if not frames:
         raise ValueError("its first row is not as it was written")
     if frames[0].chain != head.chain:
-        raise ValueError(f"{name} is that of another run")
+        raise ValueError(f"{name} belongs to another run")
     if len(frames) < head.frames or (head.frames and frames[head.frames - 1].hash != head.hash):
-        raise ValueError(f"of {head.frames} rows not all are as they were written, in their place")
+        raise ValueError(f"some of its {head.frames} rows are missing, changed or not in their place")
     ends = [frame.end for frame in frames[head.frames :] if frame.flags & LAST]
     if len(ends) > 1 or not all(map(file.only_zeros, ends)):  # the writer is never further ahead
-        raise ValueError(f"{name} is older than what it tells of")
+        raise ValueError(f"{name} is older than the rows that it counts")
     return Chain(file, head, frames)

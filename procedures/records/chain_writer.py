@@ -41,7 +41,7 @@ class ChainWriter:
     def append(self, frames: Sequence[Content], *, points: int = 0, events: int = 0) -> None:
         """Add frames, each of a kind, an id and the parts of its content. They complete so many points and events."""
         if self._broken:
-            raise OSError(0, "an earlier write or sync failed, nothing is written behind it")
+            raise OSError(0, "an earlier write or sync failed, so nothing is written after it")
         parts, head = packed(self.head, frames, self._flags, points, events)
         try:
             self._write(self._file, parts, self.head.length)

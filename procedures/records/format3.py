@@ -168,7 +168,7 @@ def _snapshot(path: Path, mode: str, stack: contextlib.ExitStack) -> sqlite3.Con
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if version != FORMAT:
         raise RecordError(
-            f"{path} has record format {version}, this palpate reads 3 and 4; use the palpate that wrote it"
+            f"{path} has record format {version}, and this version of palpate reads 3 and 4; use that which wrote it"
         )
     return connection
 

@@ -93,7 +93,7 @@ class Record:
             raise ValueError(f"its record format is not {FORMAT}")
         self.header: Mapping[str, Any] = header["header"]
         if chain_of(self.header) != head.chain:
-            raise ValueError("its header is not that of its rows")
+            raise ValueError("its header belongs to other rows")
         for frame in self.frames:
             match frame.kind:
                 case b"WAVE":
@@ -109,7 +109,7 @@ class Record:
                 case _:
                     self.json(frame)  # its kind may be damaged
         if len(self._points) < head.points or len(self._events) < head.events:
-            raise ValueError(f"of {head.points} points and {head.events} events not all are there")
+            raise ValueError(f"some of its {head.points} points and {head.events} events are missing")
 
     def count(self) -> int:
         return len(self._points)
@@ -140,7 +140,7 @@ class Record:
                     yield f"{named(frame)} is not as it was written"
         end = self.frames[-1].end
         if self.status == "complete" and not self._file.only_zeros(end):
-            yield f"{RECORD} goes on behind its end, from byte {end} on"
+            yield f"{RECORD} goes on after its end, from byte {end} on"
 
     def head_at_end(self) -> Head:
         """Head that counts all whole frames up to the last complete point, event or status."""

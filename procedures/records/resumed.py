@@ -101,13 +101,16 @@ class Resumed(Recorder):
             UsageError: it is not the bench of the record; the message names each difference.
         """
         if bool(header["simulated"]) != self.run.simulated:
-            raise UsageError(f"{self.folder} is {'' if self.run.simulated else 'not '}simulated, this bench is another")
+            kinds = ("a simulated", "a real")[:: 1 if self.run.simulated else -1]
+            raise UsageError(
+                f"{self.folder} was recorded on {kinds[0]} bench, but this is {kinds[1]} one; open the same"
+            )
         changes = list(_differences(_comparable(header_of(self.run)), _comparable(json.loads(as_json(header)))))
         if changes and not self._accept:
             raise UsageError(
-                f"{self.folder} cannot go on, the bench has changed:\n  "
+                f"{self.folder} cannot be resumed, because the bench has changed:\n  "
                 + "\n  ".join(changes)
-                + f"\nput it back as it was, or resume with {ACCEPT}, which is recorded"
+                + f"\nchange it back, or resume with {ACCEPT}, which is recorded"
             )
         was, now = self.run.header.get("arithmetic"), header.get("arithmetic")
         if not (isinstance(was, dict) and isinstance(now, dict) and same_arithmetic(was, now)):
@@ -183,7 +186,9 @@ class Resumed(Recorder):
         try:
             return _as(kind, data)
         except ValidationError as error:
-            raise RecordError(f"{self.folder}: its points are of another palpate ({_first(error)}); run anew") from None
+            raise RecordError(
+                f"{self.folder}: its points were recorded by another version of palpate ({_first(error)}); run anew"
+            ) from None
 
     def paused(self, bench_ns: int) -> bool:
         """Whether the recorded run was paused at this bench time."""
@@ -193,8 +198,8 @@ class Resumed(Recorder):
         message = f"{what} is not what the bench gives now"
         if not self._accept:
             raise RecordError(
-                f"{self.folder}: {message}; resume with the palpate that began the run, or with {ACCEPT}, which is "
-                "recorded"
+                f"{self.folder}: {message}; resume with the version of palpate that began the run, or with {ACCEPT}, "
+                "which is recorded"
             )
         self._events.clear()
         super().event(CHANGED, message, bench_ns)
@@ -224,7 +229,9 @@ def settings_of(run: Run, kind: type[T]) -> T:
     try:
         (settings,) = _as(kind, [run.header["settings"]])
     except ValidationError as error:
-        raise RecordError(f"{run.folder}: its settings are of another palpate ({_first(error)}); run anew") from None
+        raise RecordError(
+            f"{run.folder}: its settings were recorded by another version of palpate ({_first(error)}); run anew"
+        ) from None
     return settings
 
 

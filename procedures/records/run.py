@@ -71,7 +71,7 @@ class Run:
             status: Any = stored.status
             started = datetime.fromisoformat(header["started"]).astimezone(UTC)
             if not (isinstance(header["procedure"], str) and isinstance(summary, dict) and status in get_args(Status)):
-                raise TypeError("its header is none of a run")
+                raise TypeError("its header is not that of a run")
             if not isinstance(header["simulated"], bool):
                 raise TypeError("its header does not say whether it is simulated")
             return cls(

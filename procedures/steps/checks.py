@@ -60,7 +60,7 @@ def preload_for(loads: Sequence[float]) -> float:
 def check_frequency(frequency: float, allowed: tuple[float, float] = FREQUENCIES) -> None:
     """Refuse a frequency [Hz] that is not allowed or that the generator does not give. Raises RangeError."""
     if not allowed[0] <= frequency <= allowed[1]:
-        raise RangeError(f"frequency {frequency:g} Hz is outside {allowed[0]:g} to {allowed[1]:g} Hz")
+        raise RangeError(f"frequency {frequency:g} Hz is outside {allowed[0]:g} to {allowed[1]:g} Hz; give one inside")
     steps = round(frequency / FREQUENCY_STEP)
     if abs(frequency - steps * FREQUENCY_STEP) > 1e-6 * FREQUENCY_STEP:
         raise RangeError(

@@ -200,7 +200,7 @@ def read_results(folder: Path) -> Results:
     try:
         return Results(study_of(StudyFile.model_validate(asked["study"]), str(folder)), outcomes)
     except (ValueError, KeyError, PalpateError) as error:
-        raise RecordError(f"{folder} holds a study that this palpate does not read: {error}") from error
+        raise RecordError(f"{folder} holds a study that this version of palpate cannot read: {error}") from error
 
 
 def coordinate(values: Sequence[Value]) -> tuple[list[Value], str]:

@@ -62,7 +62,7 @@ def run(study: Study, evaluate: Evaluate, executor: Executor, store: Store, prog
             error, PalpateError
         ):  # errors of cells are in their outcomes
             raise BenchError(
-                f"a worker ended without an answer ({error}), for want of memory perhaps; {stand}"
+                f"a worker ended without an answer ({error}), perhaps for lack of memory; {stand}"
             ) from error
         error.add_note(stand)
         raise

@@ -68,7 +68,7 @@ class Store:
             with storing(path):
                 folder.mkdir(parents=True, exist_ok=True)
                 if (folder / OLD).exists():
-                    raise UsageError(f"{folder} holds a study of an earlier palpate; choose another --out")
+                    raise UsageError(f"{folder} holds a study of an earlier version of palpate; choose another --out")
                 lock = os.open(folder, os.O_RDONLY)
                 undo.callback(os.close, lock)
                 try:
@@ -121,7 +121,7 @@ def stored(folder: Path) -> tuple[dict[str, Any], list[Outcome]]:
     path = folder.absolute() / RECORD
     if not path.is_file():
         if (folder / OLD).is_file():
-            raise UsageError(f"{folder} holds a study of an earlier palpate; read it with that one")
+            raise UsageError(f"{folder} holds a study of an earlier version of palpate; read it with that version")
         raise UsageError(f"{folder} holds no study; make one with: palpate study STUDY.toml --out {folder}")
     with _sound(path), chain.opened(path, path.with_name(HEAD_FILE)) as found:
         return _asked(found), sorted(_outcomes(found), key=lambda outcome: outcome.cell)
@@ -145,7 +145,7 @@ def _asked(found: Chain) -> dict[str, Any]:
         raise ValueError("it is no study of palpate")
     text = _content(found, found.frames[0])
     if hashlib.sha256(text.encode()).digest()[:16] != found.head.chain:
-        raise ValueError("its rows are those of another study")
+        raise ValueError("its rows belong to another study")
     asked: dict[str, Any] = json.loads(text)
     return asked
 

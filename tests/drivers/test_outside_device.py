@@ -111,10 +111,10 @@ def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: 
 
 WRONG = {
     'kind = "acme-ovne"': "device.oven: unknown kind of device 'acme-ovne' (did you mean 'acme-oven'?)",
-    'kind = "acme-oven"\nlink = "line"': "device.oven: link: a acme-oven is reached over modbus-tcp, line is another",
+    'kind = "acme-oven"\nlink = "line"': "device.oven: link: a acme-oven needs a link of kind modbus-tcp",
     'kind = "acme-oven"\nlimt = 3': "device.oven: limt: unknown key",
     'kind = "acme-oven"\nrole = "positioner"': "device.oven: unknown role of a acme-oven 'positioner'; valid: chamber",
-    'kind = "acme-oven"\nnode = 4': "device.oven: on link oven a device has a unit, and no node",
+    'kind = "acme-oven"\nnode = 4': "device.oven: a device on link oven needs a unit and must have no node",
 }
 
 

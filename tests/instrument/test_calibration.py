@@ -238,7 +238,7 @@ def test_readings_that_do_not_determine_a_line_are_refused(
 @pytest.mark.parametrize("readings", [(12.0, 12.0, 12.0), (32.0, 22.0, 12.0)])
 def test_a_bridge_that_is_dead_or_reversed_is_refused(readings: tuple[float, ...]) -> None:
     with pytest.raises(
-        EstimateError, match="is not above three of them; check the weights, the bridge and its polarity"
+        EstimateError, match="is not more than three times that; check the weights, the bridge and its polarity"
     ):
         calibrate(loading=readings, unloading=readings)
 

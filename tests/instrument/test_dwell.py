@@ -88,13 +88,13 @@ def test_a_target_that_no_dwell_reaches_is_refused_with_the_floor_named(target: 
 
 
 def test_a_target_just_above_the_floor_does_not_take_for_ever() -> None:
-    with pytest.raises(RangeError, match=r"takes a dwell of .* limit 3600 s; the floor is 0\.041; ask for"):
+    with pytest.raises(RangeError, match=r"needs a dwell of .* limit of 3600 s; no dwell gets below 0\.041; ask for"):
         dwell_of(0.041 + 1e-9, 0.1, FREQUENCY, (Floor("gain scatter", 0.041),))
 
 
 def test_a_silent_film_has_no_dwell() -> None:
     time = np.arange(50) / RATE
-    with pytest.raises(EstimateError, match="amplitude is zero"):
+    with pytest.raises(EstimateError, match="amplitude of a film is zero"):
         ratio_noise(fit_sine(time, np.zeros((2, 50)), FREQUENCY), 0, 1)
 
 

@@ -257,7 +257,9 @@ def noisy(amplitude: float) -> SineFit:
 
 def test_a_ratio_over_a_silent_channel_is_refused() -> None:
     fit = noisy(0.0)
-    with pytest.raises(EstimateError, match=r"amplitude of channel 1 is .* below the 3 .* raise the drive"):
+    with pytest.raises(
+        EstimateError, match=r"amplitude of channel 1 is .* less than three times that; raise the drive"
+    ):
         amplitude_ratio(fit, 0, 1)
 
 

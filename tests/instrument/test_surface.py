@@ -137,7 +137,7 @@ def test_a_surface_of_another_design_or_version_is_refused(
     monkeypatch.setattr(surface, "STORED", tmp_path)
     if other == "version":
         monkeypatch.setattr(surface, "CODE_VERSION", surface.CODE_VERSION + 1)
-    with pytest.raises(RangeError, match="has none for design 'single_round' with these dimensions"):
+    with pytest.raises(RangeError, match="has no surface for design 'single_round' with these dimensions"):
         surface._find.__wrapped__(ROUND, LOAD)
 
 
@@ -228,5 +228,5 @@ def test_anything_else_is_refused_with_the_model_to_ask(design: str, load: Load,
 def test_a_changed_material_has_no_surface() -> None:
     design = get_design("single")
     stiff = replace(design, ring=replace(design.ring, material=replace(design.ring.material, modulus=33e3)))
-    with pytest.raises(RangeError, match=r"knows .*single_round.* ask model 'solid'"):
+    with pytest.raises(RangeError, match=r"has .*single_round.* ask model 'solid'"):
         response(stiff, PHYSICAL.load(1e5), "surface")

@@ -102,4 +102,4 @@ def test_people_get_one_table_and_the_help_names_the_parts(palpate: Palpate) -> 
 
 def test_options_before_a_command_are_not_lost_in_silence(palpate: Palpate) -> None:
     said = palpate("accuracy", "--json", "dwell")
-    assert said.status == 2 and "options of 'dwell' stand behind it" in said.err
+    assert said.status == 2 and "give the options of 'dwell' after it" in said.err

@@ -71,7 +71,7 @@ def test_two_devices_of_one_number_on_a_line_are_refused(palpate: Palpate, lab: 
     section = sim.description.strain_indicator.model_copy(update={"unit": sim.description.positioner.unit})
     said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={"strain_indicator": section})))
     assert (said.status, said.complaint) == (
-        2, "lab.toml: strain_indicator and positioner are both number 2 on line; correct one",
+        2, "lab.toml: strain_indicator and positioner both have the address 2 on line; correct one",
     )  # fmt: skip
     assert nothing_in_runs()
 

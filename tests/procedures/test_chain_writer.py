@@ -115,7 +115,7 @@ def test_nothing_is_written_behind_what_could_not_be_synced(
         patch.setattr(os, "fdatasync", sync)
         writer.append(FRAMES)
     assert writer.head.frames == 0
-    with pytest.raises(OSError, match="nothing is written behind it"):
+    with pytest.raises(OSError, match="nothing is written after it"):
         writer.append(FRAMES)
 
 
@@ -132,7 +132,7 @@ def test_nothing_is_written_behind_a_head_that_could_not_be_written(
     with monkeypatch.context() as patch, pytest.raises(OSError, match="Input/output"):
         patch.setattr(os, "pwrite", write)
         writer.append(FRAMES)
-    with pytest.raises(OSError, match="nothing is written behind it"):
+    with pytest.raises(OSError, match="nothing is written after it"):
         writer.append(FRAMES)
 
 

@@ -72,7 +72,7 @@ def test_a_tolerance_that_is_none(palpate: Palpate, command: str, tolerance: str
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_surface_of_another_design(palpate: Palpate, command: str, surfaces: Path) -> None:
     copyfile(Path(surface.__file__).with_name("surfaces") / "common_base.npz", surfaces / "single.npz")
-    assert "has none for design 'single' with these dimensions" in refused(palpate, command, "--model", "surface")
+    assert "has no surface for design 'single' with these dimensions" in refused(palpate, command, "--model", "surface")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -85,5 +85,5 @@ def test_a_surface_cut_off_in_its_file(palpate: Palpate, command: str, surfaces:
 
 def test_a_surface_for_an_object_that_it_does_not_know(palpate: Palpate) -> None:
     complaint = refused(palpate, "ratio", "--model", "surface", "--sensed-thickness", "2 mm")
-    assert "has none for design 'single' with these dimensions, materials and this load" in complaint
+    assert "has no surface for design 'single' with these dimensions, materials and load" in complaint
     assert "ask model 'solid'" in complaint

@@ -202,9 +202,9 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
         (("--model", "experiment", "--sensed-modulus", "1 MPa"), "is outside the measured"),
         (
             ("--model", "experiment", "--plate-modulus", "3 GPa"),
-            "plate_modulus 3000000000.0: model 'experiment' has its own",
+            "plate_modulus 3000000000.0: model 'experiment' always takes its own value",
         ),
-        (("--model", "beam_printed", "--sensed-thickness", "3 mm"), "model 'beam_printed' has its own"),
+        (("--model", "beam_printed", "--sensed-thickness", "3 mm"), "model 'beam_printed' always takes its own value"),
         (("--at", "5 mm, 5 mm"), "load at (0.005, 0.005) m: model 'column' knows a uniform pressure only"),
         (
             ("--model", "solid", "--at", "5 mm, 10.1 mm"),
@@ -227,7 +227,7 @@ def test_a_tolerance_that_the_model_cannot_meet_is_refused_with_the_best_there_i
     cheap = ("--parameters", "identified", "--model", "axisymmetric", "--tolerance", "1e-10")
     said = palpate(*RATIO, *cheap, "--sensed-modulus", "100 kPa")
     assert said.status == 2
-    assert "model 'axisymmetric' cannot answer to 1e-10: its best here is" in said.complaint
+    assert "model 'axisymmetric' cannot meet tolerance 1e-10: its least error here is" in said.complaint
 
 
 def test_help_names_both_moduli_that_plexiglas_is_said_to_have(palpate: Palpate) -> None:

@@ -197,7 +197,7 @@ def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
     with Resumed(Run.open(whole.folder), replay=True, accept=False):
         assert "is being written by another process" in palpate("runs", "resume", "whole").complaint
     rehash(whole.folder, status="running")
-    assert "leave it out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
+    assert "leave this option out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
     rehash(whole.folder, header=lambda header: header.update(procedure="reproduce"))
     assert "'reproduce' cannot be resumed; valid: sweep-loads" in palpate("runs", "resume", "whole").complaint
     (whole.folder / HEAD_FILE).unlink()
@@ -238,7 +238,9 @@ def test_a_header_that_was_forged_is_refused(header: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("settings", [{}, {"samples": None, "loads": [None]}])
 def test_settings_that_were_forged_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(RecordError, match=r"^run: its settings are of another palpate \(.*\); run anew$"):
+    with pytest.raises(
+        RecordError, match=r"^run: its settings were recorded by another version of palpate \(.*\); run anew$"
+    ):
         LoadSweep.recorded(run_of(BEGUN | {"settings": settings}))
 
 
@@ -256,7 +258,7 @@ class Levels:
 
 
 def test_a_null_where_no_number_belongs_is_one_error() -> None:
-    with pytest.raises(RecordError, match="its settings are of another palpate"):
+    with pytest.raises(RecordError, match="its settings were recorded by another version of palpate"):
         settings_of(run_of({"settings": {"values": [None]}}), Levels)
 
 
@@ -300,7 +302,7 @@ def test_a_run_that_goes_on_without_a_terminal_says_what_it_assumes(
 
 def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpate, stop: Stop, person: str) -> None:
     stopped(palpate, stop, 1, "calibrate", "load-cell", "--bench", person, "--quiet")
-    assert "cannot go on in the middle" in palpate("runs", "resume", "cut").complaint
+    assert "cannot be resumed" in palpate("runs", "resume", "cut").complaint
 
 
 def test_a_stored_null_is_read_back_as_nan(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_a_head_that_is_older_than_its_record_is_refused(tmp_path: Path) -> None
     recorder.point({"load_N": 2.5}, {}, 3)
     recorder.close()
     (tmp_path / "run.head").write_bytes(before)
-    with pytest.raises(RecordError, match=r"run\.head is older than what it tells of"):
+    with pytest.raises(RecordError, match=r"run\.head is older than the rows that it counts"):
         Run.open(tmp_path)
 
 
@@ -199,9 +199,9 @@ def test_a_record_that_is_cut_or_has_another_head_is_refused(tmp_path: Path) -> 
     Recorder.create(tmp_path / "stranger", header("2025-03-14T15:09:27Z")).finish("complete", {})
     record, head = ((tmp_path / "run" / name).read_bytes() for name in ("run.record", "run.head"))
     cases = [
-        (record[:-1], head, "of 6 rows not all are as they were written, in their place"),
-        (record, (tmp_path / "other" / "run.head").read_bytes(), "of 8 rows not all are as they were written"),
-        (record, (tmp_path / "stranger" / "run.head").read_bytes(), "run.head is that of another run"),
+        (record[:-1], head, "some of its 6 rows are missing, changed or not in their place"),
+        (record, (tmp_path / "other" / "run.head").read_bytes(), "some of its 8 rows are missing, changed"),
+        (record, (tmp_path / "stranger" / "run.head").read_bytes(), "run.head belongs to another run"),
         (record, head[:-1], "run.head is not as it was written; whether the last points are there cannot be told"),
         (record, None, "run.head: No such file or directory; whether the last points are there cannot be told"),
         (b"", head, "its first row is not as it was written"),
@@ -218,7 +218,7 @@ def test_a_record_that_is_cut_or_has_another_head_is_refused(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
-        ("PRAGMA user_version = 2", "record format 2, this palpate reads 3 and 4; use"),
+        ("PRAGMA user_version = 2", "record format 2, and this version of palpate reads 3 and 4; use"),
         ("PRAGMA application_id = 1", "is not a run of palpate"),
         ("DELETE FROM run WHERE key = 'status'", "no 'status'"),
         ("UPDATE run SET value = '[' WHERE key = 'procedure'", "is damaged"),

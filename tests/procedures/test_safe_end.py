@@ -83,7 +83,7 @@ def test_a_second_interrupt_while_outputs_are_being_switched_off_does_not_keep_t
 @pytest.mark.parametrize(
     ("crash", "message"),
     [
-        (RuntimeError("no fonts"), "the run is kept in {}, what follows it crashed (RuntimeError: no fonts)"),
+        (RuntimeError("no fonts"), "the run is kept in {}, but its report crashed (RuntimeError: no fonts)"),
         (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "cannot write {}/plot.png: No space left on device; free"),
     ],
 )

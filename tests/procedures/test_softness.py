@@ -91,8 +91,8 @@ def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "--samples or --modulus is missing: say what the simulated bench shall touch"),
-        (("--samples", "1", "--modulus", "1 kPa"), "name samples, or give moduli of unknown objects; not both"),
+        ((), "--samples or --modulus is missing: name the objects that the simulated bench touches"),
+        (("--samples", "1", "--modulus", "1 kPa"), "either samples or moduli of unknown objects, not both"),
         (("--samples", "8"), "unknown sample '8'"),
         (("--samples", "1", "--model", "colum"), "unknown model 'colum'"),
         (("--samples", "1", "--loads", "30 N"), "above the bench's force limit of 10 N"),

@@ -116,7 +116,7 @@ def test_too_few_open_files_are_refused_before_anything_is_begun(
     monkeypatch.setattr(resource, "getrlimit", lambda _what: (12, 4096))
     said = palpate(*SMALL)
     assert said.status == 1
-    assert said.complaint == "only 12 files may be open at once, 128 can be needed; give ulimit -n 128"
+    assert said.complaint == "only 12 files may be open at once, but a bench can need 128; run ulimit -n 128 first"
     assert not Path("runs").exists()
 
 

@@ -63,7 +63,7 @@ def test_people_read_the_distance_sample_by_sample_and_why_there_is_none(palpate
     [
         (("--design", "singel"), "unknown design with experiments 'singel' (did you mean 'single'?)"),
         (("--design", "array"), "unknown design with experiments 'array'"),
-        (("--design", "single", "--what-if"), "--design goes with neither --what-if nor --store"),
+        (("--design", "single", "--what-if"), "--design: not with --what-if or --store"),
     ],
 )
 def test_what_has_no_answer_is_refused(palpate: Palpate, options: tuple[str, ...], part: str) -> None:

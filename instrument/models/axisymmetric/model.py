@@ -159,7 +159,8 @@ def solve_to(parameters: RoundParameters, tolerance: float) -> tuple[Axisymmetri
             return replace(solution, films=films), found.force_ratio
         best = min(best, found.force_ratio)
     raise RangeError(
-        f"model 'axisymmetric' cannot answer to {tolerance:g}: its best here is {best:.1e}; give a larger tolerance"
+        f"model 'axisymmetric' cannot meet tolerance {tolerance:g}: its least error here is {best:.1e}; give a larger"
+        " tolerance"
     )
 
 

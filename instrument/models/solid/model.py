@@ -162,7 +162,7 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
         raise RangeError(f"tolerance {tolerance:g} is not above 0 and finite; give a positive one")
     if tolerance < LEAST[max(LEAST)]:
         raise RangeError(
-            f"tolerance {tolerance:g}: model 'solid' answers to {LEAST[max(LEAST)]:g} at best, on its finest mesh; give"
+            f"tolerance {tolerance:g}: model 'solid' has an error of {LEAST[max(LEAST)]:g} on its finest mesh; give"
             " a larger one"
         )
     meshes = [solve(parameters, REFINEMENTS[0], solver).judged]
@@ -173,8 +173,8 @@ def solve_to(parameters: SolidParameters, tolerance: float, solver: str = "") ->
         if found.force_ratio <= tolerance:
             return replace(solution, voltage_error=found.voltage), found.force_ratio
     raise RangeError(
-        f"model 'solid' cannot answer to {tolerance:g}: its best here is {found.force_ratio:.1e}; give a larger"
-        " tolerance"
+        f"model 'solid' cannot meet tolerance {tolerance:g}: its least error here is {found.force_ratio:.1e}; give a"
+        " larger tolerance"
     )
 
 

@@ -202,9 +202,9 @@ def _find(design: Design, load: Load) -> ResponseSurface:
             return surface
     shipped = ", ".join(sorted(file.stem.replace(".", " by set ") for file in STORED.glob("*.npz")))
     raise RangeError(
-        f"model 'surface' has none for design {design.name!r} with these dimensions, materials and this load; it knows"
-        f" {shipped}; without a set as they are, under a bonded object of 3 mm and Poisson ratio 0.3;"
-        f" ask model {model_of(parameters)!r}"
+        f"model 'surface' has no surface for design {design.name!r} with these dimensions, materials and load; it has"
+        f" {shipped}, and without a set only for the design's own values under a bonded object of 3 mm and Poisson"
+        f" ratio 0.3; ask model {model_of(parameters)!r}"
     )
 
 
