@@ -13,7 +13,7 @@ How one is written, with the load sweep (`measurements/loads/`) as the example:
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
      Work under a dynamic load inherits from `measurements.loaded.Loaded`, which has films, servo and end;
    - `evaluate` and `report` call the functions of 1 and 2.
-4. Its name goes into `engine/known.py`, by which runs are resumed, logs replayed, and `palpate measure` makes a command.
+4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
 5. Where fields do not suffice as options, a command of its own makes the procedure and gives it to
    `commands.procedures.measure`.
 
