@@ -1,7 +1,7 @@
-"""Whether devices that know one quantity agree on it, at every point, within what is uncertain in them.
+"""Whether two devices that measure the same quantity agree within their uncertainties. This is checked at each point.
 
-The load cell and the base films know the force; the generator and the nodes' clock know the drive's frequency. A
-calibration that is wrong, a film that came off or a generator that drifts shows in no reading of its own.
+The load cell and the base films measure the force. The generator and the nodes' clock have the drive's frequency. A
+wrong calibration, a film that came off, or a generator that drifts does not show in the readings of one device alone.
 """
 
 from __future__ import annotations
@@ -16,18 +16,22 @@ from palpate.instrument.findings.film_forces import FilmForces
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER, FilmRecord, Films
 
-FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties, where they are well known
+FALSE_ALARMS = 6.3e-5  # of points that agree: 4 standard uncertainties of a normal distribution
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
-CRYSTALS = 1e-4  # relative, of two clocks [A]
+CRYSTALS = 1e-4  # relative difference of two clocks [A]
 
 
 def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: float, known: float = math.inf) -> bool:
-    """Whether films and load cell tell of another force [N, peak to peak] at a frequency [Hz].
+    """Whether films and load cell measure different forces.
 
     Args:
+        forces: forces by the films.
+        frequency: frequency of the drive [Hz].
+        load: load by the load cell, peak to peak [N].
+        load_u: standard uncertainty of the load [N].
         known: degrees of freedom of `load_u`.
     """
-    # What the charge amplifier takes at low frequencies is in no film's sensitivity.
+    # The films' sensitivities do not contain what the charge amplifier takes away at low frequencies.
     passed = 1 / math.hypot(1.0, 1 / (2 * math.pi * frequency * CHARGE_AMPLIFIER))
     noise_u = forces.force_total_noise_u
     difference = Budget(
@@ -44,9 +48,9 @@ def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: flo
 
 
 def frequencies_differ(films: Films, record: FilmRecord) -> bool:
-    """Whether the films swing with another frequency than was set: their phase turns from one half to the other.
+    """Whether the films swing with another frequency than was set: then their phase turns between the record's halves.
 
-    A record of less than two cycles is not asked.
+    A record of less than two cycles cannot tell.
     """
     half = record.time.size // 2
     if half / record.rate * films.frequency < 1:
@@ -54,7 +58,7 @@ def frequencies_differ(films: Films, record: FilmRecord) -> bool:
     try:
         first, second = (films.fit(part(half / record.rate)) for part in (record.first, record.last))
     except EstimateError:
-        return False  # too few good samples, of which other flags tell
+        return False  # there are too few good samples, and other flags say so
     loudest = int(np.argmax(first.amplitude))
     if not min(first.amplitude[loudest], second.amplitude[loudest]) > 0:
         return False
@@ -69,5 +73,5 @@ def frequencies_differ(films: Films, record: FilmRecord) -> bool:
 
 
 def _differ(difference: Budget, allowed: float) -> bool:
-    """Whether a difference is more than what is allowed and what its uncertainty makes of it by chance."""
+    """Whether a difference exceeds what is allowed plus what its uncertainty explains."""
     return not abs(difference.value) <= difference.expanded(1 - FALSE_ALARMS) + allowed

@@ -1,4 +1,4 @@
-"""What procedures refuse before a bench is opened: loads, frequencies and times that it cannot give."""
+"""Checks of loads, frequencies and times that a bench cannot give. Most are made before the bench is opened."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from palpate.instrument.sensor.load import check_force as check_felt
 from palpate.instrument.signals.dwell import LONGEST, check_dwell
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 
-PRELOAD_MARGIN = 1.2  # of half the largest load, so that contact is never lost
-FREQUENCIES = (0.5, 100.0)  # Hz, of a force ratio: three cycles fit into the indicator's window from 0.3 Hz on
+PRELOAD_MARGIN = 1.2  # preload over half the largest load, so that contact is never lost
+FREQUENCIES = (0.5, 100.0)  # Hz, for force ratios; the indicator's window takes three cycles from 0.3 Hz on
 FREQUENCY_STEP = signal_generator.CONTRACT["frequency"].scale  # Hz
 LARGEST_COUNT = 1000  # loads
 SMALLEST_LOAD = 2.0  # steps of the indicator
 
 
 def parse_loads(text: str) -> tuple[float, ...]:
-    """Loads in N, as `parse_steps`. Raises QuantityError; RangeError: not above zero, too."""
+    """Loads [N] from a text, read by `parse_steps`. Raises QuantityError, RangeError: or one is not above zero."""
     loads = parse_steps(text, "N", "loads", "1.5 N:4 N:0.5 N")
     if not all(load > 0 for load in loads):
         raise RangeError(f"loads {text!r}: loads must be above zero, increasing and distinct")
@@ -29,10 +29,17 @@ def parse_loads(text: str) -> tuple[float, ...]:
 
 
 def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, ...]:
-    """Values in a unit from "1.5 N:4 N:0.5 N" (first, last, step; the last is included) or "1.5 N, 2 N".
+    """Values in a unit from a text such as "1.5 N:4 N:0.5 N" (first:last:step, with the last) or "1.5 N, 2 N".
+
+    Args:
+        text: the text.
+        unit: unit of the values.
+        name: what the values are, for messages.
+        example: a text that would be right, for messages.
 
     Raises:
-        QuantityError: not of the unit. RangeError: empty, not increasing, or over 1000 of them.
+        QuantityError: a value is not in the unit.
+        RangeError: there is no value, there are over 1000 of them, or they do not increase.
     """
     parts = text.split(":")
     if len(parts) == 3:
@@ -53,12 +60,12 @@ def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, .
 
 
 def preload_for(loads: Sequence[float]) -> float:
-    """Static force in N under which the largest load, N peak to peak, never lifts the probe."""
+    """Static force under which none of the loads [N, peak to peak] lifts the probe [N]."""
     return PRELOAD_MARGIN * max(loads) / 2
 
 
 def check_frequency(frequency: float, allowed: tuple[float, float] = FREQUENCIES) -> None:
-    """Refuse a frequency [Hz] that is not allowed or that the generator does not give. Raises RangeError."""
+    """Refuse a frequency [Hz] that is outside the limits, or between the generator's steps. Raises RangeError."""
     if not allowed[0] <= frequency <= allowed[1]:
         raise RangeError(f"frequency {frequency:g} Hz is outside {allowed[0]:g} to {allowed[1]:g} Hz; give one inside")
     steps = round(frequency / FREQUENCY_STEP)
@@ -70,7 +77,15 @@ def check_frequency(frequency: float, allowed: tuple[float, float] = FREQUENCIES
 
 
 def check_force(loads: Sequence[float], force_limit: float) -> None:
-    """Refuse loads [N] of nothing, or whose peak, with the preload, passes the bench's limit [N]. Raises RangeError."""
+    """Refuse loads that are not above zero, or too large for the bench.
+
+    Args:
+        loads: loads, peak to peak [N].
+        force_limit: limit of the bench for the peak force, which contains the preload [N].
+
+    Raises:
+        RangeError: a load is not above zero, or the largest exceeds the force limit.
+    """
     if not min(loads) > 0:
         raise RangeError(f"load {min(loads):g} N peak to peak is not above zero; give a positive one")
     largest = max(loads)
@@ -85,23 +100,28 @@ def check_force(loads: Sequence[float], force_limit: float) -> None:
 
 
 def check_end(dwell: float) -> None:
-    """Refuse a dwell [s] of nothing, or that never ends. Raises RangeError."""
+    """Refuse a dwell [s] that is not above zero, or too long. Raises RangeError."""
     if not 0 < dwell <= LONGEST:
         raise RangeError(f"dwell {dwell:g} s is not above 0 and at most {LONGEST:g} s; give one inside")
 
 
 def check_time(dwell: float, frequency: float) -> None:
-    """Refuse a dwell [s] that gives no estimate, or never ends. Raises RangeError."""
+    """Refuse a dwell [s] that gives no estimate at a frequency [Hz], or is too long. Raises RangeError."""
     check_end(dwell)
     check_dwell(dwell, frequency, SAMPLES_PER_CYCLE * frequency)
 
 
 def check_loads(loads: Sequence[float], calibration: LoadCellCalibration, extrapolate: bool) -> None:
-    """Refuse loads [N, peak to peak] that the load cell does not tell.
+    """Refuse loads that the load cell cannot measure.
+
+    Args:
+        loads: loads, peak to peak [N].
+        calibration: calibration of the load cell.
+        extrapolate: whether loads may lie outside the calibrated range.
 
     Raises:
-        UnreachableError: below what the indicator resolves.
-        RangeError: outside the calibrated range, and not allowed to `extrapolate`.
+        UnreachableError: a load is below what the indicator resolves.
+        RangeError: a load lies outside the calibrated range.
     """
     smallest = SMALLEST_LOAD * calibration.resolution()
     if min(loads) < smallest:

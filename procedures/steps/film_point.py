@@ -1,4 +1,4 @@
-"""One point at the present load: the films settle, are recorded, fitted and judged; what is flagged is repeated.
+"""One point at the present load: the films settle, are recorded, fitted and judged. A flagged attempt is repeated.
 
 films = Films(bench, design, frequency=10.0, largest=4.0)
 ...                                     # mount, preload, drive
@@ -40,10 +40,10 @@ from palpate.procedures.steps.indicator import READINGS
 from palpate.procedures.steps.policy import ATTEMPTS, carry_out
 from palpate.procedures.steps.servo import LoadServo
 
-PILOT_CYCLES = 40  # 1000 samples: 5 % of the power of white noise
-LARGEST_DRIFT = 0.1  # of the load, by the end of the dwell; never finer than two steps of the indicator
-LARGEST_HUM = 0.01  # of the hum in an amplitude, above which a point is marked
-MOST_OF = 0.7  # of an amplitude's uncertainty, half of its variance, that is hum's
+PILOT_CYCLES = 40  # 1000 samples, which tell the power of white noise to 5 %
+LARGEST_DRIFT = 0.1  # of the load, at the end of the dwell; two steps of the indicator at least
+LARGEST_HUM = 0.01  # part of the hum that may be in an amplitude before the point is flagged
+MOST_OF = 0.7  # part of an amplitude's uncertainty that is hum's: half of its variance
 
 Floats = npt.NDArray[np.float64]
 DwellChoice = Callable[[SineFit], Dwell]
@@ -51,16 +51,19 @@ DwellChoice = Callable[[SineFit], Dwell]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmPoint:
-    """The films under one load, as the last attempt has them.
+    """The films under one load, by the last attempt.
 
     Attributes:
-        load_N, load_u: by the load cell after the dwell, peak to peak; `indicator_mV` is its reading.
-        fit: of all films in the design's order, by the good samples alone where they suffice.
-        dwell, settling: that the attempt took [s].
-        predicted_u: relative standard uncertainty that the dwell was chosen for; None: it was not chosen.
-        attempts: how many there were.
-        flags: why the last one is not to be used, and what its record cannot tell (`USED`).
-        incidents: how often something went wrong on the bench since the point before and was made good.
+        load_N, load_u: load by the load cell after the dwell, peak to peak, and its standard uncertainty.
+        indicator_mV: reading of the indicator for this load.
+        fit: fit of all films in the design's order, by the good samples if there are enough.
+        record: the samples of all films.
+        dwell: length of the record [s].
+        predicted_u: relative standard uncertainty for which the dwell was chosen; None: it was given.
+        settling: time that the films took to settle [s].
+        attempts: number of attempts.
+        flags: why the point is not used, or what its record cannot tell (`flags.USED`).
+        incidents: how many failures of the bench were made good since the point before.
     """
 
     load_N: float
@@ -77,10 +80,11 @@ class FilmPoint:
 
     @property
     def valid(self) -> bool:
+        """Whether the point is used."""
         return USED.issuperset(self.flags)
 
     def waveforms(self, design: Design) -> dict[str, tuple[float, Floats]]:
-        """For the record: rate and samples of each film by its name."""
+        """Sample rate [Hz] and voltages [V] of each film by its name, for the record."""
         return {
             film.name: (self.record.rate, volts) for film, volts in zip(design.films, self.record.voltage, strict=True)
         }
@@ -95,19 +99,24 @@ def measure(
     what: str = "",
     compare: bool = True,
 ) -> FilmPoint:
-    """The point at the present load, `load` N peak to peak, which `servo` has set.
+    """Measure the point at the load that the servo has set.
 
-    A flagged attempt is rejected, with an event of the record that says why, and repeated: clipped films on the wide
-    range, a load that drifted off set anew. After `ATTEMPTS` the last one stands, with its flags. Where hum would not
-    be told from the drive an event says how much of it may be in an amplitude.
+    An attempt that gets a flag is rejected and repeated, and an event of the record says why. Before the next attempt
+    films that clipped are set to the widest range, and a load that drifted is set anew. The last of `ATTEMPTS` attempts
+    counts, whatever its flags. Where hum cannot be separated from the drive, an event says how much of it may be in an
+    amplitude.
 
     Args:
-        dwell: s, or how to choose it from the fit of the last short record.
+        films: the films of the sensor.
+        servo: the servo that has set the load.
+        load: the load that was set, peak to peak [N].
+        dwell: length of the record [s], or how to choose it from the fit of a short record.
+        record: record of the run, for events.
         what: names the point in events.
-        compare: flag films that tell of another force than the load cell; not where their sensitivity is measured.
+        compare: whether films and load cell must agree on the force; not where the films' sensitivity is measured.
 
     Raises:
-        SafetyError, DeviceError, LinkError, UnreachableError: the bench could not.
+        SafetyError, DeviceError, LinkError, UnreachableError: the bench failed.
         EstimateError: the dwell gives no estimate.
     """
     named = what or f"{load:g} N"
@@ -157,7 +166,7 @@ def _attempt(
         DRIFTED: not abs(measured - load) <= max(LARGEST_DRIFT * load, 2 * servo.calibration.resolution()),
     }
     flags = [flag for flag, raised in defects.items() if raised]
-    if not flags:  # of a bad record nothing more is to be said
+    if not flags:  # a bad record is not worth more checks
         flags = _disagreements(films, record, fit, compare, measured, measured_u, known)
     if not flags:
         flags = _marks(films.design, fit)
@@ -178,7 +187,7 @@ def _attempt(
 def _disagreements(
     films: Films, record: FilmRecord, fit: SineFit, compare: bool, load: float, load_u: float, known: float
 ) -> list[str]:
-    """Flags where two devices know one quantity and do not agree."""
+    """Flags of devices that measure the same quantity and do not agree."""
     found = []
     if compare and forces_differ(film_forces(films.design, fit), films.frequency, load, load_u, known):
         found.append(FORCE)
@@ -188,12 +197,12 @@ def _disagreements(
 
 
 def _marks(design: Design, fit: SineFit) -> list[str]:
-    """What the record cannot tell."""
+    """Flags for what the record cannot tell."""
     return [mark for mark, set_ in ((HUM, may_be_hum(fit)), (SHORT, is_short(design, fit))) if set_]
 
 
 def may_be_hum(fit: SineFit) -> bool:
-    """Whether hum may have an amplitude wrong: it has no columns, wanders unseen, or is too near to the drive."""
+    """Whether hum may change an amplitude: it is not fitted, wanders unseen, or is too near to the drive."""
     wanders = bool((fit.hum_u > MOST_OF * fit.amplitude_u).any())
     return fit.hum > LARGEST_HUM or wanders or fit.beside_mains
 
@@ -203,7 +212,7 @@ def _share_of_hum(fit: SineFit) -> str:
 
 
 def is_short(design: Design, fit: SineFit) -> bool:
-    """Whether the ratio's uncertainty is mostly noise that so short a record knows badly."""
+    """Whether the uncertainty of the ratio is mostly noise, and the record is too short to know the noise well."""
     if fit.degrees_of_freedom >= FEW_DEGREES:
         return False
     forces = film_forces(design, fit)
@@ -214,10 +223,10 @@ def is_short(design: Design, fit: SineFit) -> bool:
 
 
 def _recorded(films: Films, dwell: float | DwellChoice, short: SineFit) -> tuple[FilmRecord, float, float | None]:
-    """Record, its dwell [s], and the uncertainty that it was chosen for.
+    """The record, its length [s], and the uncertainty for which the length was chosen.
 
-    A short record tells noise, and so the dwell, to a fifth, a pilot to a twentieth. What of the pilot is as long as
-    the dwell it asks for is the record.
+    A short record tells the noise to a fifth, and so the dwell that is needed. If that is longer than the short record,
+    a pilot record tells it to a twentieth. A pilot that is long enough is itself the record.
     """
     if isinstance(dwell, float):
         return films.acquire(dwell), dwell, None
@@ -231,11 +240,11 @@ def _recorded(films: Films, dwell: float | DwellChoice, short: SineFit) -> tuple
 
 
 def pilot_length(frequency: float) -> float:
-    """Of a record that tells the noise at a frequency [Hz] for a dwell [s]."""
+    """Length of a pilot record at a frequency [Hz], from which a dwell is chosen [s]."""
     return PILOT_CYCLES / frequency
 
 
 def recording_seconds(dwell: float, frequency: float) -> float:
-    """What a dwell that is chosen at the point takes with its pilot [s]."""
+    """Time for a dwell [s] that is chosen at the point, with its pilot, at a frequency [Hz] [s]."""
     pilot = pilot_length(frequency)
     return dwell if dwell <= short_length(frequency) else pilot if dwell <= pilot else pilot + dwell

@@ -1,4 +1,4 @@
-"""The films of a design: set up, waited for until they have settled, recorded and fitted, all together."""
+"""The films of a sensor: setting them up, waiting until they have settled, recording and fitting them together."""
 
 from __future__ import annotations
 
@@ -19,25 +19,29 @@ from palpate.instrument.signals.sine_columns import sine_columns
 
 SAMPLES_PER_CYCLE = 25
 HEADROOM = 1.5
-SHORT_RECORD = 0.2  # s, and whole cycles, two or more
-NOISE_BENDS = 10.0  # standard deviations of a bend by white noise; by 1/f noise it has three times as many
-LONGER_RECORD = 1.0  # s, and whole cycles: before a dwell that is spoilt by what does not show in short records
-SETTLING_LIMIT = 30.0  # s, and ten short records or more
+SHORT_RECORD = 0.2  # s, rounded up to whole cycles, two at least
+NOISE_BENDS = 10.0  # standard deviations of a bend that white noise feigns; 1/f noise feigns three times as much
+LONGER_RECORD = 1.0  # s, rounded up to whole cycles: used where short records do not show what would spoil the dwell
+SETTLING_LIMIT = 30.0  # s, or ten records if they take longer
 AGREEMENT = 3.0  # standard uncertainties that two short records may differ by
-BEND = 0.1  # of a standard uncertainty, that a change of trend may leave in an amplitude
-LONGEST_BENT = 10_000  # samples; over more, what decays is a small part of the record
-FINEST_CHANGE = 1e-4  # of the amplitude: what is smaller counts as settled [A]
-FINER_CHANGE = 1e-6  # where longer records are compared
-CHARGE_AMPLIFIER = 1.0  # s, time constant [A], by which offsets decay
+BEND = 0.1  # error that a bend may leave in an amplitude, as a part of its standard uncertainty
+LONGEST_BENT = 10_000  # samples; in longer records a decay is a small part of the record
+FINEST_CHANGE = 1e-4  # of the amplitude; a smaller change counts as settled [A]
+FINER_CHANGE = 1e-6  # the same where longer records are compared
+CHARGE_AMPLIFIER = 1.0  # s, time constant with which offsets decay [A]
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmRecord:
-    """What all films of a design gave together, in its order.
+    """Recordings of all films at the same times. Films are in the order of the design.
 
-    time: (n,) s. voltage: (films, n) V. clipped, good: (films, n); a good sample is finite and not clipped.
+    Attributes:
+        rate: sample rate [Hz].
+        time: times of the samples (n,) [s].
+        voltage: voltages (films, n) [V].
+        clipped: whether a sample reached the end of the converter's range (films, n).
     """
 
     rate: float
@@ -47,29 +51,31 @@ class FilmRecord:
 
     @property
     def good(self) -> npt.NDArray[np.bool_]:
+        """Whether a sample is finite and not clipped (films, n)."""
         good: npt.NDArray[np.bool_] = np.isfinite(self.voltage) & ~self.clipped
         return good
 
     def first(self, duration: float) -> FilmRecord:
-        """Its first `duration` s."""
+        """The first part of the record, of a duration [s]."""
         n = round(duration * self.rate)
         return FilmRecord(self.rate, self.time[:n], self.voltage[:, :n], self.clipped[:, :n])
 
     def last(self, duration: float) -> FilmRecord:
-        """Its last `duration` s."""
+        """The last part of the record, of a duration [s]."""
         n = round(duration * self.rate)
         return FilmRecord(self.rate, self.time[-n:], self.voltage[:, -n:], self.clipped[:, -n:])
 
 
 def short_length(frequency: float) -> float:
-    """Of the records that tell whether the films have settled at a frequency [Hz]: s, whole cycles."""
+    """Length of a short record, by which films are seen to settle, at a frequency [Hz]: whole cycles [s]."""
     return max(2, math.ceil(SHORT_RECORD * frequency - 1e-9)) / frequency
 
 
 def settling_length(frequency: float, dwell: float | None = None) -> float:
-    """Of the records that are compared before a dwell [s] at a frequency [Hz]: s, whole cycles.
+    """Length of the records that are compared before a dwell [s] at a frequency [Hz], in whole cycles [s].
 
-    Short ones, where their noise, taken for a bend, is less in an amplitude than twice what a bend may leave there.
+    Noise in a record looks like a bend. Short records serve where the error from that is less than twice what a bend
+    may leave in an amplitude; else longer ones are needed.
     """
     short = short_length(frequency)
     if dwell is None:
@@ -80,14 +86,15 @@ def settling_length(frequency: float, dwell: float | None = None) -> float:
 
 
 def _bend_noise(frequency: float, dwell: float, length: float) -> float:
-    """What white noise, taken for a bend by records of a length [s], is in an amplitude, over its uncertainty there."""
+    """Error of an amplitude from white noise that records of a length [s] show as a bend, over its uncertainty."""
     return math.sqrt(12) * bend_leak(frequency, dwell) / length**2
 
 
 def bend_leak(frequency: float, dwell: float | None) -> float:
-    """By how much a signal that bends by 1 V/s² as a dwell [s] begins puts an amplitude off [V].
+    """Error of an amplitude from a signal that bends by 1 V/s² when a dwell [s] begins [V].
 
-    A bend that stays, over whole cycles, or one that decays as the films' amplifiers have it.
+    The larger of two errors is returned: of a bend that stays, over whole cycles, and of one that decays with the time
+    constant of the charge amplifiers.
     """
     whole = 2 / (2 * math.pi * frequency) ** 2
     rate = SAMPLES_PER_CYCLE * frequency
@@ -99,12 +106,12 @@ def bend_leak(frequency: float, dwell: float | None) -> float:
 
 
 def nodes_for(design: Design) -> int:
-    """How many sensor nodes its films fill."""
+    """How many sensor nodes the films of a design need."""
     return max(place(film.channel)[0] for film in design.films)
 
 
 def check_nodes(design: Design, nodes: int) -> None:
-    """Refuse a bench that has fewer nodes than the films fill. Raises RangeError."""
+    """Refuse a bench that has fewer sensor nodes than the films need. Raises RangeError."""
     if nodes < nodes_for(design):
         raise RangeError(
             f"design {design.name!r} has {len(design.films)} films on {nodes_for(design)} sensor nodes; the bench has "
@@ -113,13 +120,20 @@ def check_nodes(design: Design, nodes: int) -> None:
 
 
 class Films:
-    """The films of a design on the nodes of a bench: sample rate, ranges, and recordings of all together."""
+    """The films of a sensor on the nodes of a bench, with one sample rate, a range each, and common recordings."""
 
     def __init__(self, bench: Bench, design: Design, frequency: float, largest: float) -> None:
-        """Set the sample rate, and ranges for forces up to `largest` N, peak.
+        """Set the sample rate and the ranges.
+
+        Args:
+            bench: the open bench.
+            design: design of the sensor.
+            frequency: frequency of the drive [Hz].
+            largest: largest force on the sensor [N].
 
         Raises:
-            RangeError: the bench has too few nodes. ConfigError: they are of several kinds. Nothing is sent.
+            RangeError: the bench has too few sensor nodes; nothing has been sent.
+            ConfigError: the nodes are of several kinds; nothing has been sent.
         """
         nodes = bench.all(SensorNode)
         check_nodes(design, len(nodes))
@@ -140,7 +154,7 @@ class Films:
             self._set_range(number, finest if fits else self._widest)
 
     def set_frequency(self, frequency: float) -> None:
-        """The drive's, in Hz: records are of 25 samples a cycle."""
+        """Set the frequency of the drive [Hz]. The nodes then take 25 samples a cycle."""
         self.frequency = frequency
         self._nodes[0].set_sample_rate(SAMPLES_PER_CYCLE * frequency)
 
@@ -150,13 +164,13 @@ class Films:
         self._ranges[film] = range_
 
     def widen(self, record: FilmRecord) -> None:
-        """Put the films that clipped on the wide range."""
+        """Set the widest range for the films that clipped in a record."""
         for film, clipped in enumerate(record.clipped):
             if clipped.any() and self._ranges[film] != self._widest:
                 self._set_range(film, self._widest)
 
     def acquire(self, duration: float) -> FilmRecord:
-        """Record all films for `duration` s. Raises LinkError, DeviceError."""
+        """Record all films for a duration [s]. Raises LinkError, DeviceError."""
         recordings = self._nodes[0].acquire_with(self._nodes[1:], duration)
         first = recordings[0]
         return FilmRecord(
@@ -167,19 +181,21 @@ class Films:
         )
 
     def steps(self) -> Floats:
-        """Steps of the converter (films,) V, on the ranges that are set."""
+        """Steps of the converter on the ranges that are set (films,) [V]."""
         return np.array([self._nodes[node].resolution(channel) for node, channel in self._places])
 
     def emergencies(self) -> int:
-        """How many the nodes have sent so far."""
+        """How many emergencies the nodes have sent so far."""
         return sum(len(node.emergencies) for node in self._nodes)
 
     def fit(self, record: FilmRecord) -> SineFit:
-        """By the samples that are good in every film; by all that are finite where those are too few.
+        """Fit a sine to each film, by the samples that are good in every film.
+
+        Where those are too few, all samples that are finite in every film are used.
 
         Raises:
             DeviceError: a film gives no finite samples.
-            EstimateError: too few samples for a sine.
+            EstimateError: there are too few samples for a sine.
         """
         good, finite = record.good.all(axis=0), np.isfinite(record.voltage).all(axis=0)
         if not finite.any():
@@ -194,18 +210,19 @@ class Films:
             return fit_sine(record.time[finite], record.voltage[:, finite], self.frequency)
 
     def settle(self, watch: Callable[[], object], dwell: float | None = None) -> tuple[SineFit, float, bool]:
-        """Wait until short records agree; `watch` is called between them.
+        """Wait until two successive records agree.
 
-        Two that follow each other must have the same amplitudes within their uncertainty. What still decays shows
-        sooner in the trend: where it changes by Δ from one record to the next, T apart, the signal is curved, and over
-        whole cycles an amplitude is off by 2 Δ/(T ω²), over ten seconds or broken cycles by up to ten times as much.
-        That must be small beside the uncertainty of the dwell that follows.
+        They must have the same amplitudes within their uncertainty. A decay shows sooner in the trend: if the trend
+        changes by Δ between two records that begin T apart, the signal is curved, and an amplitude over whole cycles is
+        wrong by 2 Δ/(T ω²), over ten seconds or broken cycles by up to ten times as much. That error must be small
+        beside the uncertainty of the dwell that follows.
 
         Args:
-            dwell: s, of the record that follows; None: of whole cycles.
+            watch: is called after each record, and raises where the bench must stop.
+            dwell: length of the record that follows [s]; None: it is of whole cycles.
 
         Returns:
-            The last short record's fit, the time taken [s], and whether it did settle within the limit.
+            The fit of the last record, the time that it took [s], and whether the films settled within the limit.
         """
         length = settling_length(self.frequency, dwell)
         began = self.bench.clock.now_ns()
@@ -228,11 +245,15 @@ class Films:
 
 
 def _agree(before: SineFit, after: SineFit, gap: float, bent: float, allowed: float, finest: float) -> bool:
-    """Whether two records, begun `gap` s apart, are of a settled signal: `bent` as `bend_leak` has it.
+    """Whether two records show a settled signal.
 
     Args:
-        allowed: of an amplitude's uncertainty here, that a bend may leave in the dwell.
-        finest: change of an amplitude that does not count, for a bend, as a part of it.
+        before: fit of the first record.
+        after: fit of the second record.
+        gap: time between the beginnings of the records [s].
+        bent: error of an amplitude by a bend, as `bend_leak` returns it.
+        allowed: error that a bend may leave in an amplitude, as a part of its uncertainty.
+        finest: error by a bend that does not count, as a part of the amplitude.
     """
     step = np.abs(after.amplitude - before.amplitude)
     step_u = np.hypot(before.amplitude_u, after.amplitude_u)

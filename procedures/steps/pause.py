@@ -1,4 +1,4 @@
-"""A pause between two points: outputs off, and on again when it ends."""
+"""A pause between two points. The outputs are off until it ends."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 
 class Pause(Protocol):
-    """Somebody who may ask for a pause."""
+    """Somebody or something that may ask for a pause."""
 
     def asked(self) -> bool:
-        """Whether one has been asked for since the last."""
+        """Whether a pause has been asked for since the last one."""
 
     def wait(self) -> None:
-        """Return when it shall end."""
+        """Wait until the pause shall end."""
 
 
 class Nobody:
-    """Asks for none."""
+    """Never asks for a pause."""
 
     def asked(self) -> bool:
         return False
@@ -35,7 +35,7 @@ NOBODY: Pause = Nobody()
 
 
 class PausedAgain:
-    """A `Pause` for replayed runs: it pauses for no time where the run was paused, else where somebody asks."""
+    """A `Pause` for a run that is done again: it rests for no time where the run was paused, or where somebody asks."""
 
     def __init__(self, record: Resumed, bench: Bench, pause: Pause) -> None:
         self._record, self._bench, self._pause = record, bench, pause
@@ -51,7 +51,7 @@ class PausedAgain:
 
 
 def pause_here(pause: Pause, bench: Bench, record: Recorder) -> None:
-    """Where a pause is asked for: outputs off until it ends. The probe stays; the load has to be set anew after it."""
+    """Pause if that is asked for. The outputs are off and the probe stays; afterwards the load must be set anew."""
     if not pause.asked():
         return
     bench.rest()

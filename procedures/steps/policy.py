@@ -1,8 +1,8 @@
-"""What is done about each thing that can go wrong on a bench, in one table, and the doing of it.
+"""One table of what can go wrong on a bench and what is then done, and the function that does it.
 
-A step of a procedure is carried out as a whole, or again as a whole: setting a load, recording a point, reading the
-indicator. Between two attempts outputs go to zero, every device is identified again and gets its settings back. Each
-incident is an event of the record, and each point says how many there were in it.
+A step of a procedure, such as setting a load or recording a point, is carried out as a whole and repeated as a whole.
+Between two attempts the outputs go to zero, and every device is identified again and gets its settings back. Each
+incident is an event of the record, and each point says how many incidents it had.
 """
 
 from __future__ import annotations
@@ -39,8 +39,10 @@ class Policy:
     """What is done about an incident.
 
     Attributes:
-        seen: by what it is known; errors of these classes, or what is written here.
-        attempts: after so many in all the run stops, or the point is marked.
+        incident: what goes wrong.
+        seen: the errors by which it is known, or where it is noticed.
+        does: what is done about it.
+        attempts: number of attempts in all, after which the run stops or the point is marked.
     """
 
     incident: str
@@ -49,7 +51,7 @@ class Policy:
     attempts: int = 1
 
 
-# The first that fits an error counts.
+# The first policy that fits an error counts.
 POLICIES = (
     Policy("a limit of the bench is passed, or the amplifier has tripped", (SafetyError,), STOP),
     Policy("another device stands in the place of one", (IdentityError,), STOP),
@@ -73,7 +75,7 @@ POLICIES = (
 
 
 def policy_for(error: BenchError) -> Policy:
-    """The policy that counts for an error; what no policy speaks of stops the run."""
+    """The policy for an error. An error without one stops the run."""
     for policy in POLICIES:
         if not isinstance(policy.seen, str) and isinstance(error, policy.seen):
             return policy
@@ -81,14 +83,19 @@ def policy_for(error: BenchError) -> Policy:
 
 
 def carry_out(bench: Bench, what: str, step: Callable[[], T], again: Callable[[], object] = lambda: None) -> T:
-    """Do a step; where the bench fails in it, do as the policy says. On a bench that is not attended, just do it.
+    """Carry out a step and return what it returns. If the bench fails, do what the policy says.
+
+    On a bench whose incidents nobody records (`Bench.attend`), the step is carried out once.
 
     Args:
+        bench: the open bench.
         what: names the step in incidents.
-        again: what brings the bench from zero to where the step begins; called before it is repeated.
+        step: the step.
+        again: brings the bench from zero to where the step begins. It is called before the step is repeated.
 
     Raises:
-        BenchError: of the step, or of putting the bench right; outputs are off, and a device that failed is broken.
+        BenchError: the step failed, or the bench could not be put right. The outputs are off, and the device that
+            failed counts as broken.
     """
     if not bench.attended:
         return step()

@@ -1,8 +1,8 @@
-"""What a change adds to the films' standing signals: against the drift that they had before it, without a drive.
+"""What a change of the surroundings adds to the films' signals at rest, beyond the drift that they had before it.
 
-An amplifier's offset and its drift, by damp or by what was changed before, are no answer to this change. So the films
-are recorded several times before it and once after, and the drift is drawn on as a straight line; by as much as a bent
-one would lead elsewhere, or as a walk by chance might have gone, the line is uncertain.
+An amplifier's offset drifts by damp, or by an earlier change, and that is no answer to this change. So the films are
+recorded several times before the change and once after it, without a drive. A straight line through the records before
+predicts the one after. The line's uncertainty allows for a curve in its place, and for a random walk.
 """
 
 from __future__ import annotations
@@ -21,18 +21,22 @@ from palpate.procedures.steps.policy import carry_out
 
 Floats = npt.NDArray[np.float64]
 
-RECORDS, APART, LENGTH = (
-    8,
-    4.0,
-    1.0,
-)  # before the change; s from one to the next, and of each: whole cycles of the mains
-BEFORE = RECORDS * APART  # s, that they take
-RESPONSE = 10.0  # s, after which an amplifier of 1 s has answered a change
+RECORDS = 8  # before the change
+APART = 4.0  # s, from one record to the next
+LENGTH = 1.0  # s, of each record: whole cycles of the mains
+BEFORE = RECORDS * APART  # s, that the records before the change take
+RESPONSE = 10.0  # s, after which an amplifier with a time constant of 1 s has answered a change
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:
-    """One record. time: of its middle [s]. voltage: means (films,) V. lost: why one is not to be used."""
+    """One record at rest.
+
+    Attributes:
+        time: time of its middle [s].
+        voltage: mean voltages (films,) [V].
+        lost: flags, if the record is not to be used.
+    """
 
     time: float
     voltage: Floats
@@ -41,7 +45,13 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Added:
-    """What a change has added, (films,) V, with its standard uncertainty, so many seconds after it."""
+    """What a change has added to the films' signals.
+
+    Attributes:
+        voltage, u: added voltages and their standard uncertainties (films,) [V].
+        after: time since the change [s].
+        lost: flags, if one of the records is not to be used.
+    """
 
     voltage: Floats
     u: Floats
@@ -50,7 +60,7 @@ class Added:
 
 
 def before_change(films: Films) -> list[Standing]:
-    """The films drifting, without a drive."""
+    """Record the films as they drift at rest. Call it with the outputs off."""
     found = []
     for _ in range(RECORDS):
         found.append(_standing(films))
@@ -59,7 +69,7 @@ def before_change(films: Films) -> list[Standing]:
 
 
 def after_change(films: Films, before: list[Standing]) -> Added:
-    """Against the drift before; call it as soon as the change is made."""
+    """Find what a change has added. Call it as soon as the change is made, with the records from before it."""
     changed = 1e-9 * films.bench.clock.now_ns()
     films.bench.clock.wait(RESPONSE)
     now = _standing(films)
@@ -70,7 +80,7 @@ def after_change(films: Films, before: list[Standing]) -> Added:
         if not np.isfinite([*drift, now.voltage[film]]).all():
             added[film] = u[film] = math.nan
             continue
-        rounding = step / math.sqrt(12)  # of signals that stand within a step; noise would even it out
+        rounding = step / math.sqrt(12)  # of a signal that stays within one step; noise would average it out
         line, curve = (interpolate(since, drift, rounding, degree) for degree in (1, 2))
         predicted = float(line.coefficients[0])
         added[film] = now.voltage[film] - predicted
@@ -81,9 +91,9 @@ def after_change(films: Films, before: list[Standing]) -> Added:
 
 
 def _wandered(drift: list[float], hops: float) -> float:
-    """Standard deviation, so many records after the last, of a signal that goes on as by chance it went before.
+    """Standard deviation of a random walk with drift, some records after the last one.
 
-    That of a random walk with drift: 1/f noise, which a line through it makes too little of, does no worse.
+    The residuals of a line make too little of 1/f noise. A random walk with the same steps wanders no less than it.
     """
     each = float(np.std(np.diff(drift), ddof=1))
     return each * math.sqrt(hops + hops**2 / (len(drift) - 1))
