@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.procedures.commands import measure
+from palpate.procedures.commands import procedures
 from palpate.procedures.commands.options import Choice
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 
@@ -100,7 +100,7 @@ def test_films_that_warm_up_are_simulated_where_no_scene_is_named(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chosen: list[Choice] = []
-    monkeypatch.setattr(measure, "measure", lambda _asked, choice, *_rest: chosen.append(choice))
+    monkeypatch.setattr(procedures, "measure", lambda _asked, choice, *_rest: chosen.append(choice))
     palpate(*SWEEP)
     palpate(*SWEEP, "--scene", "ideal")
     palpate(*SWEEP, "--bench", "lab.toml")
