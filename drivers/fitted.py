@@ -16,7 +16,7 @@ from palpate.instrument.additions import load
 from palpate.instrument.bench import links as files
 from palpate.instrument.bench.description import DRIVING, BenchDescription
 from palpate.instrument.bench.kinds import Role
-from palpate.instrument.bench.listed import Listed
+from palpate.instrument.bench.listed import Listed, filling
 from palpate.instrument.errors import BenchError, ConfigError, UnknownName
 
 T = TypeVar("T")
@@ -36,8 +36,9 @@ class Fitted:
         self.description = description
         self.links = {name: _link(place) for name, place in description.links.items()}
         self.absent: list[str] = []
-        self._listed = {each.name: each for each in description.devices}
-        self._filling = {role: [each.name for each in description.filling(role)] for role in get_args(Role)}
+        devices = description.devices
+        self._listed = {each.name: each for each in devices}
+        self._filling = {role: [each.name for each in filling(role, devices)] for role in get_args(Role)}
         self._devices: dict[str, Device] = {}
         driving = [self._listed[name] for role in DRIVING for name in self._filling[role]]
         self._make(driving, clock)

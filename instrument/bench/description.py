@@ -6,7 +6,7 @@ A simulated bench differs from a real one only in the addresses of this descript
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -21,7 +21,7 @@ from pydantic import (
 
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role, check_identities
 from palpate.instrument.bench.links import LINKS, Link, SerialLine, link_of
-from palpate.instrument.bench.listed import Listed, check_places, listed
+from palpate.instrument.bench.listed import Listed, check_places, filling, listed
 from palpate.instrument.bench.usual import (
     CAN,
     LINE,
@@ -95,20 +95,21 @@ class BenchDescription(Config):
                 problems += [f"line: is missing, which {name} is on" for name in ON_LINE if getattr(self, name)]
             if problems:
                 raise ConfigError("\n".join(problems))
-            check_places(self.links, self.devices)
-            check_identities(each.kind for each in self.devices)
+            devices = self.devices
+            check_places(self.links, devices)
+            check_identities(each.kind for each in devices)
             for role in get_args(Role):
-                if role != "sensor_node" and len(several := self.filling(role)) > 1:
+                if role != "sensor_node" and len(several := filling(role, devices)) > 1:
                     names = " and ".join(each.name for each in several)
                     raise ConfigError(f'{names} can each be the {role}; write role = "{role}" below one of them')
-            self._check_exciter()
+            self._check_exciter(devices)
         except (ConfigError, UnknownName) as error:
             raise ValueError(str(error)) from None
         return self
 
-    def _check_exciter(self) -> None:
+    def _check_exciter(self, devices: Sequence[Listed]) -> None:
         """Raises ConfigError: two things drive, or what drives has no watchdog and the file does not say so."""
-        exciter, source, amplifier = (self.filling(role) for role in DRIVING)
+        exciter, source, amplifier = (filling(role, devices) for role in DRIVING)
         if exciter and source and amplifier:
             raise ConfigError(
                 f"{exciter[0].name} drives, and {source[0].name} with {amplifier[0].name} as well; a bench has one "
@@ -168,8 +169,9 @@ class BenchDescription(Config):
         node = KINDS["sensor_node"]
         for number, node_id in enumerate(self.can.nodes if self.can is not None else (), 1):
             found.append(Listed(f"{node.name}_{number}", node, CAN, node_id, NoSettings()))
+        links = self.links
         for name, table in (self.device or {}).items():
-            found.append(listed(name, dict(table), self.links))
+            found.append(listed(name, dict(table), links))
         order = list(KINDS)
         return sorted(found, key=lambda each: order.index(each.kind.name) if each.kind.name in order else len(order))
 
@@ -181,8 +183,7 @@ class BenchDescription(Config):
 
     def filling(self, role: Role) -> list[Listed]:
         """The devices that fill a role: those that say so, or else all whose kind can."""
-        able = [each for each in self.devices if role in each.kind.roles and each.role in (None, role)]
-        return [each for each in able if each.role == role] or able
+        return filling(role, self.devices)
 
     def moved(self, places: Mapping[str, Mapping[str, Any]]) -> Self:
         """The same bench with other addresses of links, by their names."""

@@ -52,6 +52,12 @@ class Listed:
     optional: bool = False
 
 
+def filling(role: Role, devices: Sequence[Listed]) -> list[Listed]:
+    """Those of the devices that fill a role: those that say so, or else all whose kind can."""
+    able = [each for each in devices if role in each.kind.roles and each.role in (None, role)]
+    return [each for each in able if each.role == role] or able
+
+
 def check_name(name: str, where: str) -> None:
     """Raises ConfigError: a device cannot be called so."""
     if not NAME.fullmatch(name) or name in RESERVED:

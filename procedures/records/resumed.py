@@ -17,7 +17,10 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.bench.comparison import compared
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.config import check as checked
+from palpate.instrument.errors import ConfigError, RecordError, UsageError
 from palpate.procedures.arithmetic import ALIKE, alike, same_arithmetic
 from palpate.procedures.records.check import check
 from palpate.procedures.records.encoding import Waveforms, as_json, encoded
@@ -105,7 +108,7 @@ class Resumed(Recorder):
             raise UsageError(
                 f"{self.folder} was recorded on {kinds[0]} bench, but this is {kinds[1]} one; open the same"
             )
-        changes = list(_differences(_comparable(header_of(self.run)), _comparable(json.loads(as_json(header)))))
+        changes = list(_differences(*self._compared(header_of(self.run), json.loads(as_json(header)))))
         if changes and not self._accept:
             raise UsageError(
                 f"{self.folder} cannot be resumed, because the bench has changed:\n  "
@@ -127,6 +130,14 @@ class Resumed(Recorder):
         events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
         known = {"mounting": header["mounting"]} if "mounting" in header else {}
         self._append([status_frame("running", {}, known), *events], events=len(events))
+
+    def _compared(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The parts of two headers that must not differ. Raises RecordError: the record's bench cannot be read."""
+        parts = _comparable(before), _comparable(now)
+        if before["scene"] is None:
+            known, here = (_bench(header, str(self.folder)) for header in (before, now))
+            parts[0]["bench"], parts[1]["bench"] = compared(known, here)
+        return parts
 
     def _convert(self) -> None:
         """Write the content of a database of record format 3 into a record beside it. The database stays as it is."""
@@ -243,13 +254,23 @@ def _first(error: ValidationError) -> str:
 def _comparable(header: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
     found = {key: header[key] for key in COMPARED}
-    found["devices"] = {name.partition(" at ")[0]: serial for name, serial in header["devices"].items()}
-    if found["scene"] is None:
-        found["bench"] = tomllib.loads(found["bench"])
-    else:
+    found["devices"] = {}
+    for name, serial in header["devices"].items():
+        title = name.partition(" at ")[0]
+        several = sum(known.partition(" #")[0] == title for known in found["devices"])
+        found["devices"][f"{title} #{several + 1}" if several else title] = serial
+    if found["scene"] is not None:
         found["scene"] = tomllib.loads(found["scene"]["toml"])
-        del found["bench"]
+    del found["bench"]
     return found
+
+
+def _bench(header: Mapping[str, Any], where: str) -> BenchDescription:
+    """The bench of a header. Raises RecordError."""
+    try:
+        return checked(tomllib.loads(header["bench"]), BenchDescription, f"{where}: its bench file")
+    except ConfigError as error:
+        raise RecordError(f"{error}; run anew, or install what is missing") from None
 
 
 def _differences(before: Any, now: Any, key: str = "") -> Iterator[str]:

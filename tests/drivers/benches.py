@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.links import LINKS
 from palpate.simulators.bench import SimulatedBench
 
 
@@ -29,3 +32,23 @@ def is_closed(bench: Bench) -> bool:
         bench.device("strain_indicator").link,
     )
     return not any(link._client.connected for link in modbus) and bench.device("sensor_node_1").link._network is None
+
+
+def new_form(description: BenchDescription, prefix: str = "my_") -> dict[str, Any]:
+    """The tables of a bench file that lists the same links and devices, the links under other names."""
+    kinds = {model: kind for kind, model in LINKS.items()}
+    links = {
+        prefix + name: {"kind": kinds[type(link)], **link.model_dump(mode="json")}
+        for name, link in description.links.items()
+    }
+    devices = {
+        each.name: {
+            "kind": each.kind.name,
+            "link": prefix + each.link,
+            "node" if each.kind.links[0] == "canopen" else "unit": each.unit,
+            **each.settings.model_dump(mode="json"),
+        }
+        for each in description.devices
+    }
+    top = description.model_dump(mode="json", include={"name", "design", "force_limit", "watchdog", "pickup"})
+    return {**top, "link": links, "device": devices}

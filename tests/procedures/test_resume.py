@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 
+from palpate.instrument.bench.description import read_bench
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.known import SHIPPED, class_of
@@ -27,6 +29,7 @@ from palpate.procedures.records.record_file import HEAD_FILE
 from palpate.procedures.records.resumed import Resumed, header_of, settings_of
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
+from tests.drivers.benches import new_form
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
 from tests.runs import as_format3, rehash
 
@@ -272,9 +275,10 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     before = stopped(palpate, stop, 3, *two_samples, "--bench", person).points()
     ended = sim.clock.now_ns()
     other = Path("other.toml")
-    other.write_text(Path(person).read_text().replace('"10.0 N"', '"9.0 N"'))
+    other.write_text(tomli_w.dumps(new_form(read_bench(Path(person))) | {"force_limit": "9.0 N"}))
     said = palpate("runs", "resume", "cut", "--bench", "other.toml")
     assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said.complaint
+    assert said.complaint.count("in the record") == 1  # its new form changes nothing
     result = palpate("runs", "resume", "cut", "--bench", "other.toml", "--accept-change", "--json").object
     run = Run.open(Path("cut"))
     points = run.points()

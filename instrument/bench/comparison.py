@@ -1,0 +1,68 @@
+"""Two bench files compared as what they describe, its links and devices, whatever form they are written in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, get_args
+
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.bench.kinds import Role
+from palpate.instrument.bench.links import LINKS
+from palpate.instrument.bench.listed import filling
+
+Tables = dict[str, dict[str, Any]]
+
+
+def compared(before: BenchDescription, now: BenchDescription) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What two benches are, as tables that are equal where the benches are the same.
+
+    A link or a device that both have, under two names, has that of the first one in both tables.
+    """
+    first, second = _tables(before), _tables(now)
+    links = _names(first["link"], second["link"])
+    for name, device in second["device"].items():  # a link that has changed is known by what is on it
+        known = first["device"].get(name, device)["link"]
+        if links[device["link"]] not in first["link"] and known not in links.values():
+            links[device["link"]] = known
+    for device in second["device"].values():
+        device["link"] = links[device["link"]]
+    devices = _names(first["device"], second["device"])
+    second["link"] = {links[name]: table for name, table in second["link"].items()}
+    second["device"] = {devices[name]: table for name, table in second["device"].items()}
+    return first, second
+
+
+def _tables(bench: BenchDescription) -> dict[str, Any]:
+    kinds = {model: kind for kind, model in LINKS.items()}
+    links: Tables = {}
+    same: dict[str, str] = {}  # links by name; the first of those that are one, as two units at one gateway can be
+    for name, link in bench.links.items():
+        table = {"kind": kinds[type(link)], **link.model_dump(mode="json")}
+        same[name] = next((known for known, other in links.items() if other == table), name)
+        links[same[name]] = table
+    listed = bench.devices
+    devices = {
+        each.name: {
+            "kind": each.kind.name,
+            "link": same[each.link],
+            "unit": each.unit,
+            "role": " ".join(role for role in get_args(Role) if each in filling(role, listed)),
+            "optional": each.optional,
+            **each.settings.model_dump(mode="json"),
+        }
+        for each in listed
+    }
+    whole = bench.model_dump(mode="json", include={"name", "design", "force_limit", "watchdog", "pickup"})
+    return {**whole, "link": links, "device": devices}
+
+
+def _names(first: Mapping[str, object], second: Mapping[str, object]) -> dict[str, str]:
+    """The name in the first of each of the second: its own, or that of one that is the same and has no other."""
+    found = {name: name for name in second}
+    left = {name: table for name, table in first.items() if name not in second}
+    for name, table in second.items():
+        alike = next((other for other, known in left.items() if known == table), None)
+        if name not in first and alike is not None:
+            found[name] = alike
+            del left[alike]
+    return found
