@@ -14,7 +14,7 @@ They pass as they stand: pytest {test}
 PACKAGE = """Install the package first (pip install -e), so that palpate finds it. Then put in what the device's manual
 says, with a golden frame for each register: see docs/how-to/device.md."""
 DEVICE = """Then put in what the device's manual says, with a golden frame for each register or object, and let it
-stand on the bench: see "Adding a device" in the README."""
+stand on the bench: see docs/how-to/device.md."""
 EFFECT = """Then put in your physics, and a line each in EFFECTS (simulators/effects/__init__.py), at its place in the
 chain, and in STRONG (tests/simulators/strong.py): then every test of the effects holds for it, too."""
 PROCEDURE = """Then put in your measurement; for a command of its own copy procedures/commands/test.py."""
