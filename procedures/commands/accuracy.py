@@ -9,7 +9,7 @@ import click
 from palpate.procedures.commands.accuracy_dwell import dwell_command
 from palpate.procedures.commands.accuracy_page import page
 from palpate.procedures.commands.integrators import integrators
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, make_folder, option, output_options
 from palpate.procedures.commands.validation import validation
 
 
@@ -18,7 +18,7 @@ from palpate.procedures.commands.validation import validation
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --out prices --json\n\n  palpate accuracy dwell",
 )
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot accuracy.png (default: no plot).")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot accuracy.png (default: no plot).")
 @output_options
 @click.pass_context
 def accuracy(context: click.Context, out: Path | None, as_json: bool, quiet: bool) -> None:
@@ -38,10 +38,10 @@ accuracy.add_command(validation)
     epilog="Examples:\n\n  palpate accuracy models\n\n  palpate accuracy models --design single --out prices --json"
     "\n\n  palpate accuracy models --store\n\n  palpate accuracy models --design single --store"
 )
-@click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@click.option("--measure", "anew", is_flag=True, help="Measure on this machine: an hour for all designs.")
-@click.option("--store", is_flag=True, help="Measure, and store the result in the list by which models are chosen.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot models.png (default: no plot).")
+@option("--design", help="single_round, single, common_base, different_base or array (default: all).")
+@option("--measure", "anew", is_flag=True, help="Measure on this machine: an hour for all designs.")
+@option("--store", is_flag=True, help="Measure, and store the result in the list by which models are chosen.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot models.png (default: no plot).")
 @output_options
 def models(design: str | None, anew: bool, store: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Show error and time of every sensor model at every refinement: the list by which model "auto" chooses.
@@ -99,8 +99,8 @@ def models(design: str | None, anew: bool, store: bool, out: Path | None, as_jso
 @accuracy.command(
     epilog="Examples:\n\n  palpate accuracy surfaces\n\n  palpate accuracy surfaces --design single --store"
 )
-@click.option("--design", help="single_round, single, common_base, different_base or array (default: all).")
-@click.option("--store", is_flag=True, help='Build the surfaces anew, and store them for model "surface".')
+@option("--design", help="single_round, single, common_base, different_base or array (default: all).")
+@option("--store", is_flag=True, help='Build the surfaces anew, and store them for model "surface".')
 @output_options
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
     """Show the response surfaces of model "surface", with their bounds; building all takes a quarter of an hour."""

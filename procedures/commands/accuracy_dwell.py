@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.explain import question_options
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, output_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
 
 
 @click.command(
@@ -15,13 +15,13 @@ from palpate.procedures.commands.options import FILE_NAME, Command, Output, make
     epilog="Examples:\n\n  palpate accuracy dwell\n\n  palpate accuracy dwell --scene noisy_lab --load '1.5 N'"
     "\n\n  palpate accuracy dwell --estimator 'least squares' --dwell '0.5 s, 5 s' --json",
 )
-@click.option("--scene", metavar="NAME|FILE", default="thesis_single", show_default=True, help="Scene to simulate.")
+@option("--scene", metavar="NAME|FILE", default="thesis_single", help="Scene to simulate.")
 @question_options
-@click.option("--dwell", help="Dwells, with commas (default: 0.1 s to 10 s, all of a cycle or more).")
-@click.option("--estimator", multiple=True, help="Such as 'least squares'; repeat it for more (default: all).")
-@click.option("--rate", help="Sample rate, such as '250 Hz' (default: 25 samples in a cycle).")
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot dwell.png (default: no plot).")
+@option("--dwell", help="Dwells, with commas (default: 0.1 s to 10 s, all of a cycle or more).")
+@option("--estimator", multiple=True, help="Such as 'least squares'; repeat it for more (default: all).")
+@option("--rate", help="Sample rate, such as '250 Hz' (default: 25 samples in a cycle).")
+@option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot dwell.png (default: no plot).")
 @output_options
 def dwell_command(
     scene: str,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 
 
 @click.group(cls=Group)
@@ -15,7 +15,7 @@ def contracts() -> None:
 
 
 @contracts.command(epilog="Examples:\n\n  palpate contracts export --to maps")
-@click.option("--to", "folder", required=True, type=FILE_NAME, metavar="DIR", help="Folder for the files.")
+@option("--to", "folder", required=True, type=FILE_NAME, metavar="DIR", help="Folder for the files.")
 @output_options
 def export(folder: Path, as_json: bool, quiet: bool) -> None:
     """Write the register tables (Markdown), the sensor node's EDS, and a DBC for logging tools."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import click
 
-from palpate.procedures.commands.options import Command, F, Output, output_options
+from palpate.procedures.commands.options import Command, F, Output, option, output_options
 
 
 def question_options(command: F) -> F:
     """Add the options --sample, --load and --frequency."""
-    for option in (
-        click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load."),
-        click.option("--load", default="3 N", show_default=True, help="Load, peak to peak, if nothing limits it."),
-        click.option("--sample", default="2", show_default=True, help="Sample that is pressed."),
+    for each in (
+        option("--frequency", default="10 Hz", help="Frequency of the load."),
+        option("--load", default="3 N", help="Load, peak to peak, if nothing limits it."),
+        option("--sample", default="2", help="Sample that is pressed."),
     ):
-        command = option(command)
+        command = each(command)
     return command
 
 
@@ -25,10 +25,10 @@ def question_options(command: F) -> F:
 )
 @click.argument("scene")
 @question_options
-@click.option("--dwell", default="1 s", show_default=True, help="Time over which the signals are averaged.")
-@click.option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
-@click.option("--tolerance", default="1e-4", show_default=True, help="Change by omitted effects that gets no mark.")
-@click.option("--strict", is_flag=True, help="Treat a warning as an error.")
+@option("--dwell", default="1 s", help="Time over which the signals are averaged.")
+@option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
+@option("--tolerance", default="1e-4", help="Change by omitted effects that gets no mark.")
+@option("--strict", is_flag=True, help="Treat a warning as an error.")
 @output_options
 def explain(
     scene: str,

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, output_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, make_folder, option, output_options
 
 
 @click.command(
     cls=Command,
     epilog="Examples:\n\n  palpate accuracy integrators\n\n  palpate accuracy integrators --out prices --json",
 )
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot integrators.png (default: no plot).")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the plot integrators.png (default: no plot).")
 @output_options
 def integrators(out: Path | None, as_json: bool, quiet: bool) -> None:
     """Measure error and time of methods that integrate a stiff chain in time; this takes about 20 s.

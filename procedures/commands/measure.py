@@ -82,10 +82,7 @@ def command_of(name: str) -> click.Command:
     by_dataclass = written.startswith(f"{kind.__name__}(")  # the docstring that a dataclass makes if it has none
     needed = "".join(f" {_text(each)} ..." for each in asked if each.required)
     command = click.command(
-        name,
-        cls=Command,
-        help=f"Carry out {name}." if by_dataclass else written,
-        epilog=EXAMPLES.format(name, needed),
+        name, cls=Command, help=f"Carry out {name}." if by_dataclass else written, epilog=EXAMPLES.format(name, needed)
     )(DRY_RUN(bench_options(budget_option(carry_out))))
     own = [_option(each) for each in asked]
     _check_different(name, command.params, own)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
 from palpate.procedures.lab.store import store
 
 
@@ -37,7 +37,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
 
 @click.command(cls=Command, epilog="Examples:\n\n  palpate runs repair first-day --out mended")
 @click.argument("run")
-@click.option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
+@option("--out", required=True, type=FILE_NAME, metavar="DIR", help="Folder of the new run.")
 @output_options
 def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     """Salvage a damaged run into a new one, and say what is lost. RUN is a folder or a name; it is only read.

@@ -13,7 +13,7 @@ import click
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands.model_shear import shear
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
@@ -60,39 +60,32 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
         limit = None if tolerance is None else parse_tolerance(tolerance)
         command(question=Question(design, name, parameters, settings, limit), **given)
 
-    described = [click.option(f"--{name.replace('_', '-')}", help=text) for name, (_, text) in _SETTINGS.items()]
-    for option in reversed(
+    described = [option(f"--{name.replace('_', '-')}", help=text) for name, (_, text) in _SETTINGS.items()]
+    for each in reversed(
         (
-            click.option(
-                "--design",
-                default="single",
-                show_default=True,
-                help="single, single_round, common_base, different_base or array.",
-            ),
-            click.option(
+            option("--design", default="single", help="single, single_round, common_base, different_base or array."),
+            option(
                 "--model",
                 "name",
                 default="auto",
-                show_default=True,
                 help="column, column_fitted, beam, beam_exact, beam_printed, experiment, surface, axisymmetric, solid;"
                 " or auto: the fastest that meets the tolerance.",
             ),
             *described,
-            click.option(
+            option(
                 "--interface", help="bonded, frictionless, or capped (frictionless, with the ring's top kept level)."
             ),
-            click.option(
+            option(
                 "--parameters",
                 default="physical",
-                show_default=True,
                 help="Set of all values that are not given above: thesis, physical, identified or capped.",
             ),
-            click.option(
+            option(
                 "--tolerance", help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid)."
             ),
         )
     ):
-        asked = option(asked)
+        asked = each(asked)
     return asked
 
 
@@ -103,8 +96,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     " --sensed-modulus '720 kPa' --json"
     "\n\n  palpate model ratio --design common_base --sensed-modulus '100 kPa' --at '6 mm, 6 mm'"
 )
-@click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
-@click.option("--at", metavar="X,Y", help="Point of the force, from the object's corner (default: spread over all).")
+@option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@option("--at", metavar="X,Y", help="Point of the force, from the object's corner (default: spread over all).")
 @question_options
 @output_options
 def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool, quiet: bool) -> None:
@@ -155,10 +148,8 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     epilog="Examples:\n\n  palpate model modulus --force-ratio '0.31, 0.99' --model column"
     "\n\n  palpate model modulus --force-ratio 0.183 --uncertainty 0.005 --design single --json"
 )
-@click.option("--force-ratio", required=True, help="Force ratio, or a list with commas.")
-@click.option(
-    "--uncertainty", help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %)."
-)
+@option("--force-ratio", required=True, help="Force ratio, or a list with commas.")
+@option("--uncertainty", help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %).")
 @question_options
 @output_options
 def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_json: bool, quiet: bool) -> None:
@@ -200,8 +191,8 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     epilog="Examples:\n\n  palpate model plot --sensed-modulus '24 kPa, 100 kPa, 1 MPa' --out sensor.png"
     "\n\n  palpate model plot --design common_base --model solid --sensed-modulus '100 kPa'"
 )
-@click.option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
-@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
+@option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @question_options
 @output_options
 def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import click
 
-from palpate.procedures.commands.options import Command, Output, output_options
+from palpate.procedures.commands.options import Command, Output, option, output_options
 
 
 @click.command(
     cls=Command,
     epilog="Examples:\n\n  palpate model shear\n\n  palpate model shear --design different_base --sample 2 --json",
 )
-@click.option("--design", default="common_base", show_default=True, help="single, common_base or different_base.")
-@click.option("--sample", default="1", show_default=True, help="Rubber sample on the sensor.")
+@option("--design", default="common_base", help="single, common_base or different_base.")
+@option("--sample", default="1", help="Rubber sample on the sensor.")
 @output_options
 def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
     """Compute the effect of a shear force on each film, and the off-centre load with the same effect.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 
 NEXT = """
 They pass as they stand: pytest {test}
@@ -19,7 +19,15 @@ EFFECT = """Then put in your physics, and a line each in EFFECTS (simulators/eff
 chain, and in STRONG (tests/simulators/strong.py): then every test of the effects holds for it, too."""
 PROCEDURE = """Then put in your measurement; for a command of its own copy procedures/commands/test.py."""
 
-TREE = click.option("--to", "tree", type=FILE_NAME, default=Path(), metavar="DIR", help="Source tree (default: here).")
+TREE = option(
+    "--to",
+    "tree",
+    type=FILE_NAME,
+    default=Path(),
+    show_default=False,
+    metavar="DIR",
+    help="Source tree (default: here).",
+)
 
 
 @click.group(cls=Group)
@@ -29,9 +37,7 @@ def new() -> None:
 
 @new.command(epilog="Examples:\n\n  palpate new device force_gauge\n\n  palpate new device oven --bus canopen")
 @click.argument("name")
-@click.option(
-    "--bus", type=click.Choice(["modbus-tcp", "modbus-rtu", "canopen"]), default="modbus-tcp", show_default=True
-)
+@option("--bus", type=click.Choice(["modbus-tcp", "modbus-rtu", "canopen"]), default="modbus-tcp")
 @TREE
 @output_options
 def device(name: str, bus: str, tree: Path, as_json: bool, quiet: bool) -> None:

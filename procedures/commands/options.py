@@ -14,10 +14,14 @@ from typing import TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
+from palpate.procedures.commands.texts import quantity
 from palpate.procedures.console.progress import Progress, bar, silent
 from palpate.procedures.console.terminal import say
 
 F = TypeVar("F", bound=Callable[..., object])
+
+
+option = functools.partial(click.option, show_default=True)
 
 
 class Command(click.Command):
@@ -55,26 +59,26 @@ def make_folder(out: Path | None) -> None:
 
 def output_options(command: F) -> F:
     """Add the options --json and --quiet."""
-    command = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
-    return click.option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
+    command = option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")(command)
+    return option("--quiet", "-q", is_flag=True, help="No progress and no tables.")(command)
 
 
-DRY_RUN = click.option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
+DRY_RUN = option("--dry-run", is_flag=True, help="Print what would be done and how long it takes; send nothing.")
 
 # Options for a point; each value is a text.
-sample_option = click.option("--sample", default="1", show_default=True, help="Rubber sample.")
-load_option = click.option("--load", default="2 N", show_default=True, help="Load, peak to peak.")
-dwell_option = click.option("--dwell", default="1 s", show_default=True, help="Time over which each point is averaged.")
-frequency_option = click.option("--frequency", default="10 Hz", show_default=True, help="Frequency of the load.")
+sample_option = option("--sample", default="1", help="Rubber sample.")
+load_option = option("--load", callback=quantity("N"), default="2 N", help="Load, peak to peak.")
+dwell_option = option("--dwell", callback=quantity("s"), default="1 s", help="Time over which each point is averaged.")
+frequency_option = option("--frequency", callback=quantity("Hz"), default="10 Hz", help="Frequency of the load.")
 
 
 def extrapolate_option(command: F) -> F:
     """Add the option --extrapolate, which the command gets as `extrapolate`."""
     text = "Allow loads outside the load cell's calibrated range."
-    return click.option("--extrapolate", is_flag=True, help=text)(command)
+    return option("--extrapolate", is_flag=True, help=text)(command)
 
 
-assume_option = click.option(
+assume_option = option(
     "--assume-mounted", is_flag=True, help="Ask nobody to confirm what is mounted or placed; the record says so."
 )
 
@@ -87,7 +91,7 @@ def budget_option(command: F) -> F:
         return command(output=replace(output, budgets=budget), **own)
 
     text = "Print the uncertainty budget of each result; with --json it has them as budgets."
-    return cast("F", click.option("--budget", is_flag=True, help=text)(gathered))
+    return cast("F", option("--budget", is_flag=True, help=text)(gathered))
 
 
 class _FileName(click.Path):
@@ -102,7 +106,7 @@ class _FileName(click.Path):
 
 
 FILE_NAME = _FileName(path_type=Path)
-OUT = click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/).")
+OUT = option("--out", type=FILE_NAME, metavar="DIR", help="Folder of this run (default: new in runs/).")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,22 +155,22 @@ def bench_options(command: F) -> F:
         )
 
     options: Callable[..., object] = gathered
-    for option in (
+    for each in (
         assume_option,
-        click.option(
+        option(
             "--log",
             type=FILE_NAME,
             metavar="FILE",
             help="Record all traffic in FILE (.pcapng), or CAN in FILE (.blf, .asc) and all traffic beside it.",
         ),
-        click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
-        click.option(
+        option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
+        option(
             "--scene", metavar="NAME|FILE", help="Scene to simulate (default: the one named above, or thesis_single)."
         ),
-        click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
+        option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench."),
         OUT,
     ):
-        options = option(options)
+        options = each(options)
     return cast("F", output_options(options))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 from palpate.procedures.lab.store import result_folder
 
 
@@ -18,8 +18,8 @@ from palpate.procedures.lab.store import result_folder
     invoke_without_command=True,
     epilog="Examples:\n\n  palpate reproduce\n\n  palpate reproduce --out compared --json",
 )
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scenes.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
+@option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scenes.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
 @output_options
 @click.pass_context
 def reproduce(context: click.Context, seed: int | None, out: Path | None, as_json: bool, quiet: bool) -> int:
@@ -79,11 +79,9 @@ def _kept(tables: Sequence[object], folder: Path) -> Iterator[None]:
     epilog="Examples:\n\n  palpate reproduce models\n\n  palpate reproduce models --parameters identified"
     " --out compared\n\n  palpate reproduce models --json"
 )
-@click.option(
-    "--parameters", default="both", show_default=True, help="Sets of the sensor models: physical, identified or both."
-)
-@click.option("--fresh", is_flag=True, help="Solve everything anew, in a minute or two, and write the solutions.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
+@option("--parameters", default="both", help="Sets of the sensor models: physical, identified or both.")
+@option("--fresh", is_flag=True, help="Solve everything anew, in a minute or two, and write the solutions.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: new in runs/).")
 @output_options
 def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Compare the thesis' finite-element tables, theories and figures of chapter 4 with the sensor models.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, assume_option, output_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, assume_option, option, output_options
 from palpate.procedures.lab.store import store
 
 
@@ -16,8 +16,8 @@ from palpate.procedures.lab.store import store
     "\n\n  palpate runs resume first-day --bench moved.toml --accept-change --json",
 )
 @click.argument("run")
-@click.option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
-@click.option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record lists changes.")
+@option("--bench", type=FILE_NAME, metavar="FILE", help="Bench file of a real bench (default: the run's own).")
+@option("--accept-change", is_flag=True, help="Go on although the bench has changed; the record lists changes.")
 @assume_option
 @output_options
 def resume(run: str, bench: Path | None, accept_change: bool, assume_mounted: bool, as_json: bool, quiet: bool) -> None:

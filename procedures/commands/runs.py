@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.mend import check, repair
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 from palpate.procedures.commands.resume import resume
 from palpate.procedures.lab.store import store
 
@@ -22,7 +22,7 @@ for command in (resume, check, repair):
 
 
 @runs.command("list", epilog="Examples:\n\n  palpate runs list\n\n  palpate runs list --out elsewhere --json")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
 @output_options
 def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     """List the runs in runs/, newest first."""
@@ -44,7 +44,7 @@ def list_(out: Path | None, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs show 20260102T030405Z-sweep-loads\n\n  palpate runs show first-day --json"
 )
 @click.argument("run")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder that holds the runs.")
 @output_options
 def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Show a run: its settings, its points, its events. RUN is a folder or a name in runs/.
@@ -68,8 +68,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs export first-day\n\n  palpate runs export first-day --to parquet --out tables"
 )
 @click.argument("run")
-@click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: that of the run).")
+@option("--to", type=click.Choice(["csv", "parquet"]), default="csv", help="Format.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder for the files (default: that of the run).")
 @output_options
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands.explain import explain, question_options
-from palpate.procedures.commands.options import FILE_NAME, Group, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 
 
 @click.group(cls=Group)
@@ -67,8 +67,8 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
 )
 @click.argument("scene")
 @question_options
-@click.option("--periods", default=3, show_default=True, type=click.IntRange(1, 100), help="Number of drawn periods.")
-@click.option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
+@option("--periods", default=3, type=click.IntRange(1, 100), help="Number of drawn periods.")
+@option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @output_options
 def plot(
     scene: str, sample: str, load: str, frequency: str, periods: int, out: Path | None, as_json: bool, quiet: bool

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
 
 if TYPE_CHECKING:
     from palpate.instrument.bench.description import BenchDescription
@@ -23,23 +23,19 @@ if TYPE_CHECKING:
     "  palpate serve noisy_lab --port 1502 --line /tmp/line --can socketcan:vcan0 --status",
 )
 @click.argument("scene")
-@click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
-@click.option(
-    "--listen", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Address of the Modbus TCP ports."
-)
-@click.option("--port", type=click.IntRange(1, 65533), help="First Modbus TCP port (default: any free ports).")
-@click.option("--line", type=FILE_NAME, metavar="PATH", help="Make PATH a link to the serial line's terminal.")
-@click.option(
-    "--can", default="udp_multicast", show_default=True, metavar="INTERFACE[:CHANNEL]", help="CAN bus of python-can."
-)
-@click.option(
-    "--speed", default=1.0, show_default=True,
+@option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the scene.")
+@option("--listen", default="127.0.0.1", metavar="ADDRESS", help="Address of the Modbus TCP ports.")
+@option("--port", type=click.IntRange(1, 65533), help="First Modbus TCP port (default: any free ports).")
+@option("--line", type=FILE_NAME, metavar="PATH", help="Make PATH a link to the serial line's terminal.")
+@option("--can", default="udp_multicast", metavar="INTERFACE[:CHANNEL]", help="CAN bus of python-can.")
+@option(
+    "--speed", default=1.0,
     help="Speed of the bench's clock against the wall clock; palpate --bench in another process needs 1.",
 )  # fmt: skip
-@click.option("--step", metavar="TIME", help="Let time stand still, and move it on by TIME at each Enter.")
-@click.option("--samples", help="Samples in the sample changer (default: no changer).")
-@click.option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file to FILE.")
-@click.option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
+@option("--step", metavar="TIME", help="Let time stand still, and move it on by TIME at each Enter.")
+@option("--samples", help="Samples in the sample changer (default: no changer).")
+@option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file to FILE.")
+@option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
 @output_options
 def serve(
     scene: str,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.options import FILE_NAME, Command, Output, output_options
+from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
 from palpate.procedures.lab.store import store
 
 AHEAD = 4  # cells that are handed out in advance for each worker, so that none has to wait
@@ -19,10 +19,10 @@ FOLDER = "studies"
     "\n\n  palpate study study.toml --dask tcp://cluster:8786 --json",
 )
 @click.argument("study", type=FILE_NAME)
-@click.option("--workers", type=click.IntRange(1, 1000), help="Number of processes (default: one for each core).")
-@click.option("--dask", metavar="ADDRESS", help="Compute on this dask scheduler instead.")
-@click.option("--to", type=click.Choice(["csv", "parquet"]), default="csv", show_default=True, help="Format.")
-@click.option("--out", type=FILE_NAME, metavar="DIR", help="Folder of the study (default: runs/studies/<file's name>).")
+@option("--workers", type=click.IntRange(1, 1000), help="Number of processes (default: one for each core).")
+@option("--dask", metavar="ADDRESS", help="Compute on this dask scheduler instead.")
+@option("--to", type=click.Choice(["csv", "parquet"]), default="csv", help="Format.")
+@option("--out", type=FILE_NAME, metavar="DIR", help="Folder of the study (default: runs/studies/<file's name>).")
 @output_options
 def study(
     study: Path, workers: int | None, dask: str | None, to: str, out: Path | None, as_json: bool, quiet: bool

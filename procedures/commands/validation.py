@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from palpate.procedures.commands.options import Command, Output, output_options
+from palpate.procedures.commands.options import Command, Output, option, output_options
 
 
 @click.command(
@@ -12,9 +12,9 @@ from palpate.procedures.commands.options import Command, Output, output_options
     epilog="Examples:\n\n  palpate accuracy validation\n\n  palpate accuracy validation --design single --json"
     "\n\n  palpate accuracy validation --what-if",
 )
-@click.option("--design", help="single, common_base or different_base (default: all).")
-@click.option("--what-if", "causes", is_flag=True, help="Show how far possible causes move models from experiments.")
-@click.option("--store", is_flag=True, help="Solve the stored finite elements anew, in some minutes, and store them.")
+@option("--design", help="single, common_base or different_base (default: all).")
+@option("--what-if", "causes", is_flag=True, help="Show how far possible causes move models from experiments.")
+@option("--store", is_flag=True, help="Solve the stored finite elements anew, in some minutes, and store them.")
 @output_options
 def validation(design: str | None, causes: bool, store: bool, as_json: bool, quiet: bool) -> None:
     """Show the difference of each sensor model from the thesis' experiments, sample by sample.

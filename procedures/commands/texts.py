@@ -1,0 +1,75 @@
+"""What the texts of options mean: `callback=quantity("N")` gives the command a number in place of a text.
+
+What reads a text is imported when there is one to read, so that commands start soon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import click
+
+T = TypeVar("T")
+Callback = Callable[[click.Context, click.Parameter, str | None], T | None]
+
+
+def _callback(read: Callable[[str], T]) -> Callback[T]:
+    return lambda _context, _option, text: None if text is None else read(text)
+
+
+def quantity(unit: str) -> Callback[float]:
+    """A number with its unit, such as "2 N": the command gets it in `unit`."""
+
+    def read(text: str) -> float:
+        from palpate.instrument.quantity import parse
+
+        return parse(text, unit)
+
+    return _callback(read)
+
+
+def quantities(unit: str) -> Callback[tuple[float, ...]]:
+    """A list of quantities, such as "5 Hz, 10 Hz": the command gets a tuple of numbers in `unit`."""
+
+    def read(text: str) -> tuple[float, ...]:
+        from palpate.instrument.quantity import parse_list
+
+        return parse_list(text, unit)
+
+    return _callback(read)
+
+
+@_callback
+def share(text: str) -> float:
+    from palpate.instrument.quantity import parse_tolerance
+
+    return parse_tolerance(text)
+
+
+@_callback
+def samples(text: str) -> tuple[str, ...]:
+    from palpate.instrument.sensor.sample import parse_samples
+
+    return parse_samples(text)
+
+
+@_callback
+def loads(text: str) -> tuple[float, ...]:
+    from palpate.procedures.steps.checks import parse_loads
+
+    return parse_loads(text)
+
+
+@_callback
+def positions(text: str) -> tuple[float, ...]:
+    from palpate.procedures.steps.checks import parse_steps
+
+    return parse_steps(text, "m", "positions", "0 mm:24 mm:2 mm")
+
+
+@_callback
+def frequencies(text: str) -> tuple[float, ...]:
+    from palpate.procedures.measurements.frequency.procedure import parse_frequencies
+
+    return parse_frequencies(text)
