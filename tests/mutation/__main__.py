@@ -60,8 +60,8 @@ PARTS = {
     ),
     "record": Part(
         ("procedures/records/record*.py", "procedures/records/chain*.py", "procedures/records/encoding.py"),
-        ("tests/procedures/test_record.py", "tests/procedures/test_check.py", "tests/procedures/test_lost_tail.py",
-         "tests/procedures/test_chain_writer.py"),
+        ("tests/procedures/test_record*.py", "tests/procedures/test_chain*.py", "tests/procedures/test_check.py",
+         "tests/procedures/test_lost_tail.py"),
     ),
 }  # fmt: skip
 

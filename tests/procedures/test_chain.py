@@ -1,0 +1,330 @@
+"""A chain of frames by itself: what its bytes are, where it ends, and how damage is told."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate.procedures.records import chain
+from palpate.procedures.records.chain import (
+    AROUND,
+    FRAME,
+    HASH,
+    LAST,
+    MAGIC,
+    NOTHING,
+    READINGS,
+    SECTOR,
+    ChainFile,
+    Head,
+    head_of,
+    opened,
+    read_head,
+)
+from palpate.procedures.records.chain_writer import Content, packed
+from palpate.procedures.records.encoding import LARGEST_ROW
+
+NAME = b"0123456789abcdef"
+BEGINNING = Head(NAME, 0, 0, 0, 0, 0, NOTHING)
+ADDITIONS: list[list[Content]] = [
+    [(b"HEAD", 0, [b"header"])],
+    [(b"WAVE", 1, [b"samples", b""]), (b"POIN", 1, [b"a point"])],
+    [(b"EVNT", 1, [b""])],
+]
+
+
+def written(additions: Sequence[list[Content]] = ADDITIONS, head: Head = BEGINNING) -> tuple[bytes, Head]:
+    """The bytes of a chain, and the head that counts them."""
+    content = b""
+    for frames in additions:
+        parts, head = packed(head, frames, 0)
+        content += b"".join(parts)
+    return content, head
+
+
+CONTENT, COUNTED = written()
+
+
+def put(folder: Path, content: bytes = CONTENT, entries: Sequence[bytes] | None = None) -> Path:
+    """A chain's two files."""
+    (folder / "record").write_bytes(content)
+    turns = (replace(COUNTED, turn=2), replace(COUNTED, turn=3))
+    (folder / "head").write_bytes(b"".join(head.packed() for head in turns) if entries is None else b"".join(entries))
+    return folder / "record"
+
+
+def told(folder: Path) -> list[bytes]:
+    """Kinds of the frames of an undamaged chain."""
+    with opened(folder / "record", folder / "head") as found:
+        return [frame.kind for frame in found.frames]
+
+
+# --- the head ------------------------------------------------------------------------------------------
+
+
+def test_an_entry_of_the_head_is_a_sector_with_its_hash() -> None:
+    head = Head(NAME, 1, 2, 3, 4, 5, b"h" * HASH)
+    numbers = b"".join(number.to_bytes(8, "little") for number in (1, 2, 3, 4, 5))
+    content = b"\x89PALPATE" + NAME + numbers + b"h" * 32
+    assert head.packed() == content + hashlib.sha256(content).digest() + bytes(512 - len(content) - 32)
+    assert head_of(head.packed()) == head
+    assert head.again() == Head(NAME, 2, 2, 3, 4, 5, b"h" * HASH)
+
+
+@pytest.mark.parametrize("at", [0, 8, 24, 32, 64, 95, 96, 127, 128, 300, 511])
+def test_a_wrong_bit_anywhere_in_an_entry_is_noticed(at: int) -> None:
+    entry = COUNTED.packed()
+    assert head_of(entry[:at] + bytes([entry[at] ^ 1]) + entry[at + 1 :]) is None
+
+
+def test_an_entry_of_another_size_or_with_other_magic_bytes_is_none() -> None:
+    entry = COUNTED.packed()
+    for other in (b"", entry[:100], entry[:-1], entry + b"\0"):
+        assert head_of(other) is None
+    content = b"\x89PALPATF" + entry[8:96]
+    assert head_of((content + hashlib.sha256(content).digest()).ljust(SECTOR, b"\0")) is None
+
+
+ONE, TWO = replace(COUNTED, turn=2).packed(), replace(COUNTED, turn=3).packed()
+FOUR = replace(COUNTED, turn=4, points=9).packed()
+
+
+@pytest.mark.parametrize(
+    ("entries", "turn", "whole"),
+    [
+        ([ONE, TWO], 3, True),
+        ([FOUR, TWO], 4, True),
+        ([TWO, ONE], 3, False),  # each in the sector of the other
+        ([ONE, ONE], 2, False),
+        ([ONE, replace(COUNTED, turn=5).packed()], 5, False),  # one in between was never written
+        ([ONE, replace(COUNTED, turn=3, chain=b"x" * 16).packed()], 3, False),  # of two chains
+        ([ONE, bytes(SECTOR)], 2, False),
+        ([bytes(SECTOR), TWO], 3, False),
+        ([ONE], 2, False),
+        ([ONE, TWO, b"\0"], 3, False),
+        ([], None, False),
+    ],
+)
+def test_a_head_is_whole_where_both_entries_follow_each_other_each_in_its_sector(
+    entries: list[bytes], turn: int | None, whole: bool, tmp_path: Path
+) -> None:
+    put(tmp_path, entries=entries)
+    head, fault = read_head(tmp_path / "head")
+    assert (head.turn if head else None) == turn
+    assert (fault == "") == whole
+    assert whole or fault == "head is not as it was written; whether the last points are there cannot be told"
+
+
+def test_a_head_that_is_not_there_is_told() -> None:
+    assert read_head(Path("/nowhere/head")) == (
+        None,
+        "head: No such file or directory; whether the last points are there cannot be told",
+    )
+
+
+@pytest.mark.parametrize(("torn", "whole"), [(READINGS - 1, True), (READINGS, False)])
+def test_a_head_that_is_just_being_written_is_read_again(
+    torn: int, whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(tmp_path)
+    entries, reads = ONE + TWO, []
+
+    def read(_file: ChainFile, at: int, length: int) -> bytes:
+        reads.append((at, length))
+        return entries[:600] + bytes(424) if len(reads) <= torn else entries
+
+    monkeypatch.setattr(ChainFile, "read", read)
+    head, fault = read_head(tmp_path / "head")
+    assert (fault == "") == whole
+    assert head is not None
+    assert head.turn == (3 if whole else 2)
+    assert reads == [(0, 1025)] * (READINGS if torn else 1)
+
+
+# --- the file ------------------------------------------------------------------------------------------
+
+
+def test_a_pipe_or_a_folder_is_no_file_and_is_not_kept_open(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for path in (tmp_path / "pipe", tmp_path):
+        with pytest.raises(OSError, match="It is no file") as caught:
+            ChainFile(path)
+        assert caught.value.errno == errno.EINVAL
+    with ChainFile(put(tmp_path)):
+        pass
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_bytes_are_read_from_their_place_however_few_the_system_gives_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pread = os.pread
+    monkeypatch.setattr(os, "pread", lambda handle, length, at: pread(handle, min(length, 7), at))
+    with ChainFile(put(tmp_path)) as file:
+        assert file.size == len(CONTENT)
+        assert file.read(3, 50) == CONTENT[3:53]
+        assert file.read(len(CONTENT) - 5, 50) == CONTENT[-5:]
+        assert file.read(len(CONTENT), 50) == b""
+        assert file.read(3, 0) == b""
+        assert [frame.kind for frame in file.walk(None)] == [b"HEAD", b"WAVE", b"POIN", b"EVNT"]
+
+
+def test_a_frame_gives_its_place_and_its_content(tmp_path: Path) -> None:
+    with ChainFile(put(tmp_path)) as file:
+        first = file.frame(0)
+        assert first is not None
+        assert (first.chain, first.number, first.kind, first.id, first.flags) == (NAME, 0, b"HEAD", 0, LAST)
+        assert (first.length, first.before, first.at, first.end) == (6, NOTHING, 0, AROUND + 6)
+        assert file.content(first) == b"header"
+        second = file.frame(first.end)
+        assert second is not None
+        assert (second.number, second.id, second.flags, second.before) == (1, 1, 0, first.hash)
+        assert file.frame(1) is None
+        assert file.frame(len(CONTENT)) is None
+
+
+@pytest.mark.parametrize(("cut", "there"), [(0, True), (1, False), (HASH, False), (AROUND, False)])
+def test_a_frame_that_does_not_end_in_the_file_is_none(cut: int, there: bool, tmp_path: Path) -> None:
+    start = len(CONTENT) - AROUND  # the last has no content
+    with ChainFile(put(tmp_path, CONTENT[: len(CONTENT) - cut])) as file:
+        assert (file.frame(start) is not None) == there
+
+
+@pytest.mark.parametrize(("length", "there"), [(LARGEST_ROW, True), (LARGEST_ROW + 1, False)])
+def test_a_frame_is_not_longer_than_the_largest_row(length: int, there: bool, tmp_path: Path) -> None:
+    """Else a forged length would fill the memory."""
+    path = put(tmp_path, FRAME.pack(MAGIC, NAME, 0, b"HEAD", 0, 0, length, NOTHING))
+    os.truncate(path, LARGEST_ROW + 1000)
+    with ChainFile(path) as file:
+        assert (file.frame(0) is not None) == there
+
+
+@pytest.mark.parametrize("at", [0, 10, 25, 40, AROUND - HASH + 2, AROUND + 5])
+def test_a_frame_in_which_a_bit_is_wrong_has_no_content(at: int, tmp_path: Path) -> None:
+    with ChainFile(put(tmp_path)) as file:
+        frame = file.frame(0)
+        assert frame is not None
+        put(tmp_path, CONTENT[:at] + bytes([CONTENT[at] ^ 1]) + CONTENT[at + 1 :])
+        assert file.content(frame) is None
+
+
+def test_a_walk_checks_contents_only_behind_what_the_head_counts(tmp_path: Path) -> None:
+    at = CONTENT.index(b"samples")
+    with ChainFile(put(tmp_path, CONTENT[:at] + b"x" + CONTENT[at + 1 :])) as file:
+        for counted, kinds in ((4, 4), (2, 4), (1, 1), (0, 1)):
+            assert len(list(file.walk(replace(COUNTED, frames=counted)))) == kinds
+        assert len(list(file.walk(None))) == 1
+
+
+def other(head: Head) -> bytes:
+    """One more frame that follows another head."""
+    return b"".join(packed(head, [(b"EVNT", 2, [b""])], 0)[0])
+
+
+@pytest.mark.parametrize(
+    ("follows", "belongs"),
+    [
+        (COUNTED, True),
+        (replace(COUNTED, frames=9), False),  # its number
+        (replace(COUNTED, hash=NOTHING), False),  # the hash before
+        (replace(COUNTED, chain=b"x" * 16), False),
+    ],
+)
+def test_a_chain_ends_where_a_frame_does_not_follow_the_one_before(
+    follows: Head, belongs: bool, tmp_path: Path
+) -> None:
+    with ChainFile(put(tmp_path, CONTENT + other(follows))) as file:
+        assert len(list(file.walk(COUNTED))) == 4 + belongs
+        assert len(list(file.scan())) == 5  # it is whole
+
+
+@pytest.mark.parametrize("between", [b"", b"x", MAGIC, MAGIC * 9, CONTENT[:90], bytes(70)])
+def test_whole_frames_are_found_among_other_bytes(
+    between: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame = other(COUNTED)
+    with ChainFile(put(tmp_path, between + frame + between + frame + between)) as file:
+        for at_a_time in (16, 61, 1_000_000):  # also where the magic bytes lie in two pieces
+            monkeypatch.setattr(chain, "AT_A_TIME", at_a_time)
+            found = [frame.at for frame in file.scan()]
+            assert found == [len(between), 2 * len(between) + len(frame)]
+
+
+@pytest.mark.parametrize("size", [0, 1, 9, 10, 11, 25])
+def test_zeros_are_only_zeros_to_their_end(size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chain, "AT_A_TIME", 10)
+    with ChainFile(put(tmp_path, b"x" + bytes(size))) as file:
+        assert file.only_zeros(1)
+        assert not file.only_zeros(0)
+    with ChainFile(put(tmp_path, b"x" + bytes(size) + b"x")) as file:
+        assert not file.only_zeros(1)
+        assert file.only_zeros(size + 2)
+
+
+# --- the chain -----------------------------------------------------------------------------------------
+
+
+def test_a_whole_chain_is_opened_with_or_without_zeros_behind_it(tmp_path: Path) -> None:
+    for content in (CONTENT, CONTENT + bytes(1000)):
+        put(tmp_path, content)
+        assert told(tmp_path) == [b"HEAD", b"WAVE", b"POIN", b"EVNT"]
+
+
+@pytest.mark.parametrize(
+    ("content", "head", "says"),
+    [
+        (b"x" + CONTENT, COUNTED, "its first row is not as it was written"),
+        (CONTENT, replace(COUNTED, chain=b"x" * 16), "head is that of another run"),
+        (CONTENT[:-1], COUNTED, "of 4 rows not all are as they were written, in their place"),
+        (CONTENT, replace(COUNTED, frames=5), "of 5 rows not all are"),
+        (CONTENT, replace(COUNTED, hash=NOTHING), "of 4 rows not all are"),
+        (CONTENT + b"x", BEGINNING, "head is older than what it tells of"),  # it counts none of three additions
+    ],
+)
+def test_a_damaged_chain_is_told_with_what_is_wrong(content: bytes, head: Head, says: str, tmp_path: Path) -> None:
+    put(tmp_path, content, [replace(head, turn=2).packed(), replace(head, turn=3).packed()])
+    with pytest.raises(ValueError, match=f"^{says}"):
+        told(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("counted", "behind", "whole"),
+    [
+        (3, b"", True),
+        (2, b"", True),  # the writer is one addition ahead
+        (1, b"", False),
+        (2, b"\0\0", True),
+        (2, b"\0x", False),  # behind an addition there is nothing
+        (3, b"x", True),  # an addition that was not finished
+    ],
+)
+def test_behind_what_the_head_counts_lies_one_addition_at_most(
+    counted: int, behind: bytes, whole: bool, tmp_path: Path
+) -> None:
+    _, head = written(ADDITIONS[:counted])
+    put(tmp_path, CONTENT + behind, [replace(head, turn=2).packed(), replace(head, turn=3).packed()])
+    if whole:
+        assert told(tmp_path) == [b"HEAD", b"WAVE", b"POIN", b"EVNT"]
+    else:
+        with pytest.raises(ValueError, match=r"^head is older than what it tells of$"):
+            told(tmp_path)
+
+
+def test_a_chain_that_grows_while_it_is_opened_is_opened_as_it_is_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(tmp_path)
+    _, before = written(ADDITIONS[:1])
+    heads = iter([(before, ""), (COUNTED, "")])
+    monkeypatch.setattr(chain, "read_head", lambda _path: next(heads))
+    assert len(told(tmp_path)) == 4
+    heads = iter([(before, "")] * 2)
+    with pytest.raises(ValueError, match="is older"):  # it does not grow any more
+        told(tmp_path)

@@ -1,0 +1,363 @@
+"""The frames of a record: what each kind holds, what a reader makes of them, and how damage is told."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.instrument.errors import RangeError
+from palpate.procedures.records import record_file
+from palpate.procedures.records.chain import NOTHING, ChainFile, Frame, Head
+from palpate.procedures.records.chain_writer import Content, packed
+from palpate.procedures.records.encoding import as_json, encoded, row_crc32, verify, waveform_crc32
+from palpate.procedures.records.record_file import (
+    HEAD_FILE,
+    RECORD,
+    Record,
+    chain_of,
+    event_frame,
+    header_frame,
+    named,
+    opened,
+    point_frames,
+    status_frame,
+    whole_waveforms,
+)
+from palpate.procedures.records.stored import Point
+
+HEADER = {"procedure": "sweep", "simulated": True, "started": "2025-03-14T15:09:26Z"}
+SAMPLES = np.array([1.5, -2.0, np.nan], dtype="<f4")
+
+
+def text(frame: Content) -> bytes:
+    return b"".join(map(bytes, frame[2]))
+
+
+# --- what each kind holds ------------------------------------------------------------------------------
+
+
+def test_a_header_an_event_and_a_status_are_canonical_json() -> None:
+    assert header_frame({"b": 1, "a": 2})[:2] == (b"HEAD", 0)
+    assert text(header_frame({"b": 1, "a": 2})) == b'{"format":4,"header":{"a":2,"b":1}}'
+    assert event_frame(7, "operator", "done", 5)[:2] == (b"EVNT", 7)
+    assert text(event_frame(7, "operator", "done", 5)) == b'{"bench_ns":5,"kind":"operator","message":"done"}'
+    assert status_frame("complete", {"n": 1})[:2] == (b"STAT", 0)
+    assert text(status_frame("complete", {"n": 1})) == b'{"header":{},"status":"complete","summary":{"n":1}}'
+    assert b'{"header":{"repaired":true},' in text(status_frame("stopped", {}, {"repaired": True}))
+
+
+def test_a_message_that_is_no_text_is_kept_readable() -> None:
+    """A file's name may hold bytes that are no UTF-8."""
+    assert json.loads(text(event_frame(1, "k", "a\udcff", 0)))["message"] == "a\\udcff"
+
+
+def test_a_point_stands_behind_its_waveforms() -> None:
+    frames = point_frames(3, {"load_N": 2.0}, {"film": (250.0, SAMPLES), "none": (1, SAMPLES[:0])}, 17)
+    assert [frame[:2] for frame in frames] == [(b"WAVE", 3), (b"POIN", 3)]
+    assert text(frames[0]) == b'{"first":0,"name":"film","rate":250.0}\n' + SAMPLES.tobytes()
+    assert text(frames[1]) == b'{"bench_ns":17,"data":{"load_N":2.0},"waveforms":[["film",250.0,3],["none",1.0,0]]}'
+
+
+def test_a_long_waveform_is_cut_into_frames_that_name_their_first_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record_file, "IN_A_FRAME", 2)
+    *waves, _ = point_frames(1, {}, {"film": (250.0, SAMPLES)}, 0)
+    assert [text(wave).partition(b"\n")[::2] for wave in waves] == [
+        (b'{"first":0,"name":"film","rate":250.0}', SAMPLES[:2].tobytes()),
+        (b'{"first":2,"name":"film","rate":250.0}', SAMPLES[2:].tobytes()),
+    ]
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_point_may_be_as_long_as_the_largest_row(beyond: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record_file, "LARGEST_ROW", len(text(point_frames(1, {}, {}, 0)[0])) - beyond)
+    if beyond:
+        with pytest.raises(RangeError, match=r"^point 1 has 39 bytes, 38 are the most$"):
+            point_frames(1, {}, {}, 0)
+    else:
+        assert len(point_frames(1, {}, {}, 0)) == 1
+
+
+def test_the_name_of_a_chain_is_made_from_the_header() -> None:
+    assert chain_of(HEADER) == chain_of(dict(reversed(HEADER.items())))
+    assert chain_of({**HEADER, "seed": 1}) != chain_of(HEADER)
+    assert len(chain_of(HEADER)) == 16
+
+
+# --- values --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "json_"),
+    [
+        ({"b": 1, "a": [True, None]}, '{"a":[true,null],"b":1}'),
+        ("µ", '"\\u00b5"'),
+        (float("nan"), "null"),
+        ([float("inf"), -float("inf"), 1.0], "[null,null,1.0]"),
+        (np.float32(0.5), "0.5"),
+        (np.int64(3), "3"),
+        (np.float64("nan"), "null"),
+        (np.bool_(True), "true"),
+        (np.arange(3), "[0,1,2]"),
+        ((1, (2, np.array([np.nan]))), "[1,[2,[null]]]"),
+        ({"a": {"b": np.float64(1.5)}}, '{"a":{"b":1.5}}'),
+    ],
+)
+def test_values_are_canonical_json_with_null_for_what_is_not_finite(value: object, json_: str) -> None:
+    assert as_json(value) == json_
+
+
+def test_what_is_no_json_at_all_is_refused() -> None:
+    with pytest.raises(TypeError):
+        as_json(object())
+
+
+@pytest.mark.parametrize("name", ["id", "bench_ns", "simulated"])
+def test_a_point_has_no_value_of_a_name_that_the_record_sets(name: str) -> None:
+    with pytest.raises(RangeError, match=f"^a point may not have a value {name}: the record sets it$"):
+        encoded({name: 1, "load_N": 2.0}, {})
+
+
+def test_samples_are_stored_as_little_endian_floats_in_one_piece() -> None:
+    _, ((name, rate, samples),) = encoded({}, {"film": (10, np.arange(6.0)[::2])})
+    assert (name, rate, samples.dtype.str, samples.tolist()) == ("film", 10.0, "<f4", [0.0, 2.0, 4.0])
+    assert isinstance(rate, float)
+    assert samples.flags.c_contiguous
+
+
+@pytest.mark.parametrize(
+    ("rate", "samples", "message"),
+    [
+        (0.0, np.zeros(2), r"waveform 'film': the sample rate is 0\.0 Hz; it must be positive and finite"),
+        (-1.0, np.zeros(2), "positive and finite"),
+        (float("inf"), np.zeros(2), "positive and finite"),
+        (1.0, np.zeros((2, 3)), r"waveform 'film': the samples have shape \(2, 3\); they must be \(n,\)"),
+        (1.0, np.array(3.0), r"the samples have shape \(\)"),
+        (1.0, np.array([3.5e38]), r"waveform 'film': a sample is beyond float32 \(±3\.4e\+38\)"),
+    ],
+)
+def test_samples_that_cannot_be_stored_as_they_are_are_refused(rate: float, samples: np.ndarray, message: str) -> None:
+    with pytest.raises(RangeError, match=message):
+        encoded({}, {"film": (rate, samples)})
+
+
+def test_a_checksum_is_that_of_the_row_as_json_and_of_its_samples() -> None:
+    assert row_crc32(1, "a", None) == zlib.crc32(b'[1, "a", null]')
+    assert waveform_crc32(2, "film", 250.0, SAMPLES) == zlib.crc32(b'[2, "film", 250.0, 3]' + SAMPLES.tobytes())
+    verify("event 1", row_crc32(1, "a"), 1, "a")
+    with pytest.raises(ValueError, match=r"^event 1 is not as it was written, CRC-32 differs$"):
+        verify("event 1", row_crc32(1, "a"), 1, "b")
+
+
+# --- what a reader makes of them -------------------------------------------------------------------------
+
+
+def put(folder: Path, *additions: list[Content], counted: int | None = None, name: bytes | None = None) -> None:
+    """The two files of a record; the head counts so many additions, all where None."""
+    head = Head(chain_of(HEADER) if name is None else name, 0, 0, 0, 0, 0, NOTHING)
+    content, at_end = b"", head
+    for number, frames in enumerate(additions):
+        kinds = [frame[0] for frame in frames]
+        parts, at_end = packed(at_end, frames, 1, kinds.count(b"POIN"), kinds.count(b"EVNT"))
+        content += b"".join(parts)
+        if counted is None or number < counted:
+            head = at_end
+    folder.mkdir(exist_ok=True)
+    (folder / RECORD).write_bytes(content)
+    (folder / HEAD_FILE).write_bytes(b"".join(replace(head, turn=turn).packed() for turn in (2, 3)))
+
+
+def rest(head: Head) -> tuple[int, int, int, int, bytes]:
+    return head.frames, head.length, head.points, head.events, head.hash
+
+
+def point(number: int, **data: object) -> list[Content]:
+    return point_frames(number, data, {"film": (250.0, SAMPLES + number), "total": (100.0, SAMPLES)}, 10 * number)
+
+
+BEGINS = [header_frame(HEADER)]
+
+
+@contextmanager
+def record(folder: Path, *additions: list[Content], **given: Any) -> Iterator[Record]:
+    put(folder, *additions, **given)
+    with opened(folder) as found:
+        yield found
+
+
+def test_a_record_gives_what_was_written(tmp_path: Path) -> None:
+    with record(
+        tmp_path,
+        BEGINS,
+        point(1, load_N=1.0),
+        [event_frame(1, "k", "m", 5)],
+        point(2, load_N=2.0),
+        [status_frame("complete", {"n": 2}, {"seed": 7})],
+    ) as found:
+        assert found.hashed
+        assert found.header == {**HEADER, "seed": 7}
+        assert (found.status, found.summary, found.count()) == ("complete", {"n": 2}, 2)
+        assert list(found.points()) == [
+            Point(1, 10, '{"load_N":1.0}', ("film", "total")),
+            Point(2, 20, '{"load_N":2.0}', ("film", "total")),
+        ]
+        assert found.events() == [{"bench_ns": 5, "kind": "k", "message": "m"}]
+        assert [(w.point_id, w.name, w.rate) for w in found.waveforms()] == [
+            (1, "film", 250.0), (1, "total", 100.0), (2, "film", 250.0), (2, "total", 100.0),
+        ]  # fmt: skip
+        (wave,) = found.waveforms(2, "film")
+        np.testing.assert_array_equal(wave.samples, SAMPLES + 2)
+        assert [(w.point_id, w.name) for w in found.waveforms(name="total")] == [(1, "total"), (2, "total")]
+        assert list(found.waveforms(9)) == []
+        assert list(found.faults()) == []
+
+
+def test_a_run_without_a_status_is_running_and_the_last_status_counts(tmp_path: Path) -> None:
+    with record(tmp_path, BEGINS) as found:
+        assert (found.status, found.summary, found.count(), found.events()) == ("running", {}, 0, [])
+    stopped = [status_frame("stopped", {"a": 1}, {"seed": 1}), status_frame("complete", {"b": 2})]
+    with record(tmp_path, BEGINS, stopped) as found:
+        assert (found.status, found.summary, found.header["seed"]) == ("complete", {"b": 2}, 1)
+
+
+def test_frames_of_other_kinds_are_ignored_but_must_be_whole(tmp_path: Path) -> None:
+    with record(tmp_path, BEGINS, [(b"NEWS", 0, [b"{}"])]) as found:
+        assert found.count() == 0
+    put(tmp_path, BEGINS, [(b"NEWS", 0, [b"{}"])])
+    content = (tmp_path / RECORD).read_bytes()
+    at = content.rindex(b"{}")
+    (tmp_path / RECORD).write_bytes(content[:at] + b"[]" + content[at + 2 :])
+    with pytest.raises(ValueError, match=r"^row 1 is not as it was written$"), opened(tmp_path):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("additions", "given", "says"),
+    [
+        ([[event_frame(1, "k", "m", 0)]], {}, "KeyError|format"),
+        ([[(b"HEAD", 0, [b'{"format":5,"header":{}}'])]], {}, "its record format is not 4"),
+        ([[(b"BODY", 0, [b'{"format":4,"header":{}}'])]], {}, "its record format is not 4"),
+        ([BEGINS], {"name": b"x" * 16}, "its header is not that of its rows"),
+        ([BEGINS, [(b"POIN", 1, [b"{}"]), (b"POIN", 1, [b"{}"])]], {}, "of 2 points and 0 events not all are there"),
+    ],
+)
+def test_a_record_that_does_not_hang_together_is_refused(
+    additions: list[list[Content]], given: dict[str, Any], says: str, tmp_path: Path
+) -> None:
+    with pytest.raises((ValueError, KeyError), match=says), record(tmp_path, *additions, **given):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("frame", "says"),
+    [
+        (BEGINS[0], "the header"),
+        ((b"WAVE", 3, []), "a waveform of point 3"),
+        ((b"POIN", 3, []), "point 3"),
+        ((b"EVNT", 3, []), "event 3"),
+        ((b"STAT", 0, []), "the status"),
+        ((b"NEWS", 3, []), "row 8"),
+    ],
+)
+def test_a_frame_is_called_by_what_it_holds(frame: Content, says: str) -> None:
+    assert named(Frame(b"", 8, frame[0], frame[1], 0, 0, b"", b"", 0)) == says
+
+
+# --- what a killed writer leaves -------------------------------------------------------------------------
+
+
+def test_what_lies_behind_the_head_is_confirmed_up_to_the_last_whole_addition(tmp_path: Path) -> None:
+    with record(tmp_path, BEGINS, point(1), point(2), counted=2) as found:
+        content = (tmp_path / RECORD).read_bytes()
+        head = found.head_at_end()
+        assert (head.frames, head.length, head.points, head.events) == (7, len(content), 2, 0)
+        assert head.hash == found.frames[-1].hash
+        assert found.tail() == content[found.head.length :]
+        assert (head.chain, head.turn) == (found.head.chain, found.head.turn)
+
+
+def test_waveforms_without_their_point_are_not_confirmed(tmp_path: Path) -> None:
+    with record(tmp_path, BEGINS, point(1), point(2)[:1], counted=2) as found:
+        assert found.tail() == b""
+        assert rest(found.head_at_end()) == rest(found.head)
+        assert list(found.faults()) == []
+    with record(tmp_path, BEGINS, point(1)[:1]) as found:  # which the head counts: they were written by a repair
+        assert found.head_at_end().frames == 2
+
+
+def test_a_damaged_waveform_without_its_point_is_a_fault(tmp_path: Path) -> None:
+    put(tmp_path, BEGINS, point(1), point(2)[:1])
+    content = bytearray((tmp_path / RECORD).read_bytes())
+    content[-40] ^= 1
+    (tmp_path / RECORD).write_bytes(content)
+    with opened(tmp_path) as found:
+        assert list(found.faults()) == ["a waveform of point 2 is not as it was written"]
+
+
+def test_a_finished_run_goes_on_with_nothing_but_zeros(tmp_path: Path) -> None:
+    for status, faults in (("complete", ["run.record goes on behind its end, from byte {} on"]), ("stopped", [])):
+        put(tmp_path, BEGINS, [status_frame(status, {})])
+        content = (tmp_path / RECORD).read_bytes()
+        (tmp_path / RECORD).write_bytes(content + bytes(9))
+        with opened(tmp_path) as found:
+            assert list(found.faults()) == []
+        (tmp_path / RECORD).write_bytes(content + bytes(9) + b"x")
+        with opened(tmp_path) as found:
+            assert list(found.faults()) == [fault.format(len(content)) for fault in faults]
+
+
+# --- waveforms in pieces -------------------------------------------------------------------------------
+
+Pieces = list[tuple[int, str, float, list[float]]]
+
+
+@pytest.mark.parametrize(
+    ("pieces", "found"),
+    [
+        ([(0, "film", 250.0, [1.0, 2.0, 3.0])], [1.0, 2.0, 3.0]),
+        ([(2, "film", 250.0, [3.0]), (0, "film", 250.0, [1.0, 2.0])], [1.0, 2.0, 3.0]),  # in another order
+        ([(0, "film", 250.0, [1.0, 2.0]), (0, "film", 250.0, [1.0, 2.0]), (2, "film", 250.0, [3.0])], [1.0, 2.0, 3.0]),
+        ([(0, "film", 250.0, [1.0, 2.0])], None),
+        ([(1, "film", 250.0, [2.0, 3.0])], None),
+        ([(0, "film", 250.0, [1.0]), (2, "film", 250.0, [3.0])], None),  # a gap
+        ([(0, "film", 100.0, [1.0, 2.0, 3.0])], None),  # of another rate
+        ([(0, "total", 250.0, [1.0, 2.0, 3.0])], None),
+        ([(0, "film", 250.0, [1.0, 2.0, 3.0, 4.0])], None),
+        ([], None),
+    ],
+)
+def test_a_waveform_is_whole_where_its_pieces_join(pieces: Pieces, found: list[float] | None, tmp_path: Path) -> None:
+    waves: list[Content] = [
+        (b"WAVE", 1, [as_json({"first": first, "name": name, "rate": rate}).encode() + b"\n", samples_of(values)])
+        for first, name, rate, values in pieces
+    ]
+    put(tmp_path, BEGINS, waves) if waves else put(tmp_path, BEGINS)
+    with ChainFile(tmp_path / RECORD) as file:
+        whole = whole_waveforms(file, list(file.walk(None))[1:], [["film", 250.0, 3]])
+    assert {name: samples.tolist() for name, samples in whole.items()} == ({} if found is None else {"film": found})
+
+
+def samples_of(values: list[float]) -> bytes:
+    return np.array(values, "<f4").tobytes()
+
+
+def test_a_waveform_without_samples_needs_no_frame(tmp_path: Path) -> None:
+    put(tmp_path, BEGINS)
+    with ChainFile(tmp_path / RECORD) as file:
+        (samples,) = whole_waveforms(file, [], [["film", 250.0, 0]]).values()
+    assert (samples.size, samples.dtype.str) == (0, "<f4")
+
+
+def test_a_point_whose_waveform_is_not_whole_is_told_when_it_is_read(tmp_path: Path) -> None:
+    _, *others = point(1)
+    with record(tmp_path, BEGINS, others) as found:
+        with pytest.raises(ValueError, match=r"^waveform 'film' of point 1 is not as it was written$"):
+            list(found.waveforms(1))
+        assert found.count() == 1

@@ -1,0 +1,190 @@
+"""The one writer of a run by itself: who may write, what counts as stored, and how a run ends."""
+
+from __future__ import annotations
+
+import os
+import re
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.instrument.errors import RecordError, UsageError
+from palpate.procedures.records.record import Recorder, new_run_folder, put_file
+from palpate.procedures.records.record_file import HEAD_FILE, RECORD
+from palpate.procedures.records.run import Run
+
+HEADER: dict[str, object] = {"procedure": "sweep", "simulated": False, "started": "2025-03-14T15:09:26Z"}
+FILM = {"film": (250.0, np.zeros(3, np.float32))}
+
+
+# --- a new run -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ({}, "the header of a run lacks procedure, simulated, started"),
+        ({"procedure": "sweep", "simulated": True}, "the header of a run lacks started"),
+        ({**HEADER, "simulated": 1}, "the header of a run says simulated = 1; write true or false"),
+    ],
+)
+def test_a_header_that_does_not_say_what_the_run_is_makes_no_folder(
+    header: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordError, match=f"^{message}$"):
+        Recorder.create(tmp_path / "run", header)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_start_that_is_no_time_makes_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="noon"):
+        Recorder.create(tmp_path / "run", {**HEADER, "started": "noon"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_stands_where_its_path_led_when_it_began(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with Recorder.create(Path("run"), HEADER) as recorder:
+        monkeypatch.chdir(tmp_path / "elsewhere")
+        assert recorder.folder == tmp_path / "run"
+        recorder.point({}, FILM, 0)
+    assert Run.open(tmp_path / "run").points() == [{"id": 1, "bench_ns": 0}]
+
+
+def test_while_a_run_is_written_nobody_else_begins_or_goes_on_with_one_there(tmp_path: Path) -> None:
+    message = f"^{re.escape(str(tmp_path))} is being written by another process; let that end first$"
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        for header in (HEADER, None):
+            with pytest.raises(UsageError, match=message):
+                Recorder(tmp_path, header)
+        recorder.finish("complete", {})
+    Recorder(tmp_path).close()  # from now on others may
+
+
+def test_no_file_stays_open_when_a_run_has_ended_or_could_not_begin(tmp_path: Path) -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.finish("complete", {})
+        with pytest.raises(UsageError, match="already holds a run"):
+            Recorder.create(tmp_path, HEADER)
+    with Recorder(tmp_path):
+        pass
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+# --- points and events ---------------------------------------------------------------------------------
+
+
+def test_points_are_numbered_from_one_and_none_is_taken_over_from_before(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        assert (recorder.points, recorder.finished(dict)) == (0, [])
+        assert [recorder.point({"n": n}, FILM, n) for n in range(3)] == [1, 2, 3]
+        assert (recorder.points, recorder.finished(dict)) == (3, [])
+
+
+def test_a_point_is_on_disk_when_its_number_is_given(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        for count in (1, 2):
+            recorder.point({"n": count}, FILM, count)
+            run = Run.open(tmp_path)
+            assert ([point["n"] for point in run.points()], run.status) == (list(range(1, count + 1)), "running")
+        recorder.event("operator", "mounted", 9)
+        assert Run.open(tmp_path).events() == [{"bench_ns": 9, "kind": "operator", "message": "mounted"}]
+
+
+@pytest.mark.parametrize("name", [RECORD, HEAD_FILE])
+def test_a_file_that_is_replaced_while_the_run_is_written_is_noticed(name: str, tmp_path: Path) -> None:
+    """Linux lets a program write to a removed file."""
+    recorder = Recorder.create(tmp_path, HEADER)
+    recorder.point({}, FILM, 0)
+    (tmp_path / "copy").write_bytes((tmp_path / name).read_bytes())
+    (tmp_path / "copy").replace(tmp_path / name)
+    with pytest.raises(RecordError, match=rf"{re.escape(name)}: it was replaced while the run was being written"):
+        recorder.event("k", "m", 0)
+    recorder.close()
+
+
+# --- the end -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("message", "events"), [("", []), ("no sample", ["no sample"])])
+def test_a_run_ends_with_its_result_and_with_a_message_where_there_is_one(
+    message: str, events: list[str], tmp_path: Path
+) -> None:
+    recorder = Recorder.create(tmp_path, HEADER)
+    recorder.event("operator", "mounted", 7)
+    recorder.finish("failed", {"n": 1}, message)
+    run = Run.open(tmp_path)
+    assert (run.status, run.summary) == ("failed", {"n": 1})
+    assert [(event["kind"], event["message"]) for event in run.events()][1:] == [("failed", each) for each in events]
+    assert all(event["bench_ns"] == 7 for event in run.events())  # the time that was told last
+
+
+def test_the_time_of_an_end_is_that_of_the_last_point(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({}, FILM, 55)
+        raise KeyError("x")
+    assert Run.open(tmp_path).events() == [{"bench_ns": 55, "kind": "failed", "message": "KeyError: 'x'"}]
+
+
+def test_a_run_that_is_closed_stays_as_it_is(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.point({}, FILM, 0)
+        recorder.close()
+    assert (Run.open(tmp_path).status, Run.open(tmp_path).events()) == ("running", [])
+
+
+def test_a_run_that_is_only_opened_again_is_not_ended(tmp_path: Path) -> None:
+    with Recorder.create(tmp_path, HEADER) as recorder:
+        recorder.finish("complete", {})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with Recorder(tmp_path):
+        pass  # nothing is written
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_the_failure_of_a_run_goes_on_though_its_end_cannot_be_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(KeyError, match="servo"), Recorder.create(tmp_path, HEADER):
+        monkeypatch.setattr(os, "pwrite", full)
+        raise KeyError("servo")
+
+
+# --- folders and files beside it -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("procedure", "name"),
+    [("sweep loads", "sweep-loads"), ("a/../b  c", "a-b-c"), ("Größe", "Gr-e"), ("x9", "x9")],
+)
+def test_a_folder_is_named_after_the_start_in_utc_and_the_procedure(procedure: str, name: str, tmp_path: Path) -> None:
+    started = datetime(2025, 3, 14, 1, 2, 3, tzinfo=timezone(timedelta(hours=2)))
+    for suffix in ("", "-2", "-3"):
+        found = new_run_folder(tmp_path / "store", procedure, started)
+        assert found == tmp_path / "store" / f"20250313T230203Z-{name}{suffix}"
+        assert found.is_dir()
+
+
+def test_a_store_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "store").touch()
+    with pytest.raises(RecordError, match="store"):
+        new_run_folder(tmp_path / "store", "sweep", datetime.now(UTC))
+
+
+def test_a_file_beside_a_record_replaces_what_is_there_and_follows_no_link(tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    (tmp_path / "scene.toml").symlink_to(precious)
+    for text in ("µ = 1", "again"):
+        put_file(tmp_path / "scene.toml", text)
+        assert (tmp_path / "scene.toml").read_bytes() == text.encode()
+    assert precious.read_text() == "precious"
+    with pytest.raises(RecordError, match=r"scene\.toml"):
+        put_file(tmp_path / "none" / "scene.toml", "")
