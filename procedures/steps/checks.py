@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts import signal_generator
@@ -57,6 +58,13 @@ def parse_steps(text: str, unit: str, name: str, example: str) -> tuple[float, .
     if list(values) != sorted(set(values)):
         raise RangeError(f"{name} {text!r}: {name} must be increasing and distinct")
     return values
+
+
+def check_increasing(name: str, values: Sequence[float], unit: str) -> None:
+    """Refuse values in a unit of which one is not greater than the one before it. Raises RangeError."""
+    if not all(before < after for before, after in pairwise(values)):
+        listed = ", ".join(show(value, unit) for value in values)
+        raise RangeError(f"{name} {listed} must be increasing and distinct")
 
 
 def preload_for(loads: Sequence[float]) -> float:

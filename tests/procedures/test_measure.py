@@ -222,3 +222,24 @@ def test_ours_do_by_measure_what_they_do_by_their_own_command(palpate: Palpate) 
     own, found = (palpate(*words, *settings).object for words in (("sweep", "loads"), ("measure", "sweep-loads")))
     assert len(found["points"]) == 6
     assert found == own
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("sweep-loads", "--samples", "1, 1"), "samples ['1', '1']: one is named twice"),
+        (("sweep-loads", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must be increasing and distinct"),
+        (("calibrate-films", "--loads", "2 N, 2 N, 3 N"), "loads 2 N, 2 N, 3 N must be increasing"),
+        (("characterise", "--loads", "3 N, 2 N, 4 N"), "loads 3 N, 2 N, 4 N must be increasing"),
+        (("softness", "--objects", "1", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must be increasing"),
+        (("sweep-frequency", "--frequencies", "2 Hz, 1 Hz, 3 Hz"), "frequencies 2 Hz, 1 Hz, 3 Hz must be increasing"),
+        (
+            ("sweep-position", "--scene", "thesis_common_base", "--positions", "9 mm, 6 mm"),
+            "positions 9 mm, 6 mm must be increasing",
+        ),
+    ],
+)
+def test_what_our_own_commands_refuse_in_a_list_is_refused_of_any_source(
+    palpate: Palpate, benches: Benches, words: tuple[str, ...], message: str
+) -> None:
+    assert message in refused(palpate("measure", *words, "--dry-run"), benches)

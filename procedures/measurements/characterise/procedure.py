@@ -27,7 +27,7 @@ from palpate.procedures.measurements.characterise.result import (
 from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 
@@ -72,6 +72,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         if len(self.loads) < LEAST_LOADS:
             raise RangeError(f"{len(self.loads)} loads do not give a line with its scatter; give {LEAST_LOADS} or more")
         check_force(self.loads, target.force_limit)
+        check_increasing("loads", self.loads, "N")
         check_frequency(self.frequency)
         check_time(self.dwell, self.frequency)
         least = LEAST_DRIFT_POINTS * self.dwell

@@ -30,7 +30,7 @@ from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, PeakLoads, ValidDays
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import lower, withdraw
 
@@ -72,6 +72,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult]):
         if len(self.loads) < FEWEST:
             raise RangeError(f"{len(self.loads)} loads cannot show linearity and scatter; use at least {FEWEST}")
         check_force(self.loads, target.force_limit)
+        check_increasing("loads", self.loads, "N")
         if not self.frequencies or len(set(self.frequencies)) < len(self.frequencies):
             given = ", ".join(f"{frequency:g}" for frequency in self.frequencies) or "none"
             raise RangeError(f"frequencies (Hz): {given}; give at least one, and each only once")

@@ -29,7 +29,14 @@ from palpate.procedures.measurements.frequency.result import (
 from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import Extrapolate, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import FREQUENCY_STEP, check_end, check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import (
+    FREQUENCY_STEP,
+    check_end,
+    check_force,
+    check_frequency,
+    check_increasing,
+    check_time,
+)
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import press
@@ -79,6 +86,7 @@ class FrequencySweep(Procedure[FrequencyStep, FrequencyPoint, FrequencyResult]):
         check_end(self.dwell)
         if len(self.frequencies) < FEWEST:
             raise RangeError(f"{len(self.frequencies)} frequencies do not show a corner; give {FEWEST} or more")
+        check_increasing("frequencies", self.frequencies, "Hz")
         for frequency in self.frequencies:
             check_frequency(frequency, RANGE)
             check_time(dwell_at(frequency, self.dwell), frequency)

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Annotated
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import film_forces, pickup_u
 from palpate.instrument.models.foundation.springs import force_ratio
 from palpate.instrument.quantity import show
@@ -24,7 +25,7 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoads
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
 
@@ -66,7 +67,10 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         check_nodes(target.design, target.nodes)
         for sample in self.samples:
             get_sample(sample)
+        if len(set(self.samples)) < len(self.samples):
+            raise RangeError(f"samples {list(self.samples)}: one is named twice; name each sample once")
         check_force(self.loads, target.force_limit)
+        check_increasing("loads", self.loads, "N")
         check_frequency(self.frequency)
         if self.tolerance is None:
             check_time(self.dwell, self.frequency)

@@ -23,7 +23,7 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.position.result import PositionPoint, PositionResult, evaluate
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, Frequency, PeakLoad, SampleName
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import lower, mount, withdraw
@@ -68,6 +68,7 @@ class PositionSweep(Procedure[PositionStep, PositionPoint, PositionResult]):
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
             raise RangeError(f"{len(self.positions)} positions make no sweep; give {FEWEST} or more")
+        check_increasing("positions", self.positions, "m")
         for position in self.positions:
             check_place(target.design, position)
             tooth_shares(target.design, sample, _at(target.design, position))

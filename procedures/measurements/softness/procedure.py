@@ -24,7 +24,7 @@ from palpate.procedures.measurements.loaded import Loaded
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoads
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_force, check_frequency, check_time
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.films import check_nodes
 
 SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
@@ -67,6 +67,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
             raise RangeError("objects of several thicknesses need a ratio curve each; measure them apart")
         check_nodes(target.design, target.nodes)
         check_force(self.loads, target.force_limit)
+        check_increasing("loads", self.loads, "N")
         check_frequency(self.frequency)
         check_time(self.dwell, self.frequency)
         question = self._question(target.design)
