@@ -48,7 +48,7 @@ SIGNATURES = {
     "ModulusTest": "sample strain steps extrapolate",
     "Characterisation": "sample loads dwell frequency drift_time",
     "SoftnessTest": "objects loads dwell frequency model",
-    "unknown_object": "design thickness modulus",
+    "unknown_object": "design thickness modulus name",
     "Taken": "point waveforms error",
     "Step": "dwell_s seconds force_ratio_u what group",
     "Lab": "bench design calibration films run started",

@@ -14,11 +14,12 @@ from palpate.instrument.models.ratio import Question
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
+from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model, unknown_object
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate, price_of
 from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")
+REAL = Target(SINGLE, 10.0, nodes=1)
 COLUMN = Question(SINGLE.name, "column", settings={"sensed_thickness": 3e-3})
 QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
 
@@ -114,9 +115,16 @@ def test_what_cannot_be_measured_is_one_error_before_anything_moves(
 def test_objects_of_several_thicknesses_are_refused() -> None:
     thick = replace(get_sample("2"), thickness=5e-3)
     with pytest.raises(RangeError, match="objects of several thicknesses need a ratio curve each"):
-        SoftnessTest((get_sample("1"), thick)).check(Target(SINGLE, 10.0, nodes=1))
+        SoftnessTest((get_sample("1"), thick)).check(REAL)
 
 
 def test_a_sensor_of_more_films_than_the_nodes_take_is_refused() -> None:
     with pytest.raises(RangeError, match="17 films"):
         SoftnessTest((get_sample("1"),)).check(Target(get_design("array_16"), 10.0, nodes=4))
+
+
+def test_several_unknown_objects_on_a_real_bench_have_names() -> None:
+    one, other = unknown_object(SINGLE), unknown_object(SINGLE)
+    with pytest.raises(RangeError, match="name one at least, each once"):
+        SoftnessTest((one, other)).check(REAL)
+    SoftnessTest((one, unknown_object(SINGLE, name="tissue"))).check(REAL)

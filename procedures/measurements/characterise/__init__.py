@@ -1,1 +1,1 @@
-"""A sensor's figures of merit from one run."""
+"""The characterisation of a sensor: its figures of merit from one run."""

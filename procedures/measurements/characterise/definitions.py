@@ -1,7 +1,7 @@
-"""What each figure of merit of a sensor is: its equation, and what the thesis says of it in chapter 2.
+"""Definitions of a sensor's figures of merit: the equation, and what the thesis says in chapter 2.
 
 V: peak-to-peak voltage of a film; F: load by the load cell, peak to peak; a + b F: least-squares line through the loads
-that increase. ISA-51.1 has the names of the two linearities.
+that increase. The names of the two linearities are those of ISA-51.1.
 """
 
 from __future__ import annotations
@@ -11,7 +11,13 @@ from dataclasses import asdict, dataclass
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """`thesis`: the section, and what it says where that differs or is no definition."""
+    """Definition of a figure of merit.
+
+    Attributes:
+        unit: unit of the figure; "" for a ratio.
+        equation: its equation.
+        thesis: the thesis' section, and what it says if that differs or is no definition.
+    """
 
     unit: str
     equation: str
@@ -54,5 +60,5 @@ ELSEWHERE = (
 
 
 def elsewhere() -> list[dict[str, str]]:
-    """Under their public names."""
+    """The properties that other commands measure, under public names."""
     return [asdict(each) for each in ELSEWHERE]

@@ -1,4 +1,4 @@
-"""What a sensor can do: noise, sensitivity, resolution, linearity, hysteresis, range, drift, place (thesis 2.1)."""
+"""The characterisation of a sensor (thesis 2.1): loads up, loads down, then one load that is held."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 
 LARGEST_DRIFT_TIME = 86_400.0  # s
-DRIFT_POINTS = 10  # after the first point of the load that is held
+DRIFT_POINTS = 10  # of the load that is held, after the first one
 
 
 @dataclass(frozen=True, slots=True)
 class CharacteriseStep(Step):
-    """A load that is set on the way up or down, or held: `direction` is LOADING, UNLOADING or HOLDING."""
+    """One load [N], peak to peak. `direction` is LOADING, UNLOADING or HOLDING."""
 
     direction: str
     load_N: float
@@ -60,12 +60,12 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     drift_time: Annotated[float, Setting("s", "Time for which the middle load is held.")] = 300.0
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: too few loads for a line, a load beyond the force limit, a frequency, dwell or drift time that
-                gives no estimate, too few sensor nodes.
-            UnknownName: an unknown sample.
+            RangeError: there are too few loads for a line, a load exceeds the force limit, the frequency, the dwell or
+                the drift time is outside its limits, or the bench has too few sensor nodes.
+            UnknownName: there is no such sample.
         """
         get_sample(self.sample)
         check_nodes(target.design, target.nodes)
@@ -86,7 +86,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         return Loads(self.loads)
 
     def plan(self, target: Target) -> Plan[CharacteriseStep]:
-        """Every load up, every load down, then the middle one several times."""
+        """All points: every load up, every load down, then the middle one several times."""
         middle = self.loads[len(self.loads) // 2]
         places = [(LOADING, load) for load in self.loads] + [(UNLOADING, load) for load in self.loads[::-1]]
         steps = [
@@ -119,7 +119,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
 
 
 class Characterising(Loaded):
-    """Loads up, loads down, then one load that is held."""
+    """The bench work: loads up, loads down, then one load that is held."""
 
     def __init__(self, lab: Lab, record: Recorder, asked: Characterisation) -> None:
         super().__init__(lab, record, asked.loads, asked.frequency, (asked.sample,))

@@ -1,4 +1,4 @@
-"""What a sensor can do."""
+"""Prints and plots the result of a characterisation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_NAMED = 6  # films that a legend has room for
 
 
 def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Path) -> None:
-    """A row a figure of merit: value, standard uncertainty, how it was measured; below them what each of them is."""
+    """Print each figure of merit with its uncertainty and how it was measured, then the definitions."""
     table = new_table(
         stamped(outcome["simulated"], f"Sensor {outcome['design']}"), "film", "quantity", "value", "u", "thesis", "how"
     )
@@ -38,7 +38,7 @@ def print_characteristics(result: CharacteriseResult, outcome: Outcome, plot: Pa
 
 
 def _definitions(result: CharacteriseResult) -> Table:
-    """A row a quantity: its equation, or the command that measures it."""
+    """A table with the equation of each quantity, or the command that measures it."""
     table = new_table(None, "quantity", "definition")
     table.caption = "V, F: voltage and load, peak to peak; a + b F: least-squares line; u(V): standard uncertainty"
     table.caption_justify = "left"
@@ -52,7 +52,7 @@ def _definitions(result: CharacteriseResult) -> Table:
 
 
 def plot_characteristics(result: CharacteriseResult, simulated: bool, folder: Path) -> Path:
-    """Voltages over load, both ways, and over time under one load; returns the PNG."""
+    """Plot voltages over the load, both ways, and over time under one load. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}films under load, and while it is held")
     for number, film in enumerate(result.films):

@@ -1,4 +1,4 @@
-"""From films under loads to what a sensor can do, each figure by its definition, with its uncertainty budget."""
+"""The points and the result of a characterisation: figures of merit by their definitions, with uncertainty budgets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from palpate.procedures.measurements.characterise.definitions import (
 )
 
 LEAST_LOADS = 3
-SEEN = 2.0  # standard uncertainties of the noise that a force must be to count as seen
+SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3
 LOADING, UNLOADING, HOLDING = "loading", "unloading", "holding"
 DECIBELS = 20 / math.log(10)  # of a relative change
@@ -43,12 +43,16 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """A figure of merit with its standard uncertainty.
+    """A figure of merit.
 
     Attributes:
-        film: "" for the whole sensor.
-        definition, thesis: as `palpate.procedures.measurements.characterise.definitions` has them.
-        how: what of the measurement the definition leaves open.
+        film: name of the film; "" for the whole sensor.
+        quantity: name of the figure.
+        value, u: its value and standard uncertainty.
+        unit: their unit; "" for a ratio.
+        definition: its equation.
+        thesis: the thesis' section, and what that says.
+        how: what the definition leaves open: at which load, over how many points.
     """
 
     film: str
@@ -63,7 +67,22 @@ class Characteristic:
 
 @dataclass(frozen=True, slots=True)
 class FilmsPoint:
-    """All films under one load: peak-to-peak voltages, rms and greatest noise by film, in the design's order."""
+    """All films under one load. Loads and voltages are peak to peak; names with `_u` are standard uncertainties.
+
+    Attributes:
+        direction: LOADING, UNLOADING or HOLDING.
+        time_s: time since the load is held; 0 before that.
+        load_N: the load that was asked for.
+        load_measured_N, load_measured_u: the measured load.
+        voltages_V, voltages_u: voltage of each film, in the design's order.
+        noise_V: rms of each film's noise.
+        noise_peak_V: greatest value of each film's noise.
+        samples: number of samples in the record.
+        valid: whether the point is used.
+        flags: why the point is not used, or what to know about it.
+        attempts: number of attempts.
+        incidents: number of failures of the bench that were made good since the point before.
+    """
 
     direction: str
     time_s: float
@@ -83,7 +102,14 @@ class FilmsPoint:
 
 @dataclass(frozen=True, slots=True)
 class CharacteriseResult:
-    """`budgets`: of each row, in their order."""
+    """The result of a characterisation.
+
+    Attributes:
+        films: names of the films, in the design's order.
+        points: the points.
+        rows: the figures of merit, film by film, then of the sensor.
+        budgets: uncertainty budget of each row.
+    """
 
     films: tuple[str, ...]
     points: list[FilmsPoint]
@@ -91,7 +117,7 @@ class CharacteriseResult:
     budgets: list[Budget]
 
     def summary(self) -> dict[str, Any]:
-        """Results under their public names."""
+        """The result without its points, under public names."""
         return {
             "films": list(self.films),
             "rows": [asdict(row) for row in self.rows],
@@ -106,11 +132,14 @@ Row = tuple[Characteristic, Budget]
 def evaluate(
     points: Sequence[FilmsPoint], design: Design, calibration: LoadCellCalibration, dwell: float, force_limit: float
 ) -> CharacteriseResult:
-    """Every film's figures, and the sensor's.
+    """Find the figures of merit of every film and of the sensor.
 
     Args:
-        dwell: s, of each point.
-        force_limit: of the bench [N].
+        points: the points, in the order in which they were measured.
+        design: design of the sensor.
+        calibration: calibration of the load cell.
+        dwell: dwell of each point [s].
+        force_limit: force limit of the bench [N].
 
     Raises:
         EstimateError: too few points are valid for a line.
@@ -130,7 +159,7 @@ def evaluate(
 
 
 def _longest_hold(points: Sequence[FilmsPoint]) -> list[FilmsPoint]:
-    """Points of one load that was held: where something went wrong, it was set anew and is another one."""
+    """The longest series of points at one load. After a failure the load was set anew, and another series begins."""
     stretches: list[list[FilmsPoint]] = [[]]
     for point in (p for p in points if p.direction == HOLDING):
         if point.incidents or point.attempts > 1:
@@ -232,9 +261,9 @@ def _film(
 
 
 def _of_greatest(samples: int) -> float:
-    """Relative standard deviation of the greatest of so many normals, without their signs.
+    """Relative standard deviation of the greatest absolute value of so many samples of normal noise.
 
-    By their limit, a Gumbel distribution of mode m and scale 1/s (Cramér 1946, 28.6): 4 % low at 250.
+    It is that of the limit, a Gumbel distribution of mode m and scale 1/s (Cramér 1946, 28.6): 4 % low at 250 samples.
     """
     log = math.log(2 * samples)
     s = math.sqrt(2 * log)
@@ -243,12 +272,15 @@ def _of_greatest(samples: int) -> float:
 
 
 def _repeats(line: Interpolation) -> tuple[float, Kind]:
-    """Degrees of freedom and kind of what a line's points say of it."""
+    """Degrees of freedom of a line's scatter, and the kind of that evaluation."""
     return (line.degrees_of_freedom if line.by_scatter else math.inf), "A"
 
 
 def _hysteresis(line: Interpolation, up: Sequence[FilmsPoint], down: Sequence[FilmsPoint], number: int) -> float:
-    """Both ways seldom have just the same load: each is compared with the line first. Zero without a common load."""
+    """Greatest difference between loading and unloading at the same load [V]; 0 without a common load.
+
+    The measured loads of both ways are not quite the same, so each voltage is taken relative to the line.
+    """
 
     def beside(points: Sequence[FilmsPoint]) -> dict[float, float]:
         return {p.load_N: p.voltages_V[number] - float(line.reading(p.load_measured_N)) for p in points}

@@ -1,1 +1,1 @@
-"""Load sweep: the main job."""
+"""The load sweep: force ratios of samples under several loads."""

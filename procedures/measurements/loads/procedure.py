@@ -1,4 +1,4 @@
-"""Load-set sweep (thesis 5.4.1): each sample under each load, film voltages to forces to force ratio."""
+"""The load sweep (thesis 5.4.1): the force ratio of each sample under each load."""
 
 from __future__ import annotations
 
@@ -32,6 +32,8 @@ from palpate.procedures.steps.films import check_nodes
 
 @dataclass(frozen=True, slots=True)
 class LoadStep(Step):
+    """One load on one sample, peak to peak [N]."""
+
     sample: str
     load_N: float
 
@@ -57,12 +59,12 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
     extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: a load beyond the force limit, a frequency or dwell that gives no estimate, a tolerance below
-                the floor, a sensor whose films the bench's sensor nodes cannot take.
-            UnknownName: an unknown sample.
+            RangeError: a load exceeds the force limit, the frequency or the dwell is outside its limits, no dwell gives
+                the tolerance, or the bench has too few sensor nodes.
+            UnknownName: there is no such sample.
         """
         check_nodes(target.design, target.nodes)
         for sample in self.samples:
@@ -82,7 +84,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
         return Loads(self.loads, self.extrapolate)
 
     def plan(self, target: Target) -> Plan[LoadStep]:
-        """Every load of every sample, with what is to be expected of it."""
+        """All points: every load on every sample."""
         return Plan(self.name, [self._step(target.design, name, load) for name in self.samples for load in self.loads])
 
     def _step(self, design: Design, sample: str, load: float) -> LoadStep:
@@ -111,7 +113,7 @@ class LoadSweep(Procedure[LoadStep, LoadPoint, SweepResult]):
 
 
 class Sweeping(Loaded):
-    """A load sweep on the bench."""
+    """The bench work: one load after the other on each sample."""
 
     def __init__(self, lab: Lab, record: Recorder, sweep: LoadSweep) -> None:
         super().__init__(lab, record, sweep.loads, sweep.frequency, sweep.samples, sweep.extrapolate)
@@ -127,7 +129,7 @@ class Sweeping(Loaded):
 
 
 def _chosen(design: Design, target: float) -> DwellChoice:
-    """A dwell by the noise of a short record, for a relative standard uncertainty."""
+    """How a dwell is chosen from the noise of a short record, for a relative standard uncertainty of the ratio."""
 
     def choose(short: SineFit) -> Dwell:
         forces = film_forces(design, short)
@@ -138,14 +140,14 @@ def _chosen(design: Design, target: float) -> DwellChoice:
 
 
 def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
-    """What no dwell lowers, of a force ratio: one tooth's and its base's cables are counted."""
+    """Relative uncertainties of a force ratio that no dwell lowers, for one tooth and its base."""
     scatter = Floor("gain scatter", design.ratio_scatter)
     pickup = pickup_u(design) * math.hypot(1.0, 1 / ratio)
     return (scatter, Floor("pick-up in step with the load", pickup)) if pickup else (scatter,)
 
 
 def expected_ratio(design: Design, sample: str) -> float:
-    """The force ratio that a sample will give, roughly."""
+    """The force ratio to be expected of a sample: the thesis' mean, or that of a simple model."""
     return design.thesis_force_ratio.get(sample) or force_ratio(design, get_sample(sample))
 
 

@@ -1,4 +1,4 @@
-"""What a load sweep found."""
+"""Prints and plots the result of a load sweep."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Path) -> None:
-    """Points, means beside the thesis' own, softness order, and where everything lies."""
+    """Print the points, the means beside the thesis' means, the softness order, and where the files are."""
     chosen = any(p.relative_u_predicted is not None for p in result.points)
     points = new_table(
         stamped(outcome["simulated"], "Load sets (forces and voltages peak to peak)"),
@@ -68,14 +68,14 @@ def print_sweep(result: SweepResult, design: Design, outcome: Outcome, plot: Pat
 
 
 def _worth(evidence: str, model: str | None) -> str:
-    """What it is worth that the means agree with the thesis', by what the scene's model knows of them."""
+    """A line that says what agreement with the thesis' means is worth. The scene's model may contain those means."""
     if evidence == Evidence.INPUT.value:
         return f"{evidence}: model {model} is the thesis' own means; agreement shows that the bench measures right"
     return f"{evidence}: model {model} knows nothing of the thesis' means"
 
 
 def _forces(points: Sequence[LoadPoint]) -> str:
-    """Their relative uncertainties hardly differ: the scatter of the gains is most of them."""
+    """A line with the largest relative uncertainties of the forces. They hardly differ."""
     rigid, total = (
         max((u / abs(force) for force, u in pairs if u is not None and force), default=None)
         for pairs in (
@@ -87,7 +87,7 @@ def _forces(points: Sequence[LoadPoint]) -> str:
 
 
 def _thesis_order(design: Design, swept: set[str]) -> str:
-    """By the thesis' means, as ours is by ours; where its figure at one load says otherwise, that too."""
+    """The softness order of the thesis by its means, and that of its figure at 3 N if it differs."""
     means = sorted(design.thesis_force_ratio, key=lambda name: design.thesis_force_ratio[name], reverse=True)
     by_mean, figure = (
         " > ".join(name for name in order if name in swept) for order in (means, design.thesis_softness_order)
@@ -96,7 +96,7 @@ def _thesis_order(design: Design, swept: set[str]) -> str:
 
 
 def _teeth(result: SweepResult, simulated: bool) -> Table:
-    """Mean ratio of each tooth, a row a sample."""
+    """A table of the mean ratio of each tooth, with a row for each sample."""
     count = max(len(s.teeth) for s in result.samples)
     teeth = new_table(
         stamped(simulated, "Mean force ratio of each tooth to its base"), "sample", *(str(i + 1) for i in range(count))
@@ -107,7 +107,7 @@ def _teeth(result: SweepResult, simulated: bool) -> Table:
 
 
 def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
-    """Force ratio against load for each sample, and the means beside the thesis' own; returns the PNG."""
+    """Plot force ratios over loads, and the means beside the thesis' means. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}force ratio, design {design.name}")
     for marker, mean in zip(itertools.cycle(MARKERS), result.samples):

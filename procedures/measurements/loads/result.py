@@ -1,4 +1,4 @@
-"""What a load sweep measures and finds: points, mean ratios, and the samples from hard to soft."""
+"""The points and the result of a load sweep: mean force ratios, and the samples from hard to soft."""
 
 from __future__ import annotations
 
@@ -15,15 +15,31 @@ from palpate.instrument.uncertainty.budget import Budget
 
 @dataclass(frozen=True, slots=True)
 class LoadPoint:
-    """One load set. Forces and voltages are peak to peak; `_u` are standard uncertainties.
+    """One load on one sample. Forces and voltages are peak to peak; names with `_u` are standard uncertainties.
 
-    Of a sensor of several teeth voltages and forces are sums, the ratio is the sensor's (`film_forces`), and `teeth`
-    has each tooth's own. `noise_u`, `calibration_u` and `pickup_u` are what noise, the films' calibration and their
-    cables have in `force_ratio_u`; `degrees_of_freedom` are those of `noise_u`. `relative_u` is that to `force_ratio`,
-    beside what was predicted of it where the dwell was chosen at the point. `extrapolated`: the load lies outside the
-    calibrated range. Not `valid`: after the last of its `attempts` it is flagged still; `flags` say why. `incidents`
-    counts what went wrong since the point before and was made good; the events say what. The forces' own
-    uncertainties are None in records of before they were known.
+    Attributes:
+        sample: name of the sample.
+        load_N: the load that was asked for.
+        indicator_mV: reading of the strain indicator.
+        load_measured_N, load_measured_u: the measured load.
+        voltage_rigid_V, voltage_total_V: sums of the voltages of the rigid films and of the base films.
+        force_rigid_N, force_total_N: sums of the forces on the teeth and on the bases.
+        force_ratio, force_ratio_u: force ratio of the sensor, as `film_forces` finds it.
+        noise_u: part of `force_ratio_u` that comes from noise.
+        condition: condition number of the fit.
+        valid: whether the point is used.
+        dwell_s: the dwell.
+        relative_u: `force_ratio_u` over `force_ratio`.
+        relative_u_predicted: the value of `relative_u` for which the dwell was chosen; None: the dwell was given.
+        settling_s: how long the films took to settle.
+        attempts: number of attempts.
+        flags: why the point is not used, or what to know about it.
+        incidents: number of failures of the bench that were made good since the point before; events describe them.
+        teeth: forces and ratio of each tooth, if there are several.
+        extrapolated: whether the load lies outside the calibrated range.
+        calibration_u, pickup_u: parts of `force_ratio_u` that come from the films' calibration and the cables' pick-up.
+        force_rigid_u, force_total_u: of the forces; None in records of older versions.
+        degrees_of_freedom: degrees of freedom of `noise_u`; None in records of older versions.
     """
 
     sample: str
@@ -58,9 +74,14 @@ class LoadPoint:
 
 @dataclass(frozen=True, slots=True)
 class SampleMean:
-    """Mean over the valid load sets of a sample, beside the thesis' own mean (None where it has none).
+    """The mean force ratio of one sample over its valid points.
 
-    `teeth`: of each tooth to its base, where there are several.
+    Attributes:
+        sample: name of the sample.
+        force_ratio, force_ratio_u: the mean and its standard uncertainty; None: no point is valid.
+        valid_points: number of valid points.
+        thesis_force_ratio: the thesis' mean; None: it has none.
+        teeth: mean ratio of each tooth to its base, if there are several teeth.
     """
 
     sample: str
@@ -73,13 +94,22 @@ class SampleMean:
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
+    """The result of a load sweep.
+
+    Attributes:
+        points: the points.
+        samples: mean force ratio of each sample.
+        softness_order: names of the samples with a valid point, from hard to soft.
+        budgets: uncertainty budget of each mean.
+    """
+
     points: list[LoadPoint]
     samples: list[SampleMean]
     softness_order: list[str]
     budgets: tuple[Budget, ...]
 
     def summary(self) -> dict[str, Any]:
-        """The result without its points, for the record."""
+        """The result without its points, under public names."""
         return {
             "samples": [asdict(s) for s in self.samples],
             "softness_order": self.softness_order,
@@ -88,7 +118,7 @@ class SweepResult:
 
 
 def evaluate(points: Sequence[LoadPoint], design: Design) -> SweepResult:
-    """Mean ratio of each sample over its valid load sets, and the samples from hard to soft."""
+    """The mean force ratio of each sample over its valid points, and the samples from hard to soft."""
     means, budgets = [], []
     for name in dict.fromkeys(point.sample for point in points):
         valid = [point for point in points if point.sample == name and point.valid]

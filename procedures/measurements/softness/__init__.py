@@ -1,1 +1,1 @@
-"""How hard unknown objects are."""
+"""The softness test: Young moduli of unknown objects from their force ratios."""

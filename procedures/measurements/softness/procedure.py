@@ -1,4 +1,4 @@
-"""How hard unknown objects are: Young modulus from the measured force ratio, and their order (thesis 4.1, 5.4)."""
+"""The softness test: Young moduli of objects from their force ratios, and their order (thesis 4.1, 5.4)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
 
 @dataclass(frozen=True, slots=True)
 class TouchStep(Step):
-    """`number` of the object, from 0."""
+    """One load [N], peak to peak, on the object of a number, from 0."""
 
     number: int
     load_N: float
@@ -52,13 +52,13 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     model: Annotated[str, Setting(help="Sensor model that turns force ratios into moduli.")] = "experiment"
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
+        """Check the settings before anything is sent to a device.
 
         Raises:
-            RangeError: no object, one named twice, or objects of several thicknesses; a load beyond the force limit, a
-                frequency or dwell that gives no estimate; a model that does not answer for this sensor, or that of the
-                simulated bench, which does not answer for one of the objects; too few sensor nodes.
-            UnknownName: an unknown model.
+            RangeError: there is no object, one is named twice, or they have several thicknesses; a load exceeds the
+                force limit, the frequency or the dwell is outside its limits, or the bench has too few sensor nodes;
+                the model does not know this sensor, or the simulated bench's model does not know one of the objects.
+            UnknownName: there is no such model.
         """
         names = [each.name for each in self.objects]
         if not names or len(set(names)) < len(names):
@@ -81,7 +81,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
         return Loads(self.loads)
 
     def plan(self, target: Target) -> Plan[TouchStep]:
-        """Every load on every object."""
+        """All points: every load on every object."""
         scatter = target.design.ratio_scatter
         return Plan(self.name, [self._step(n, load, scatter) for n in range(len(self.objects)) for load in self.loads])
 
@@ -107,7 +107,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
 
 
 class Touching(Loaded):
-    """The sensor on one object after the other."""
+    """The bench work: one load after the other on each object."""
 
     def __init__(self, lab: Lab, record: Recorder, test: SoftnessTest) -> None:
         super().__init__(lab, record, test.loads, test.frequency, [each.name for each in test.objects])
@@ -138,17 +138,20 @@ class Touching(Loaded):
 
 
 def default_model(design: Design) -> str:
-    """The curve that was measured with this design, where there is one: it holds what no model knows."""
+    """Name of the model for a design. A curve measured with it is best, as it contains what no model knows."""
     return "experiment" if design.thesis_force_ratio else "auto"
 
 
-def unknown_object(design: Design, thickness: float = 3e-3, modulus: float | None = None) -> Sample:
+def unknown_object(
+    design: Design, thickness: float = 3e-3, modulus: float | None = None, name: str | None = None
+) -> Sample:
     """An object that is none of the rubber samples, as large as they are.
 
     Args:
         design: of the sensor.
         thickness: thickness of the object [m].
         modulus: Young modulus [Pa], for a simulated bench; None: a real object has its own, and it is what is sought.
+        name: name of the object; None: its modulus, or "unknown".
 
     Raises:
         RangeError: a thickness or modulus that is not above zero.
@@ -156,5 +159,5 @@ def unknown_object(design: Design, thickness: float = 3e-3, modulus: float | Non
     sample = get_sample("1")
     # A number must stand where a modulus is sought: it is that of the sensor's ring.
     known = design.ring.material.modulus if modulus is None else modulus
-    name = "unknown" if modulus is None else show(modulus, "Pa")
-    return Sample(name, "unknown", known, thickness, sample.area, sample.poisson, "unknown")
+    told = name or ("unknown" if modulus is None else show(modulus, "Pa"))
+    return Sample(told, "unknown", known, thickness, sample.area, sample.poisson, "unknown")

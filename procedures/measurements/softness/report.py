@@ -1,4 +1,4 @@
-"""How hard unknown objects are."""
+"""Prints and plots the result of a softness test."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.procedures.showing.text import STAMP, new_table, number, print_all,
 
 
 def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None:
-    """Ratio and modulus of each object, their order, the model and its price."""
+    """Print ratio and modulus of each object, their order, and the model with its error."""
     table = new_table(
         stamped(outcome["simulated"], f"Softness, by model {result.model!r}"),
         "object", "force ratio", "u", "modulus", "95 % interval", "valid", "note",
@@ -43,7 +43,7 @@ def print_softness(result: SoftnessResult, outcome: Outcome, plot: Path) -> None
 
 
 def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path:
-    """Ratios by load, and the moduli with their intervals; returns the PNG."""
+    """Plot ratios over loads, and the moduli with their intervals. Returns the PNG file."""
     figure, (left, right) = new_figure(simulated, 2)
     figure.suptitle(f"{STAMP + ': ' if simulated else ''}softness by model {result.model}")
     for each in result.objects:

@@ -1,4 +1,4 @@
-"""What a measurement of softness reads and finds: moduli by the mean force ratio, and the objects from hard to soft."""
+"""The points and the result of a softness test: Young moduli, and the objects from hard to soft."""
 
 from __future__ import annotations
 
@@ -19,7 +19,19 @@ from palpate.procedures.steps.flags import CLIPPED
 
 @dataclass(frozen=True, slots=True)
 class SoftnessPoint:
-    """One object under one load, peak to peak. Not `valid`: `flags` say why. Uncertainties as of `LoadPoint`."""
+    """One load on one object. Loads are peak to peak; names with `_u` are standard uncertainties.
+
+    Attributes:
+        object: name of the object.
+        load_N: the load that was asked for.
+        load_measured_N, load_measured_u: the measured load.
+        force_ratio, force_ratio_u: force ratio of the sensor, as `film_forces` finds it.
+        noise_u, calibration_u, pickup_u: parts of `force_ratio_u` that come from noise, the films' calibration and the
+            cables' pick-up.
+        valid: whether the point is used.
+        flags: why the point is not used, or what to know about it.
+        degrees_of_freedom: degrees of freedom of `noise_u`; None in records of older versions.
+    """
 
     object: str
     load_N: float
@@ -37,11 +49,19 @@ class SoftnessPoint:
 
 @dataclass(frozen=True, slots=True)
 class Softness:
-    """An object: mean force ratio over its valid loads, and the modulus by the model [Pa].
+    """What is found of one object. Without a valid point it has neither ratio nor modulus.
 
-    `modulus_Pa` is None where only a bound is known, `low_Pa` and `high_Pa` where there is none; `kind` is "interval",
-    "at least", "at most" or "any". `model_error`: what the interval allows for the model, as a ratio; None: not priced.
-    `saturated`: of a film in some load. Without a valid load all but the name is None.
+    Attributes:
+        object: name of the object.
+        valid_points: number of valid points.
+        saturated: whether a film was saturated at one of the loads.
+        force_ratio, force_ratio_u: mean over the valid points, and its standard uncertainty.
+        modulus_Pa: Young modulus by the model; None: only a bound is known.
+        low_Pa, high_Pa: ends of the coverage interval; None: there is no such bound.
+        sensitivity: relative change of the modulus over that of the ratio.
+        kind: "interval", "at least", "at most" or "any": what the ends say.
+        note: why there is only a bound.
+        model_error: what the interval allows for the model's error, as a ratio; None: the error is not known.
     """
 
     object: str
@@ -60,9 +80,17 @@ class Softness:
 
 @dataclass(frozen=True, slots=True)
 class SoftnessResult:
-    """`alike`: neighbours in the order, hard to soft, that the ratios do not tell apart by 95 %.
+    """The result of a softness test.
 
-    `budgets`: of each mean ratio, and, linear, of each modulus that is known; its interval is not linear.
+    Attributes:
+        points: the points.
+        objects: what is found of each object.
+        softness_order: names of the objects with a valid point, from hard to soft.
+        alike: neighbours in this order that may be exchanged: their ratios do not differ with 95 % confidence.
+        model: name of the model that turned ratios into moduli.
+        price: what is known of the model's own error, in a sentence.
+        budgets: uncertainty budget of each mean ratio and of each modulus that is known. A modulus has a linear budget;
+            its interval is found without that approximation.
     """
 
     points: list[SoftnessPoint]
@@ -74,7 +102,7 @@ class SoftnessResult:
     budgets: list[Budget]
 
     def summary(self) -> dict[str, Any]:
-        """Results under their public names."""
+        """The result without its points, under public names."""
         return {
             "objects": [asdict(each) for each in self.objects],
             "softness_order": self.softness_order,
@@ -87,7 +115,7 @@ class SoftnessResult:
 
 
 def evaluate(points: Sequence[SoftnessPoint], design: Design, question: Question) -> SoftnessResult:
-    """Moduli by the mean ratio over the valid loads, and the objects from hard to soft.
+    """Find moduli from the mean ratios over the valid points, and the order of the objects.
 
     `question` names the model that turns a ratio into a modulus, and the thickness of the objects.
     """
@@ -115,7 +143,7 @@ def evaluate(points: Sequence[SoftnessPoint], design: Design, question: Question
 
 
 def _budgets(each: Softness, mean: Budget) -> Iterator[Budget]:
-    """Of the mean ratio; and of the modulus where it is known, with what the model may be wrong by."""
+    """The budget of the mean ratio, and of the modulus if it is known. The latter contains the model's error."""
     yield mean
     if each.modulus_Pa is None or each.sensitivity is None:
         return
@@ -127,7 +155,7 @@ def _budgets(each: Softness, mean: Budget) -> Iterator[Budget]:
 
 
 def price_of(design: Design, model: str) -> str:
-    """What the price list says of the model's error for this design, in a sentence."""
+    """A sentence with the model's error for this design, from the price list."""
     known = [
         (promise, price)
         for price in stored().prices
