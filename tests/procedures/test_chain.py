@@ -281,11 +281,11 @@ def test_a_whole_chain_is_opened_with_or_without_zeros_behind_it(tmp_path: Path)
     ("content", "head", "says"),
     [
         (b"x" + CONTENT, COUNTED, "its first row is not as it was written"),
-        (CONTENT, replace(COUNTED, chain=b"x" * 16), "head is that of another run"),
-        (CONTENT[:-1], COUNTED, "of 4 rows not all are as they were written, in their place"),
-        (CONTENT, replace(COUNTED, frames=5), "of 5 rows not all are"),
-        (CONTENT, replace(COUNTED, hash=NOTHING), "of 4 rows not all are"),
-        (CONTENT + b"x", BEGINNING, "head is older than what it tells of"),  # it counts none of three additions
+        (CONTENT, replace(COUNTED, chain=b"x" * 16), "head belongs to another run"),
+        (CONTENT[:-1], COUNTED, "some of its 4 rows are missing, changed"),
+        (CONTENT, replace(COUNTED, frames=5), "some of its 5 rows"),
+        (CONTENT, replace(COUNTED, hash=NOTHING), "some of its 4 rows"),
+        (CONTENT + b"x", BEGINNING, "head is older than the rows that it counts"),  # it counts none of three additions
     ],
 )
 def test_a_damaged_chain_is_told_with_what_is_wrong(content: bytes, head: Head, says: str, tmp_path: Path) -> None:
@@ -313,7 +313,7 @@ def test_behind_what_the_head_counts_lies_one_addition_at_most(
     if whole:
         assert told(tmp_path) == [b"HEAD", b"WAVE", b"POIN", b"EVNT"]
     else:
-        with pytest.raises(ValueError, match=r"^head is older than what it tells of$"):
+        with pytest.raises(ValueError, match=r"^head is older than the rows that it counts$"):
             told(tmp_path)
 
 

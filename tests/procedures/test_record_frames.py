@@ -244,8 +244,8 @@ def test_frames_of_other_kinds_are_ignored_but_must_be_whole(tmp_path: Path) -> 
         ([[event_frame(1, "k", "m", 0)]], {}, "KeyError|format"),
         ([[(b"HEAD", 0, [b'{"format":5,"header":{}}'])]], {}, "its record format is not 4"),
         ([[(b"BODY", 0, [b'{"format":4,"header":{}}'])]], {}, "its record format is not 4"),
-        ([BEGINS], {"name": b"x" * 16}, "its header is not that of its rows"),
-        ([BEGINS, [(b"POIN", 1, [b"{}"]), (b"POIN", 1, [b"{}"])]], {}, "of 2 points and 0 events not all are there"),
+        ([BEGINS], {"name": b"x" * 16}, "its header belongs to other rows"),
+        ([BEGINS, [(b"POIN", 1, [b"{}"]), (b"POIN", 1, [b"{}"])]], {}, "some of its 2 points and 0 events are missing"),
     ],
 )
 def test_a_record_that_does_not_hang_together_is_refused(
@@ -302,7 +302,7 @@ def test_a_damaged_waveform_without_its_point_is_a_fault(tmp_path: Path) -> None
 
 
 def test_a_finished_run_goes_on_with_nothing_but_zeros(tmp_path: Path) -> None:
-    for status, faults in (("complete", ["run.record goes on behind its end, from byte {} on"]), ("stopped", [])):
+    for status, faults in (("complete", ["run.record goes on after its end, from byte {} on"]), ("stopped", [])):
         put(tmp_path, BEGINS, [status_frame(status, {})])
         content = (tmp_path / RECORD).read_bytes()
         (tmp_path / RECORD).write_bytes(content + bytes(9))
