@@ -1,11 +1,11 @@
-"""What installed packages add to this one, by entry points: kinds of devices, procedures, effects.
+"""Finds what installed packages add to palpate by entry points: device kinds, procedures and effects.
 
 A package declares an addition by its name in a group:
 
 [project.entry-points."palpate.devices"]
 acme-oven = "acme_oven:KIND"
 
-A package that is broken hinders nobody who does not ask for what it adds.
+A broken package causes an error only when its addition is used.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ class Addition:
     """One entry point.
 
     Attributes:
-        name: that bench files, scenes and records call it by.
-        place: where it stands, "module:name".
-        package, version: of who adds it; empty where nobody knows.
+        name: its name in bench files, scenes and records.
+        place: the object that it refers to, as "module:name".
+        package: name of the package that adds it; empty: unknown.
+        version: version of this package; empty: unknown.
     """
 
     name: str
@@ -43,7 +44,7 @@ class Addition:
 
 @cache
 def additions(group: str) -> Mapping[str, Sequence[Addition]]:
-    """Everything that installed packages add to a group, by name in the order of names; normally one each."""
+    """All additions to a group of entry points, sorted by name; a name with several additions is a conflict."""
     found: dict[str, list[Addition]] = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         package, version = (entry.dist.name, entry.dist.version) if entry.dist is not None else ("", "")
@@ -52,9 +53,9 @@ def additions(group: str) -> Mapping[str, Sequence[Addition]]:
 
 
 def addition(group: str, what: str, name: str) -> Addition | None:
-    """The addition of that name; None: nobody adds it. `what` it is, for messages.
+    """The addition with a name; None: there is none. `what` describes its kind in messages.
 
-    Raises ConfigError: several packages add one of that name.
+    Raises ConfigError: several packages add one with this name.
     """
     found = additions(group).get(name, ())
     if len(found) > 1:
@@ -65,7 +66,7 @@ def addition(group: str, what: str, name: str) -> Addition | None:
 
 
 def load_addition(found: Addition, what: str) -> Any:
-    """What stands there. Raises ConfigError: it cannot be imported; the message names it and its package."""
+    """The object of an addition. Raises ConfigError: it cannot be imported; the message names it and its package."""
     return load(found.place, f"{what} {found.name!r} of {found.origin}")
 
 
@@ -75,11 +76,11 @@ def unusable(found: Addition, what: str, why: str) -> ConfigError:
 
 
 def load(place: str, what: str) -> Any:
-    """What stands at a place, "module:name". Raises ConfigError: it cannot be imported."""
+    """The object at a place "module:name". Raises ConfigError: it cannot be imported."""
     module, _, name = place.partition(":")
     try:
         return getattr(importlib.import_module(module), name)
-    except (Exception, SystemExit) as error:  # whatever a package does when it is imported
+    except (Exception, SystemExit) as error:  # importing a package can raise anything
         raise ConfigError(
             f"{what} ({place}): cannot be loaded: {type(error).__name__}: {error}; mend its package, or uninstall it"
         ) from error

@@ -6,11 +6,10 @@
         done = palpate.run(sweep, bench, out="first")
     print(done.run.table())  # a DataFrame
 
-What `__all__` names is public and stays; a name is imported when it is first used. Modules below `palpate.` are ours to
-change.
+The names in `__all__` are public and stable; each is imported on first use. Modules below `palpate.` may change.
 
-The folders `drivers`, `instrument`, `simulators` and `procedures` stand at the top of the repository. Symbolic links in
-this package give them import names of their own (`palpate.drivers`), which do not collide with folders of a laboratory.
+The folders `drivers`, `instrument`, `simulators` and `procedures` lie at the top of the repository. Symbolic links in
+this package give them import names (`palpate.drivers`) that do not collide with folders of a laboratory.
 """
 
 from __future__ import annotations
@@ -155,7 +154,7 @@ if (_LINK := Path(__file__).parent / "procedures").is_file():
         "clone with `git clone -c core.symlinks=true`, or install a wheel"
     )
 
-if not TYPE_CHECKING:  # else a type checker would accept any name
+if not TYPE_CHECKING:  # with `__getattr__` a type checker would accept any name
 
     def __getattr__(name):
         from importlib import import_module

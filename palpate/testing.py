@@ -1,6 +1,6 @@
-"""For the tests of a package of one's own: what every device and every effect must do.
+"""Conformance suites for the tests of other packages, which every device kind and every effect must pass.
 
-The fixtures come with the pytest plugin.
+The pytest plugin provides their fixtures.
 """
 
 from palpate.procedures.testing.canopen_conformance import CanopenConformance

@@ -1,1 +1,1 @@
-"""What a bench is, on paper: its description, the lines between devices, and the person at it."""
+"""The description of a bench: its devices, its links, and the tasks of its operator."""

@@ -1,4 +1,4 @@
-"""Two bench files compared as what they describe, its links and devices, whatever form they are written in."""
+"""Compares two bench files by the links and devices that they describe, independently of their form."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Tables = dict[str, dict[str, Any]]
 
 
 def compared(before: BenchDescription, now: BenchDescription) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What two benches are, as tables that are equal where the benches are the same.
+    """Two benches as tables that are equal where the benches are.
 
-    A link or a device that both have, under two names, has that of the first one in both tables.
+    If a link or a device has different names in the two files, both tables use the name of the first file.
     """
     first, second = _tables(before), _tables(now)
     links = _names(first["link"], second["link"])
-    for name, device in second["device"].items():  # a link that has changed is known by what is on it
+    for name, device in second["device"].items():  # a changed link is recognised by the devices on it
         known = first["device"].get(name, device)["link"]
         if links[device["link"]] not in first["link"] and known not in links.values():
             links[device["link"]] = known
@@ -35,7 +35,7 @@ def compared(before: BenchDescription, now: BenchDescription) -> tuple[dict[str,
 def _tables(bench: BenchDescription) -> dict[str, Any]:
     kinds = {model: kind for kind, model in LINKS.items()}
     links: Tables = {}
-    same: dict[str, str] = {}  # links by name; the first of those that are one, as two units at one gateway can be
+    same: dict[str, str] = {}  # link name -> name of the first equal link: two sections can name the same gateway
     for name, link in bench.links.items():
         table = {"kind": kinds[type(link)], **link.model_dump(mode="json")}
         same[name] = next((known for known, other in links.items() if other == table), name)
@@ -57,7 +57,7 @@ def _tables(bench: BenchDescription) -> dict[str, Any]:
 
 
 def _names(first: Mapping[str, object], second: Mapping[str, object]) -> dict[str, str]:
-    """The name in the first of each of the second: its own, or that of one that is the same and has no other."""
+    """For each name of the second, its name in the first: the same one, or that of an equal entry not yet assigned."""
     found = {name: name for name in second}
     left = {name: table for name, table in first.items() if name not in second}
     for name, table in second.items():

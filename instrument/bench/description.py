@@ -53,12 +53,12 @@ class BenchDescription(Config):
     design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
     watchdog: Seconds = Field(default=2.0, ge=0.1, le=60)  # infinite, in the file "none": the exciter has none
-    # of the load: what a film's moving cable adds to its force in step with the drive, at most; 0: nothing is known
+    # greatest force that a film's moving cable adds in step with the drive, as a share of the load; 0: unknown
     pickup: float = Field(default=0.0, ge=0, le=0.5, strict=True)
     signal_generator: TcpAddress | None = None
     shaker_amplifier: Amplifier | None = None
     line: SerialLine | None = None
-    strain_indicator: Indicator | None = None  # with a line, both of its devices are there
+    strain_indicator: Indicator | None = None  # present, like the positioner, if there is a line
     positioner: RtuAddress | None = None
     can: CanBus | None = None
     sample_changer: TcpAddress | None = None  # without one a person mounts the samples
@@ -108,7 +108,7 @@ class BenchDescription(Config):
         return self
 
     def _check_exciter(self, devices: Sequence[Listed]) -> None:
-        """Raises ConfigError: two things drive, or what drives has no watchdog and the file does not say so."""
+        """Raises ConfigError: two exciters are listed, or the exciter has no watchdog and the file does not say so."""
         exciter, source, amplifier = (filling(role, devices) for role in DRIVING)
         if exciter and source and amplifier:
             raise ConfigError(
@@ -132,7 +132,7 @@ class BenchDescription(Config):
 
     @model_serializer(mode="wrap")
     def _written(self, usual: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A bench of the usual devices as it was written before there were others."""
+        """Leave out empty tables, so that a bench of the usual devices is written in the older form."""
         data: dict[str, Any] = usual(self)
         if self.unguarded:
             data["watchdog"] = NO_WATCHDOG
@@ -140,12 +140,12 @@ class BenchDescription(Config):
 
     @property
     def unguarded(self) -> bool:
-        """Whether nothing switches the exciter off when this program is killed."""
+        """Whether no watchdog switches the exciter off when this program is killed."""
         return math.isinf(self.watchdog)
 
     @property
     def links(self) -> dict[str, Link]:
-        """The links by name, each usual one by that of its section."""
+        """The links by name; a usual link has the name of its section."""
         found: dict[str, Link] = {}
         for name, kind in LINKING.items():
             place = getattr(self, name)
@@ -160,7 +160,7 @@ class BenchDescription(Config):
 
     @property
     def devices(self) -> list[Listed]:
-        """The devices: the usual kinds in the order of `KINDS`, then the others in that of the file."""
+        """The devices: the usual kinds in the order of `KINDS`, then the others in the order of the file."""
         found = [
             Listed(name, KINDS[name], LINE if name in ON_LINE else name, place.unit, _settings(KINDS[name], place))
             for name in (*ON_TCP, *ON_LINE)
@@ -177,16 +177,16 @@ class BenchDescription(Config):
 
     @property
     def contracts(self) -> list[Contract]:
-        """Contracts of the devices whose kinds are of other packages, by name."""
+        """Contracts of the devices whose kinds come from other packages, sorted by name."""
         kinds = {each.kind.name: each.kind for each in self.devices if each.kind.name not in KINDS}
         return [kinds[name].contract for name in sorted(kinds)]
 
     def filling(self, role: Role) -> list[Listed]:
-        """The devices that fill a role: those that say so, or else all whose kind can."""
+        """The devices that fill a role: those to which the file gives it or, without any, all whose kind has it."""
         return filling(role, self.devices)
 
     def moved(self, places: Mapping[str, Mapping[str, Any]]) -> Self:
-        """The same bench with other addresses of links, by their names."""
+        """The same bench with other addresses of its links, by link name."""
         sections = {
             name: getattr(self, name).model_copy(update=place) for name, place in places.items() if name in LINKING
         }
@@ -202,7 +202,7 @@ class BenchDescription(Config):
 
 
 def _settings(kind: DeviceKind, place: Config) -> Config:
-    """What a section says for its kind; it is checked already."""
+    """The settings of a kind, from its checked section."""
     return kind.settings.model_construct(**{name: getattr(place, name) for name in kind.settings.model_fields})
 
 

@@ -1,4 +1,4 @@
-"""Kinds of devices that a bench may list: those of this package, then those of packages that are installed beside it.
+"""Device kinds that a bench file may list: palpate's own, then those of installed packages.
 
 A package adds a kind by an entry point of the group `palpate.devices`:
 
@@ -31,20 +31,20 @@ Role = Literal[
 
 
 class NoSettings(Config):
-    """A kind without settings of its own."""
+    """The settings of a kind that has none."""
 
 
 @dataclass(frozen=True)
 class DeviceKind:
-    """What the bench has to know of a device, whoever wrote it.
+    """A kind of device: all that a bench needs in order to use such a device.
 
     Attributes:
         contract: its registers or objects; the kind has the contract's name.
-        links: over which it can be reached, the usual one first.
-        driver: "module:Class" of a `palpate.drivers.devices.device.Device`.
-        simulator: "module:Class" of what stands in for it; None: no simulated bench can have it.
-        settings: what its section in a bench file may say beside where it is.
-        roles: what procedures can use it as; see `palpate.drivers.roles`.
+        links: kinds of links over which it can be reached, the usual one first.
+        driver: "module:Class" of its driver, a `palpate.drivers.devices.device.Device`.
+        simulator: "module:Class" of its simulator; None: simulated benches cannot have it.
+        settings: keys of its section in a bench file, in addition to its address.
+        roles: roles in which procedures can use it; see `palpate.drivers.roles`.
     """
 
     contract: Contract
@@ -60,7 +60,7 @@ class DeviceKind:
 
 
 class AmplifierSettings(Config):
-    """Settings of the shaker amplifier, and what feeds its watchdog: its owner alone, or any request of anybody."""
+    """Settings of the shaker amplifier; `watchdog_fed_by`: who feeds its watchdog, only its owner or any request."""
 
     watchdog_fed_by: Literal["owner", "any request"] = "owner"
     gain: float = Field(default=2.0, ge=0, le=20, strict=True)  # V/V [A]
@@ -75,7 +75,7 @@ class IndicatorSettings(Config):
 
 
 def _own(contract: str, link: LinkKind, classes: str, role: Role, settings: type[Config] = NoSettings) -> DeviceKind:
-    """A kind of this package: its driver and its simulator are called the same."""
+    """One of palpate's own kinds, whose driver and simulator have the same class name."""
     driver, simulator = (f"palpate.{layer}.devices.{contract}:{classes}" for layer in ("drivers", "simulators"))
     return DeviceKind(CONTRACTS[contract], (link,), driver, simulator, settings, (role,))
 
@@ -94,10 +94,11 @@ KINDS: dict[str, DeviceKind] = {
 
 
 def device_kind(name: str) -> DeviceKind:
-    """A kind by its name.
+    """A device kind by its name.
 
     Raises:
-        UnknownName: there is none of that name. ConfigError: the package that adds it cannot be used.
+        UnknownName: there is no kind of that name.
+        ConfigError: the package that adds it cannot be used.
     """
     if name in KINDS:
         return KINDS[name]
@@ -112,15 +113,15 @@ def device_kind(name: str) -> DeviceKind:
 
 
 def packages(kinds: Iterable[DeviceKind]) -> dict[str, str]:
-    """The installed packages that some kinds come from, with their versions."""
+    """The installed packages that provide these kinds: version by name."""
     found = [entry for kind in kinds if kind.name not in KINDS and (entry := addition(GROUP, WHAT, kind.name))]
     return {entry.package: entry.version for entry in found}
 
 
 def all_kinds() -> list[DeviceKind]:
-    """This package's kinds, then those of installed packages, by name.
+    """All kinds: palpate's own, then those of installed packages by name.
 
-    Raises ConfigError: one cannot be used, has the name of another, or identifies itself as another does.
+    Raises ConfigError: a kind cannot be used, or two kinds have the same name or the same identity.
     """
     if taken := [name for name in additions(GROUP) if name in KINDS]:
         origin = additions(GROUP)[taken[0]][0].origin
@@ -131,7 +132,7 @@ def all_kinds() -> list[DeviceKind]:
 
 
 def check_identities(kinds: Iterable[DeviceKind]) -> None:
-    """Raises ConfigError: two kinds identify themselves alike, so that no driver can tell which of them answers."""
+    """Raises ConfigError: two kinds have the same identity on the wire, so that no driver can tell them apart."""
     known: dict[tuple[str, ...], str] = {}
     for kind in kinds:
         identity = kind.contract.identity

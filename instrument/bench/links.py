@@ -1,4 +1,4 @@
-"""Links of a bench: where one or more of its devices answer."""
+"""Links of a bench, over which one or more of its devices are reached."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Timeout = Annotated[Seconds, Field(gt=0, le=60)]
 
 
 class TcpLink(Config):
-    """Where one or more Modbus units answer on TCP: a device, or a gateway."""
+    """A Modbus TCP address, of one device or of a gateway with several units."""
 
     host: str = Field(min_length=1)
     port: int = Field(default=502, ge=1, le=65535, strict=True)
@@ -23,7 +23,7 @@ class TcpLink(Config):
 
 
 class SerialLine(Config):
-    """A Modbus RTU line, which its devices share."""
+    """A Modbus RTU line, which one or more devices share."""
 
     port: str = Field(min_length=1)
     baudrate: int = Field(default=115200, ge=1200, le=FASTEST, strict=True)
@@ -46,7 +46,7 @@ LINKS: dict[str, type[Link]] = {"modbus-tcp": TcpLink, "modbus-rtu": SerialLine,
 
 
 def link_of(table: dict[str, Any], where: str) -> Link:
-    """The link that the table of a `[link.NAME]` describes. Raises ConfigError."""
+    """The link of a `[link.NAME]` table. Raises ConfigError: the table is wrong."""
     kind = table.pop("kind", None)
     if kind not in LINKS:
         raise ConfigError(f"{where}: kind: {kind!r} is no kind of link; valid: {', '.join(LINKS)}")

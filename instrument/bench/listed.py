@@ -1,4 +1,4 @@
-"""Devices of a bench, as its file lists them: each with its kind, its link and its number there."""
+"""The devices that a bench file lists: each with its kind, its link and its address on the link."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from palpate.instrument.errors import ConfigError, UnknownName
 Unit = Annotated[int, Field(ge=1, le=247, strict=True)]
 NodeId = Annotated[int, Field(ge=1, le=127, strict=True)]
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
-RESERVED = ("all", "line", "can")  # that faults strike
+RESERVED = ("all", "line", "can")  # names that faults use for links, and for all
 
 
 class _Section(Config):
-    """What every `[device.NAME]` says; the rest are settings of its kind."""
+    """The keys of every `[device.NAME]` table; its other keys are settings of its kind."""
 
     kind: str
     link: str
@@ -36,11 +36,13 @@ class Listed:
     """A device of a bench.
 
     Attributes:
-        name: of its section; a sensor node is called by its place in the list of nodes.
-        link: name of the link that it is on.
-        unit: or node id, by which it is asked there.
-        role: for which it was chosen where several devices could fill it.
-        optional: a bench without it can be used as well.
+        name: name of its section; a sensor node is named by its place in the list of nodes.
+        kind: its device kind.
+        link: name of its link.
+        unit: its Modbus unit id, or its CANopen node id.
+        settings: settings of its kind.
+        role: the role that the file gives it; None: it fills any role of its kind.
+        optional: whether the bench can be used without it.
     """
 
     name: str
@@ -53,13 +55,13 @@ class Listed:
 
 
 def filling(role: Role, devices: Sequence[Listed]) -> list[Listed]:
-    """Those of the devices that fill a role: those that say so, or else all whose kind can."""
+    """The devices that fill a role: those to which the file gives it or, without any, all whose kind has it."""
     able = [each for each in devices if role in each.kind.roles and each.role in (None, role)]
     return [each for each in able if each.role == role] or able
 
 
 def check_name(name: str, where: str) -> None:
-    """Raises ConfigError: a device cannot be called so."""
+    """Raises ConfigError: the name is not allowed for a device."""
     if not NAME.fullmatch(name) or name in RESERVED:
         raise ConfigError(
             f"{where}: {name!r} is no name of a device: give small letters, digits, _ and -, such as oven_2"
@@ -67,7 +69,7 @@ def check_name(name: str, where: str) -> None:
 
 
 def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Listed:
-    """A `[device.NAME]`, checked. Raises ConfigError, UnknownName."""
+    """The device of a `[device.NAME]` table. Raises ConfigError, UnknownName: the table is wrong."""
     where = f"device.{name}"
     check_name(name, where)
     own = {key: table.pop(key) for key in _Section.model_fields if key in table}
@@ -97,7 +99,7 @@ def listed(name: str, table: dict[str, Any], links: Mapping[str, Link]) -> Liste
 
 
 def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
-    """Raises ConfigError: two devices have one name or one place, or a link has none."""
+    """Raises ConfigError: two devices have the same name or the same address, or a link has no device."""
     by_place: dict[tuple[str, int], str] = {}
     names: set[str] = set()
     for each in devices:

@@ -1,4 +1,4 @@
-"""How a long job tells how far it is, and a bar on the terminal that shows it."""
+"""Progress of a long job, and a bar on the terminal that shows it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 Progress = Callable[[int, int, str], None]
-"""Is called with the points that are done, the points in all, and what is done now."""
+"""Called with the number of finished points, of all points, and what is done now."""
 
 _bars: list[Bar] = []  # that are on the terminal now
 
 
 def silent(_done: int, _total: int, _what: str) -> None:
-    """Hears of progress and does nothing."""
+    """A `Progress` that does nothing."""
 
 
 @contextmanager
 def bar(first: str) -> Iterator[Progress]:
-    """A progress bar on stderr, where someone can see it. `first` is what it says is done at the beginning."""
+    """A progress bar on stderr, if stderr is a terminal. `first` is its text at the beginning."""
     shown = console(file=Spoken())
     if not shown.is_terminal:
         yield silent
@@ -47,7 +47,7 @@ def bar(first: str) -> Iterator[Progress]:
 
 @contextmanager
 def without_bar() -> Iterator[None]:
-    """Inside, no progress bar writes over what is typed."""
+    """A context without the progress bar, so that it does not overwrite typed text."""
     stopped = list(_bars)
     for each in stopped:
         each.stop()

@@ -1,4 +1,4 @@
-"""The loop of every procedure: set up, pause, measure, store, tell."""
+"""The loop of every procedure: set up, pause, measure, store, show."""
 
 from __future__ import annotations
 
@@ -14,11 +14,18 @@ from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
 def conduct(
     procedure: Procedure[S, P, R], lab: Lab, record: Recorder, progress: Progress = silent, pause: Pause = NOBODY
 ) -> R:
-    """Carry out what is left of a procedure. Each point is durable before `progress` hears of it.
+    """Carry out the remaining steps of a procedure. Each point is durable on disk before `progress` is called.
+
+    Args:
+        procedure: the procedure.
+        lab: the open bench.
+        record: the record of the run, which may hold finished points already.
+        progress: called with the number of finished points, of all points, and what is done now.
+        pause: asked before each step whether to pause.
 
     Raises:
-        RangeError, UnknownName: the bench cannot give what is asked for; the outputs have stayed off.
-        UnreachableError, SafetyError, LinkError, DeviceError: the bench could not; points stay on disk.
+        RangeError, UnknownName: a setting is impossible on this bench; the outputs stay off.
+        UnreachableError, SafetyError, LinkError, DeviceError: the bench failed; finished points stay on disk.
         EstimateError: the points give no result.
     """
     procedure.check(lab.target)

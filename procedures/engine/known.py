@@ -1,4 +1,4 @@
-"""The procedures that can be resumed and replayed, by the names in their records."""
+"""All known procedures by name: palpate's own, and those that installed packages add."""
 
 from __future__ import annotations
 
@@ -28,20 +28,21 @@ SHIPPED = {
 
 
 def names() -> list[str]:
-    """Of all procedures: ours, then those of installed packages, whether these can be used or not."""
+    """Names of all procedures: palpate's own, then those of installed packages, even if they cannot be used."""
     return list(dict.fromkeys((*SHIPPED, *additions(GROUP))))
 
 
 def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result]]:
-    """The class of a procedure by its name: one of ours, or of an installed package.
+    """The class of a procedure by its name.
 
     Raises:
-        UnknownName: there is none of that name. ConfigError: the package that adds it cannot be used.
+        UnknownName: there is no procedure of that name.
+        ConfigError: the package that adds it cannot be used.
     """
     added = addition(GROUP, WHAT, name)
     if name in SHIPPED:
         if added is not None:
-            raise unusable(added, WHAT, "palpate has one of that name")
+            raise unusable(added, WHAT, "palpate has one of that name")  # so that a package cannot replace it
         added = Addition(name, SHIPPED[name], "palpate", "")
     if added is None:
         raise UnknownName(WHAT, name, names())
@@ -52,10 +53,11 @@ def procedure_class(name: str) -> type[Procedure[Step, DataclassInstance, Result
 
 
 def class_of(run: Run, done: str) -> type[Procedure[Step, DataclassInstance, Result]]:
-    """The class of the procedure of a run, which shall be "resumed" or "replayed".
+    """The class of a run's procedure; `done` is "resumed" or "replayed", for messages.
 
     Raises:
-        UsageError: no procedure of that name is known. ConfigError: the package that adds it cannot be used.
+        UsageError: no procedure of that name is known.
+        ConfigError: the package that adds it cannot be used.
     """
     try:
         return procedure_class(run.procedure)

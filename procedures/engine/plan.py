@@ -1,6 +1,6 @@
-"""What a procedure will do, point by point, and how long it takes on hardware.
+"""The plan of a procedure: its points, and the expected time on hardware and uncertainty of each.
 
-A run goes through the points of its plan; `--dry-run` prints the same plan and sends nothing.
+A run carries out the points of its plan; `--dry-run` prints the same plan and sends nothing.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from palpate.procedures.steps.films import settling_length
 from palpate.procedures.steps.indicator import READING_INTERVAL, READINGS
 from palpate.procedures.steps.servo import window
 
-MOUNTING = 60.0  # s, for a person to change the sample [A]
-APPROACH = 30.0  # s, home and down again until the preload stands [M]
-FIRST_STEPS, LATER_STEPS = 4, 1  # of the servo, to the first load and to each after it [M]
-NOISE = 2e-6  # V/√Hz of a film's channel [A]
+MOUNTING = 60.0  # s that a person takes to change the sample [A]
+APPROACH = 30.0  # s to move home and down again until the preload is reached [M]
+FIRST_STEPS, LATER_STEPS = 4, 1  # servo steps to the first load, and to each later load [M]
+NOISE = 2e-6  # V/√Hz, noise of a film's channel [A]
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One point to come.
+    """One planned point.
 
     Attributes:
-        dwell_s: s; None: chosen at the point, by its noise.
-        seconds: on hardware, with what goes before it.
-        force_ratio_u: expected standard uncertainty, relative; None: not of a ratio, or not known before.
-        what: is measured, for people.
-        group: what is set up before it, for people: once for all steps of one group, which follow each other.
+        dwell_s: dwell; None: it is chosen at the point, by its noise.
+        seconds: expected time on hardware, with the set-up before it.
+        force_ratio_u: expected relative standard uncertainty of the force ratio; None: it has none, or it is unknown.
+        what: what is measured, for people.
+        group: what is set up once for all successive steps of this group, for people.
     """
 
     dwell_s: float | None
@@ -40,7 +40,7 @@ class Step:
     group: str = field(default="", kw_only=True)
 
     def summary(self) -> dict[str, Any]:
-        """Under public names."""
+        """The step for JSON."""
         return {name: value for name, value in asdict(self).items() if name not in ("what", "group")}
 
 
@@ -49,18 +49,18 @@ S = TypeVar("S", bound=Step)
 
 @dataclass(frozen=True, slots=True)
 class Plan(Generic[S]):
-    """Every point of a run, in order."""
+    """The plan of a run: the name of its procedure, and its points in order."""
 
     procedure: str
     steps: Sequence[S]
 
     @property
     def seconds(self) -> float:
-        """On hardware, a person being quick."""
+        """Expected time on hardware, with a quick operator [s]."""
         return math.fsum(step.seconds for step in self.steps)
 
     def summary(self) -> dict[str, Any]:
-        """Under public names."""
+        """The plan for JSON."""
         return {
             "procedure": self.procedure,
             "dry_run": True,
@@ -70,9 +70,13 @@ class Plan(Generic[S]):
 
 
 def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None = None) -> float:
-    """From the load before to the end of a point, with a steady load [s]; the first goes with a new sample.
+    """Expected time of a point, from the previous load to the end of its dwell [s].
 
-    `steps`: of the servo; None: as many as loads take that follow each other.
+    Args:
+        frequency: frequency of the load [Hz].
+        dwell: dwell [s].
+        first: whether the point is the first with a new sample.
+        steps: number of servo steps; None: the usual number.
     """
     reading = (READINGS - 1) * READING_INTERVAL
     if steps is None:
@@ -83,11 +87,12 @@ def point_seconds(frequency: float, dwell: float, first: bool, steps: int | None
 
 
 def expected_noise(design: Design, load: float, ratio: float) -> float:
-    """Relative standard uncertainty of the ratio after one second [√s], of films as noisy as is usual.
+    """Expected relative noise of the force ratio with usual noise in the films, after one second [√s].
 
     Args:
-        load: N, peak to peak.
-        ratio: the force ratio to be expected.
+        design: the sensor design.
+        load: load, peak to peak [N].
+        ratio: the expected force ratio.
     """
     teeth = len(design.teeth)
     square = 0.0

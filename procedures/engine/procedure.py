@@ -1,24 +1,24 @@
-"""What a procedure is: settings, a plan of steps, the work at each, and what is made of the points.
+"""The types of a procedure: its settings, its plan of steps, the work at each step, and the result of its points.
 
-How one is written, with the load sweep (`measurements/loads/`) as the example:
+A procedure is written as follows, with the load sweep (`measurements/loads/`) as the example:
 
 1. `result.py`: the point, a frozen dataclass whose fields are the names in the record; the result, which has `points`,
-   `budgets` and `summary()`; `evaluate`, a function of the points. It imports from `instrument` alone.
-2. `report.py`: how the result is shown, as a function that prints it and one that draws it into a folder.
+   `budgets` and `summary()`; and `evaluate`, a function of the points. It imports only from `instrument`.
+2. `report.py`: a function that prints the result, and one that draws it into a folder.
 3. `procedure.py`:
-   - the procedure, a frozen dataclass whose fields are the settings, in the order in which the record holds them. A
-     `Setting` (`engine/settings.py`) says the unit of each and what it is;
-   - `check` refuses what the bench cannot give, before any device is spoken to;
-   - `plan` lists the steps; each says `what` is measured, and in `group` what is set up before it;
+   - the procedure, a frozen dataclass whose fields are the settings, in the order of the record. A `Setting`
+     (`engine/settings.py`) gives the unit and the description of each;
+   - `check` refuses impossible settings before anything is sent to a device;
+   - `plan` lists the steps, each with `what` it measures, and the `group` of steps that share one set-up;
    - `begin` returns the work: `arrange` sets up a group, `take` measures one step, `end` leaves the bench at rest.
      Work under a dynamic load inherits from `measurements.loaded.Loaded`, which has films, servo and end;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
-5. Where fields do not suffice as options, a command of its own makes the procedure and gives it to
+5. If the fields do not suffice as options, a command of its own makes the procedure and passes it to
    `commands.procedures.measure`.
 
-The engine does the rest (`engine/conduct.py`): it stores each point before it tells of it, pauses, resumes and replays.
-A procedure holds nothing that changes; what stays set up from step to step is the work's.
+The engine does the rest (`engine/conduct.py`): it stores each point before it shows it, pauses, resumes and replays.
+A procedure never changes; the work holds the state from step to step.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ if TYPE_CHECKING:
 
 
 class Result(Protocol):
-    """What a procedure finds."""
+    """The result of a procedure."""
 
     @property
     def points(self) -> Sequence[DataclassInstance]:
-        """What was measured, under public names."""
+        """The measured points; their fields have the names of the record."""
 
     @property
     def budgets(self) -> Sequence[Budget | Propagated]:
-        """Of what is uncertain in it."""
+        """The uncertainty budgets of the result."""
 
     def summary(self) -> dict[str, Any]:
-        """It without its points, under public names."""
+        """The result for JSON, without its points."""
 
 
 S = TypeVar("S", bound=Step)
@@ -71,7 +71,13 @@ P_co = TypeVar("P_co", bound="DataclassInstance", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Found(Generic[P]):
-    """A result of points and of values by their public names, for a procedure that needs no class of its own."""
+    """A result for a procedure that needs no class of its own.
+
+    Attributes:
+        points: the measured points.
+        values: the other values, by their names in JSON.
+        budgets: the uncertainty budgets.
+    """
 
     points: Sequence[P]
     values: Mapping[str, object] = field(default_factory=dict)
@@ -83,7 +89,13 @@ class Found(Generic[P]):
 
 @dataclass(frozen=True, slots=True)
 class Taken(Generic[P_co]):
-    """A measured point with its waveforms. `error`: is raised once the point is stored, as it ends the run."""
+    """A measured step.
+
+    Attributes:
+        point: the point.
+        waveforms: its waveforms, by name.
+        error: an error that ends the run; it is raised once the point is stored.
+    """
 
     point: P_co
     waveforms: Waveforms = field(default_factory=dict)
@@ -91,21 +103,26 @@ class Taken(Generic[P_co]):
 
 
 class Work(Protocol[S_contra, P_co]):
-    """What stays set up on the bench from step to step."""
+    """The work of a procedure on the bench, which holds the state from step to step."""
 
     def arrange(self, step: S_contra) -> None:
-        """Set up what a group of steps has in common: mount a sample, press on it. Called before its first step."""
+        """Set up what a group of steps shares, such as a mounted sample. Called before the first step of the group."""
 
     def take(self, step: S_contra) -> Taken[P_co]:
         """Measure one step."""
 
     def end(self) -> None:
-        """Leave the bench at rest, and check what must not have changed."""
+        """Leave the bench at rest, and check that it has not drifted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loads:
-    """Loads that the load cell must tell by its calibration [N, peak to peak], unless it may `extrapolate`."""
+    """Loads that the load cell's calibration must cover.
+
+    Attributes:
+        values: loads, peak to peak [N].
+        extrapolate: True: loads outside the calibrated range are allowed.
+    """
 
     values: Sequence[float]
     extrapolate: bool = False
@@ -113,7 +130,12 @@ class Loads:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """How a result is shown. `show` prints it, with where its files are; `draw` makes a plot in a folder."""
+    """How a result is shown.
+
+    Attributes:
+        show: prints the result, given its outcome and the path of its plot.
+        draw: draws a plot into a folder; returns its path.
+    """
 
     show: Callable[[Outcome, Path], None]
     draw: Callable[[Path], Path]
@@ -121,7 +143,14 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Finished(Generic[R]):
-    """A run that was taken to its end, and what was found."""
+    """A complete run with its result.
+
+    Attributes:
+        procedure: the procedure.
+        result: its result.
+        session: the recorded run on the open bench.
+        outcome: the keys that every result has in JSON.
+    """
 
     procedure: Procedure[Any, Any, R]
     result: R
@@ -130,17 +159,17 @@ class Finished(Generic[R]):
 
     @property
     def folder(self) -> Path:
-        """Where the run lies."""
+        """The run's folder."""
         return self.session.record.folder
 
     @property
     def replayed(self) -> bool:
-        """Whether it was done on the traffic of a log: then nothing is kept for later runs."""
+        """Whether the run was replayed from a bus log; then no calibration is stored for later runs."""
         return self.session.opened.chosen.logged is not None
 
     @property
     def run(self) -> Run:
-        """The run as it is on disk. Raises RecordError."""
+        """The run on disk. Raises RecordError: it cannot be read."""
         return Run.open(self.folder)
 
     def plot(self) -> Path | None:
@@ -151,17 +180,19 @@ class Finished(Generic[R]):
 
 @dataclass(frozen=True)
 class Procedure(ABC, Generic[S, P, R]):
-    """Something to measure on a bench: steps `S`, points `P`, a result `R`. A frozen dataclass; fields are settings.
+    """A measurement on a bench, as a frozen dataclass whose fields are its settings.
+
+    Its type parameters are the classes of its steps `S`, of its points `P` and of its result `R`.
 
     Attributes:
-        name: of its runs.
+        name: name of the procedure, in records and commands.
         point: class of its points.
-        calibrating: what it calibrates, whose calibration it does not need.
-        continues: on a real bench it can go on at any point; else what came before has to be measured anew.
-        pausable: outputs may rest before any step, which sets its load anew.
-        by_hand: what a person does in it beside mounting samples, as "places weights"; "": nothing.
-        constants: what the record says beside the settings.
-        added: settings that records of older versions lack; every other one must be in a record that goes on.
+        calibrating: what it calibrates, so that it needs no stored calibration of it; None: nothing.
+        continues: True: a run on a real bench can be resumed at any point; False: its points must be taken in one run.
+        pausable: True: outputs may go to zero before any step, because each step sets its load again.
+        by_hand: what a person does in addition to mounting samples, as "places weights"; empty: nothing.
+        constants: entries of the record in addition to the settings.
+        added: settings that records of older versions lack; a record must have all others to be resumed.
     """
 
     name: ClassVar[str]
@@ -175,7 +206,7 @@ class Procedure(ABC, Generic[S, P, R]):
 
     @classmethod
     def recorded(cls, run: Run) -> Self:
-        """The procedure of a run, with its settings. Raises RecordError: they are of another version."""
+        """The procedure of a run, with its settings. Raises RecordError: another version recorded the settings."""
         given = run.header["settings"]
         asked = {each.name for each in fields(cls)} - cls.added
         if isinstance(given, dict) and (lacking := asked - given.keys()):
@@ -186,36 +217,36 @@ class Procedure(ABC, Generic[S, P, R]):
         return settings_of(run, cls)
 
     def check(self, target: Target) -> None:
-        """Refuse what the bench cannot give, before any device is spoken to. Raises RangeError, UnknownName."""
+        """Check the settings before anything is sent to a device. Raises RangeError, UnknownName."""
 
     def loads_to_tell(self) -> Loads | None:
-        """What its load cell must tell; None: no loads, or they are not known before."""
+        """The loads that the load cell's calibration must cover; None: there are none, or they are not known yet."""
         return None
 
     @abstractmethod
     def plan(self, target: Target) -> Plan[S]:
-        """Every step, in order, with the time and the uncertainty to be expected."""
+        """All steps in order, each with its expected time and uncertainty."""
 
     @abstractmethod
     def begin(self, lab: Lab, record: Recorder) -> Work[S, P]:
-        """Set up what all steps have in common. `record` takes events."""
+        """Set up what all steps share, and return the work. `record` takes events."""
 
     @abstractmethod
     def evaluate(self, points: Sequence[P], lab: Lab) -> R:
-        """What the points tell. Raises EstimateError: nothing."""
+        """Compute the result from the points. Raises EstimateError: they give no result."""
 
     def keep(self, done: Finished[R]) -> Kept:
-        """Keep a calibration for later runs; what the outcome then says in addition. Raises RecordError."""
+        """Store a calibration for later runs; returns keys to add to the outcome. Raises RecordError."""
         return {}
 
     def report(self, result: R, lab: Lab) -> Report | None:
-        """How the result is shown; None: as a table of its points."""
+        """How to show the result; None: as a table of its points."""
         return None
 
     def judge(self, result: R) -> None:
-        """Refuse a result from which nothing can be concluded. The engine asks when the result has been told.
+        """Refuse a result that permits no conclusion; the engine calls it after the result was shown.
 
-        By default a result whose points are valid or not must have a valid one. Raises EstimateError.
+        By default at least one point must be valid, if points say whether they are. Raises EstimateError.
         """
         if judged := [point for point in result.points if isinstance(point, Judged)]:
             check_some_valid(judged)

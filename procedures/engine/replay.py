@@ -1,4 +1,4 @@
-"""A recorded run that is done again on the traffic of its log."""
+"""Repeats a recorded run from its bus log."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from palpate.procedures.lab.open import Chosen
 
 
 def replay(log: str | Path, out: str | Path | None = None, *, progress: Progress = silent) -> Finished[Result]:
-    """Do the run of a log again: the drivers hear what they heard then. No device, nobody and no time is needed.
+    """Repeat the run of a bus log: the drivers receive the logged answers, without devices, operator or waiting.
 
     Args:
         log: the .pcapng file of a log, or the CAN file beside it.
         out: folder of the new run; None: a new one in the store.
 
     Raises:
-        UsageError: its procedure is not known. ConfigError: it is damaged, or of another palpate.
+        UsageError: its procedure is not known.
+        ConfigError: the log is damaged, or another version of palpate wrote it.
     """
     logged = LoggedRun(Path(log))
     procedure = class_of(logged.run, "replayed").recorded(logged.run)
@@ -29,13 +30,13 @@ def replay(log: str | Path, out: str | Path | None = None, *, progress: Progress
 
 
 def do_again(procedure: Procedure[S, P, R], logged: LoggedRun, out: Path | None, progress: Progress) -> Finished[R]:
-    """Carry out the procedure of a log on its traffic.
+    """Carry out the procedure of a bus log, with the logged answers.
 
     Raises:
-        ConfigError: the procedure asks for what the log does not hold at that place.
+        ConfigError: the procedure sends a request that the log does not have at this place.
     """
     try:
         return open_and_run(procedure, Chosen.of_log(logged), out=out, progress=progress)
     except PalpateError as error:
-        error.__notes__ = []  # on outputs that cannot be switched off: there are none
+        error.__notes__ = []  # drops notes about outputs that could not be switched off, because a log has none
         raise

@@ -1,4 +1,4 @@
-"""A run that was killed, stopped or failed goes on."""
+"""Goes on with a run that was killed, stopped or failed."""
 
 from __future__ import annotations
 
@@ -119,7 +119,8 @@ def go_on(
 
     Raises:
         UsageError: the run is complete, or the bench has changed and that is not accepted.
-        RecordError: it is damaged. And as `open_and_run`.
+        RecordError: the run is damaged.
+        Others as `open_and_run` raises them.
     """
     record = Resumed(run, replay=run.header["scene"] is not None, accept=accept_change)
     try:
@@ -130,7 +131,7 @@ def go_on(
 
 
 def _bench_of(run: Run, bench: Path | None, assume_mounted: bool) -> Chosen:
-    """The bench of a run: of its own files, which a run that was killed at its start may lack."""
+    """The bench of a run, by the run's own files, which are written now if the run was killed before it wrote them."""
     scene: Any = run.header["scene"]
     path = run.folder / ("scene.toml" if scene else "bench.toml")
     if not path.exists():

@@ -1,4 +1,4 @@
-"""A procedure as a recorded run: on an open bench, or from choosing the bench to the end of its record."""
+"""Runs a procedure and records it, on an open bench, or on one that is opened for it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from palpate.procedures.steps.pause import NOBODY, Pause, PausedAgain
 
 
 def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = True) -> str:
-    """Raise what a procedure refuses before a bench is opened, and, `by_store`, loads that no calibration tells.
+    """Check a procedure before a bench is opened: its settings and, with `by_store`, its loads against calibrations.
 
-    Returns what may refuse it yet when the bench is open, "" where nothing is known.
+    Returns: a note about what may still be refused once the bench is open; empty if nothing is known. Raises what the
+    checks raise.
     """
     check_settings(procedure)
     procedure.check(target)
@@ -32,12 +33,12 @@ def refuse(procedure: Procedure[S, P, R], target: Target, *, by_store: bool = Tr
         simulated = target.model is not None
         stored = check_store(loads.values, loads.extrapolate, simulated, datetime.now(UTC).date())
         if not (stored or simulated):
-            return "no stored calibration of a real bench tells these loads: run palpate calibrate load-cell there"
+            return "no stored calibration of a real bench covers these loads: run palpate calibrate load-cell there"
     return ""
 
 
 def plan(procedure: Procedure[S, P, R], bench: OpenBench) -> Plan[S]:
-    """What a procedure would do on an open bench; nothing is sent. Raises what it refuses."""
+    """The plan of a procedure on an open bench; nothing is sent. Raises what the procedure's checks raise."""
     refuse(procedure, bench.target)
     return procedure.plan(bench.target)
 
@@ -50,17 +51,20 @@ def run(
     progress: Progress = silent,
     pause: Pause = NOBODY,
 ) -> Finished[R]:
-    """Carry out a procedure on an open bench and record it; a calibration that comes out is kept for later runs.
+    """Carry out a procedure on an open bench and record it. A resulting calibration is stored for later runs.
 
     Args:
+        procedure: the procedure.
+        bench: the open bench.
         out: folder of the run, new or empty; None: a new one in the store ($PALPATE_STORE, or runs/).
-        progress: is called with the points that are done, the points in all, and what is done now.
-        pause: is asked before each point.
+        progress: called with the number of finished points, of all points, and what is done now.
+        pause: asked before each point whether to pause.
 
     Raises:
-        UsageError, RangeError, UnknownName: what the bench cannot give; nothing was sent.
-        BenchError: the bench could not; its outputs are off and it is closed. `resume` goes on with the run.
-        EstimateError: the points give no result. RecordError: the disk could not.
+        UsageError, RangeError, UnknownName: a setting is impossible on this bench; nothing was sent.
+        BenchError: the bench failed; its outputs are off and it is closed. `resume` goes on with the run.
+        EstimateError: the points give no result.
+        RecordError: the run cannot be written.
     """
     refuse(procedure, bench.target)
     with result_folder(None if out is None else Path(out), procedure.name, datetime.now(UTC)) as folder:
@@ -69,7 +73,7 @@ def run(
 
 
 def concluded(procedure: Procedure[S, P, R], done: Finished[R]) -> Finished[R]:
-    """A finished run whose calibration is kept. Raises EstimateError: nothing can be concluded from it."""
+    """Store the calibration of a finished run, and judge its result. Raises EstimateError: it permits no conclusion."""
     procedure.keep(done)
     procedure.judge(done.result)
     return done
@@ -85,9 +89,9 @@ def open_and_run(
     pause: Pause = NOBODY,
     resumed: Resumed | None = None,
 ) -> Finished[R]:
-    """Open a bench, carry out a procedure on it, or go on with one, and close it.
+    """Open a bench, carry out a procedure on it or go on with one, and close the bench.
 
-    What can be refused is refused before the bench is opened. Raises as `run`.
+    All checks that need no open bench come before it is opened. Raises as `run` does.
     """
     refuse(procedure, chosen.target, by_store=chosen.logged is None)
     chosen.mounting(procedure.by_hand)
@@ -107,7 +111,7 @@ def record_run(
     pause: Pause,
     resumed: Resumed | None = None,
 ) -> Finished[R]:
-    """Carry out a procedure on an open bench, recorded in a folder, or go on with one."""
+    """Carry out a procedure on an open bench and record it in a folder, or go on with a run."""
     with recording(
         bench,
         procedure.name,

@@ -1,4 +1,4 @@
-"""The settings of a procedure: what its fields mean, held to their types, and read of a text.
+"""The settings of a procedure: their units and descriptions, checks of their types, and reading them from texts.
 
 load: Annotated[float, Setting("N", "Load, peak to peak.")] = 2.0
 
@@ -20,19 +20,19 @@ from palpate.instrument.quantity import parse, show
 from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.steps.checks import parse_steps
 
-SHOWN = 6  # values of a default that a help text lists
+SHOWN = 6  # greatest number of values of a default in a help text
 EXAMPLE = "1 {0}:3 {0}:0.5 {0}"
 KINDS = "a float, int, bool, str, Literal of texts, a tuple[..., ...] of one of them, or one of them or None"
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a field of a procedure means.
+    """The meaning of a procedure's field.
 
     Attributes:
-        unit: of its numbers; "": they are plain.
-        help: a sentence for people.
-        read: makes its value of a text, where it is of another kind than text, number or yes and no.
+        unit: unit of its numbers; empty: plain numbers.
+        help: a sentence that describes it, for people.
+        read: makes its value from a text; needed for values that are no text, number or bool.
     """
 
     unit: str = ""
@@ -45,10 +45,13 @@ class Asked:
     """A field of a procedure that can be given as text.
 
     Attributes:
-        kind: of its value, or of each value where there are `many`; `str` where the setting reads it.
-        choices: texts that it may be; (): any.
-        default: as text for people; "": there is none.
-        required: it must be given.
+        name: name of the field.
+        kind: type of its value, or of each value of a list; `str` if the setting reads it.
+        many: whether it is a list.
+        choices: the allowed texts; empty: any.
+        setting: its unit and description.
+        default: its default as a text for people; empty: it has none.
+        required: whether it must be given.
     """
 
     name: str
@@ -60,7 +63,7 @@ class Asked:
     required: bool
 
     def value(self, text: str) -> object:
-        """What a text means. Raises QuantityError, RangeError, UnknownName: this field cannot be that."""
+        """The value that a text stands for. Raises QuantityError, RangeError, UnknownName: the text is not allowed."""
         if not self.many:
             return self._one(text)
         if self.kind is float and ":" in text:
@@ -83,12 +86,10 @@ class Asked:
 
 
 def check_settings(procedure: Procedure[S, P, R]) -> None:
-    """Refuse a setting whose type is not that of its field; a list counts as a tuple.
-
-    A setting that is empty is refused, too, unless that is its default.
+    """Check that each setting has the type of its field (a list counts as a tuple), and is not empty by mistake.
 
     Raises:
-        UsageError: a setting is wrong, or there is no procedure at all.
+        UsageError: a setting has a wrong type, or is empty although its default is not; or `procedure` is no procedure.
     """
     if not isinstance(procedure, Procedure):
         raise UsageError(f"{procedure!r} is no procedure; give an object of one, such as LoadSweep(loads=(2.0,))")
@@ -110,11 +111,11 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
 
 
 def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
-    """The settings of a procedure, in its order. Raises ConfigError: one cannot be given as text."""
+    """The settings of a procedure, in the order of its fields. Raises ConfigError: one cannot be given as text."""
     who = f"procedure {kind.name!r} ({kind.__module__}.{kind.__qualname__})"
     try:
         hints = get_type_hints(kind, include_extras=True)
-    except Exception as error:  # whatever stands in an annotation
+    except Exception as error:  # evaluating an annotation can raise anything
         raise ConfigError(
             f"{who}: its annotations cannot be read ({error}); import what they name at the top of its module"
         ) from error
@@ -128,7 +129,7 @@ def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[Asked, ...]:
 
 
 def made(kind: type[Procedure[S, P, R]], values: Mapping[str, object]) -> Procedure[S, P, R]:
-    """A procedure with these settings, the others at their defaults. Raises UsageError: it refuses them."""
+    """A procedure with these settings, and defaults for the others. Raises UsageError: it refuses them."""
     make: Callable[..., Procedure[S, P, R]] = kind
     try:
         return make(**values)
@@ -168,7 +169,7 @@ def _asked(field: Field[object], hint: object, who: str) -> Asked:
 
 
 def _unwrapped(hint: object) -> tuple[object, Setting | None]:
-    """A kind without `| None` and what it is annotated with; its first Setting."""
+    """A type without `| None` and annotations, and the first Setting among its annotations."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
         bare, own = _unwrapped(inner)

@@ -1,4 +1,4 @@
-"""A bus log as people read it: names, values and units of the contracts."""
+"""Decodes a bus log for people, with names, values and units of the contracts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate.instrument.contracts.contract import Contract, sdo
 from palpate.instrument.errors import ConfigError, PalpateError, UsageError
 
 NODE = sensor_node.CONTRACT
-NODE_BITS = 0x7F  # of an identifier
+NODE_BITS = 0x7F  # bits of an identifier that hold the node id
 NMT, SYNC, EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x600, 0x700
 COMMANDS = {1: "start", 2: "stop", 0x80: "enter pre-operational", 0x81: "reset node", 0x82: "reset communication"}
 STATES = {0: "boot-up", 4: "stopped", 5: "operational", 0x7F: "pre-operational"}
@@ -27,7 +27,14 @@ READ, WRITE_ONE, WRITE_MANY, IDENTIFY, EXCEPTION = 3, 6, 16, 43, 0x80
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One message: `time` in s of the epoch, who said or got it, what; `raw` in hexadecimal digits."""
+    """One message for people.
+
+    Attributes:
+        time: time since 1970 (UTC) [s].
+        who: the device that sent or received it.
+        text: its decoded content.
+        raw: its bytes in hexadecimal digits.
+    """
 
     time: float
     who: str
@@ -39,7 +46,8 @@ def read_log(path: Path) -> Iterator[Line]:
     """The messages of a log, in their order.
 
     Raises:
-        UsageError: not the name of a log, or it cannot be read. ConfigError: it is damaged, says where.
+        UsageError: the file is no log, or cannot be read.
+        ConfigError: the log is damaged; the message says where.
     """
     try:
         if logged(path).suffix.lower() == WHOLE_FORMAT:
@@ -49,11 +57,11 @@ def read_log(path: Path) -> Iterator[Line]:
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
     except (ValueError, struct.error) as error:
-        raise ConfigError(f"{path}: damaged: {error}; what stands before it is good") from error
+        raise ConfigError(f"{path}: damaged: {error}; the messages before the damage are good") from error
 
 
 def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
-    asked: dict[str, tuple[int, int]] = {}  # function and address of the last request to each
+    asked: dict[str, tuple[int, int]] = {}  # function and address of the last request to each device
     for packet in packets:
         if packet.link is Link.CAN:
             yield _frame(frame_of(packet), _contract(packet.who) or NODE)
@@ -62,7 +70,7 @@ def _messages(packets: Iterator[Packet]) -> Iterator[Line]:
 
 
 def described(packet: Packet) -> str:
-    """One packet as people read it."""
+    """Decode one packet for people."""
     if packet.link is Link.NOTE:
         return f"a look at the {packet.who}"
     line = _frame(frame_of(packet), _contract(packet.who) or NODE) if packet.link is Link.CAN else _modbus(packet, {})
@@ -83,7 +91,7 @@ def _modbus(packet: Packet, asked: dict[str, tuple[int, int]]) -> Line:
 
 
 def _contract(who: str) -> Contract | None:
-    """Of a device by what a log calls it; None: its package is not installed here."""
+    """The contract of a device, from its name in a log; None: the package of its kind is not installed."""
     try:
         return device_kind(kind_called(who)).contract
     except PalpateError:

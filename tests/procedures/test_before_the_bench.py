@@ -96,7 +96,7 @@ def test_a_dry_run_says_that_a_real_bench_has_no_calibration_yet(palpate: Palpat
     """Only the open bench tells whether it is real."""
     Path("lab.toml").write_bytes(BENCH)
     rehearsed = ("sweep", "loads", "--bench", "lab.toml", "--dry-run", "--json")
-    note = "no stored calibration of a real bench tells these loads: run palpate calibrate load-cell there"
+    note = "no stored calibration of a real bench covers these loads: run palpate calibrate load-cell there"
     assert palpate(*rehearsed).err == f"palpate: note: {note}\n"
     stored("SIM-SI-0001")
     assert palpate(*rehearsed).err == f"palpate: note: {note}\n"
