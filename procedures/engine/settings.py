@@ -163,7 +163,10 @@ def _asked(field: Field[object], hint: object, who: str) -> Asked:
     setting = setting or Setting()
     if setting.unit and kind is not float:
         raise ConfigError(f"{where} is of kind {kind.__name__} and has the unit {setting.unit!r}; make it a float")
-    default = field.default_factory() if field.default_factory is not MISSING else field.default
+    try:
+        default = field.default_factory() if field.default_factory is not MISSING else field.default
+    except Exception as error:  # whatever a package does there
+        raise ConfigError(f"{where} has no default: its factory fails ({type(error).__name__}: {error})") from error
     required = default is MISSING
     return Asked(field.name, kind, many, choices, setting, "" if required else _shown(default, setting.unit), required)
 

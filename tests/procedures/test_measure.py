@@ -157,7 +157,7 @@ def test_a_wrong_word_is_named_with_its_option(
     assert message in refused(palpate("measure", *words), benches)
 
 
-HEAD = "from dataclasses import dataclass\nfrom typing import Annotated, Literal\nfrom palpate import *\n"
+HEAD = "from dataclasses import dataclass, field\nfrom typing import Annotated, Literal\nfrom palpate import *\n"
 KIND = "\n@dataclass(frozen=True)\nclass Odd(Procedure):\n    name = 'odd'\n"
 WRONG = {
     "    curve: dict[str, float]": "field 'curve' is of kind dict[str, float], which `palpate measure` cannot ask for",
@@ -167,6 +167,7 @@ WRONG = {
     "    seed: int = 1": "field 'seed' cannot be the option --seed, which the command has already; give the field",
     "    a_b: int\n    _a_b: int": "field '_a_b' cannot be the option --a-b, which the command has already",
     "    lost: Nowhere": "its annotations cannot be read (name 'Nowhere' is not defined); import what they name",
+    "    made: int = field(default_factory=lambda: 1 // 0)": "field 'made' has no default: its factory fails (Zero",
     "class Odd(Odd):\n    load: int = 3": "'load' is no field of a dataclass; put @dataclass(frozen=True) above the",
     "    def __post_init__(self): raise ValueError('not today')": "procedure 'odd': not today",
     "    load: int = 3": "procedure 'odd': Can't instantiate abstract class Odd",
