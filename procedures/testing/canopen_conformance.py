@@ -6,7 +6,7 @@ import queue
 import re
 import threading
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any
 
 import can
 import pytest
@@ -16,9 +16,8 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.instrument.contracts.contract import Field
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
-from palpate.procedures.testing.guest import NAME, guest_scene
+from palpate.procedures.testing.conformance import Conformance, first
 from palpate.procedures.testing.limits import inside, number, outside, outside_raw, settings, writable
-from palpate.procedures.testing.modbus_conformance import first
 from palpate.procedures.testing.wire import frames, impatient_node, transfers
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
@@ -29,20 +28,8 @@ GENERAL_ERROR = 0x0800_0000
 SWAPPED_PROBE = 0x78563412
 
 
-class CanopenConformance:
+class CanopenConformance(Conformance):
     """Tests of a driver and its simulated node, over a CAN bus."""
-
-    kind: ClassVar[str] = ""  # device kind of an installed package; tests of palpate's own devices override `ends`
-
-    @staticmethod
-    def ends(bench: Bench, sim: SimulatedBench) -> tuple[CanopenDevice, SimulatedNode]:
-        return bench.device(NAME), sim.devices[NAME]
-
-    @pytest.fixture(scope="class")
-    @classmethod
-    def sim(cls) -> Iterator[SimulatedBench]:
-        with SimulatedBench(guest_scene(cls.kind)) as simulated:
-            yield simulated
 
     @pytest.fixture(scope="class")
     @classmethod
@@ -51,22 +38,11 @@ class CanopenConformance:
         with can.Bus(interface="virtual", channel=sim.channel) as bus:
             yield bus
 
-    @pytest.fixture(scope="class")
-    @classmethod
-    def bench(cls, sim: SimulatedBench, listener: can.BusABC) -> Iterator[Bench]:
-        """One bench for all tests of a device; each test leaves it unchanged."""
-        with Bench(sim.description, sim.clock, sim.operator) as opened:
-            yield opened
-
     @pytest.fixture
     def node(self, listener: can.BusABC, bench: Bench, sim: SimulatedBench) -> CanopenDevice:
-        node = self.ends(bench, sim)[0]
+        node: CanopenDevice = self.ends(bench, sim)[0]
         frames(listener)
         return node
-
-    @pytest.fixture
-    def simulated(self, bench: Bench, sim: SimulatedBench) -> SimulatedNode:
-        return self.ends(bench, sim)[1]
 
     @staticmethod
     def abort_code(node: CanopenDevice, field: Field, data: bytes) -> int:

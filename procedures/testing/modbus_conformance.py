@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import ClassVar, TypeVar
 
 import pytest
 from pymodbus.exceptions import ModbusIOException
@@ -15,7 +14,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.contracts.contract import PROBE, Identity
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
-from palpate.procedures.testing.guest import NAME, guest_scene
+from palpate.procedures.testing.conformance import Conformance, first
 from palpate.procedures.testing.limits import inside, number, outside, outside_raw, settings, writable
 from palpate.procedures.testing.wire import Wire, impatient, listen
 from palpate.simulators.bench import SimulatedBench
@@ -25,45 +24,13 @@ ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 SWAPPED_PROBE = 0x56781234
 
 
-T = TypeVar("T")
-
-
-def first(found: Sequence[T], what: str) -> T:
-    """The first element; skips the test if there is none, because the device cannot be tested for this."""
-    if not found:
-        pytest.skip(f"the contract has no {what}")
-    return found[0]
-
-
-class ModbusConformance:
+class ModbusConformance(Conformance):
     """Tests of a driver and its simulated device, through the bench and over the wire."""
-
-    kind: ClassVar[str] = ""  # device kind of an installed package; tests of palpate's own devices override `ends`
-
-    @staticmethod
-    def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
-        return bench.device(NAME), sim.devices[NAME]
-
-    @pytest.fixture(scope="class")
-    @classmethod
-    def sim(cls) -> Iterator[SimulatedBench]:
-        with SimulatedBench(guest_scene(cls.kind)) as simulated:
-            yield simulated
-
-    @pytest.fixture(scope="class")
-    @classmethod
-    def bench(cls, sim: SimulatedBench) -> Iterator[Bench]:
-        """One bench for all tests of a device; each test leaves it unchanged."""
-        with Bench(sim.description, sim.clock, sim.operator) as opened:
-            yield opened
 
     @pytest.fixture
     def device(self, bench: Bench, sim: SimulatedBench) -> ModbusDevice:
-        return self.ends(bench, sim)[0]
-
-    @pytest.fixture
-    def simulated(self, bench: Bench, sim: SimulatedBench) -> SimulatedDevice:
-        return self.ends(bench, sim)[1]
+        device: ModbusDevice = self.ends(bench, sim)[0]
+        return device
 
     @pytest.fixture
     def wire(self, device: ModbusDevice, monkeypatch: pytest.MonkeyPatch) -> Wire:
@@ -158,17 +125,17 @@ class ModbusConformance:
         self, device: ModbusDevice, simulated: SimulatedDevice, write: Callable[[int, list[int]], int]
     ) -> None:
         """Of two adjacent fields in one write, the first value is allowed, and the second is not."""
-        for first, second in zip(device.contract.fields, device.contract.fields[1:], strict=False):
-            adjacent = second.address == first.address + first.size // 2
-            if not adjacent or first not in settings(device.contract) or not outside_raw(second):
+        for one, other in zip(device.contract.fields, device.contract.fields[1:], strict=False):
+            adjacent = other.address == one.address + one.size // 2
+            if not adjacent or one not in settings(device.contract) or not outside_raw(other):
                 continue
             before = dict(simulated.settings)
-            good = device.contract.encode(first.name, inside(first)[-1])
-            bad = outside_raw(second)[-1][0].to_bytes(second.size)
+            good = device.contract.encode(one.name, inside(one)[-1])
+            bad = outside_raw(other)[-1][0].to_bytes(other.size)
             data = good + bad
-            refusal = write(first.address, [int.from_bytes(data[i : i + 2]) for i in range(0, len(data), 2)])
-            assert refusal in (ILLEGAL_VALUE, ILLEGAL_ADDRESS), (first.name, second.name)
-            assert simulated.settings[first.name] == before[first.name]
+            refusal = write(one.address, [int.from_bytes(data[i : i + 2]) for i in range(0, len(data), 2)])
+            assert refusal in (ILLEGAL_VALUE, ILLEGAL_ADDRESS), (one.name, other.name)
+            assert simulated.settings[one.name] == before[one.name]
 
     def test_the_device_refuses_an_unknown_address(
         self, device: ModbusDevice, write: Callable[[int, list[int]], int]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.places import places, struck
 from palpate.simulators.planning.settle import with_faults
 
-STRIKES = 4  # number of the request that a fault strikes, because the first ones identify the device
+STRIKES = 4  # number of the request that a fault strikes; the first ones identify the device
 
 
 class OnTheBench:
@@ -44,10 +43,12 @@ class OnTheBench:
         assert kinds, f"no fault can strike a {self.kind}"
         for kind in kinds:
             faulty = with_faults(scene, [{"kind": kind, "on": NAME, "transaction": STRIKES}])
-            with SimulatedBench(faulty) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-                device = bench.device(NAME)
-                with suppress(BenchError):
-                    for _ in range(2 * STRIKES):
-                        device.get("probe")
+            with SimulatedBench(faulty) as sim:
+                try:
+                    with Bench(sim.description, sim.clock, sim.operator) as bench:
+                        for _ in range(2 * STRIKES):
+                            bench.device(NAME).get("probe")
+                except BenchError as error:
+                    assert device_kind(self.kind).contract.title in str(error), kind
                 assert sim.injection.given[0].told().endswith("once"), kind
         assert device_kind(self.kind).simulator
