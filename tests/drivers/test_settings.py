@@ -291,3 +291,23 @@ def test_an_amplifier_is_given_up_only_when_all_outputs_are_off(
 
 def _fails() -> None:
     raise DeviceError("it is stuck")
+
+
+def test_a_bench_says_whether_it_is_open(sim: SimulatedBench) -> None:
+    bench = open_bench(sim)
+    assert not bench.is_open
+    with bench:
+        assert bench.is_open
+    assert not bench.is_open
+
+
+def test_a_bench_that_cannot_be_opened_gives_its_amplifier_up(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the next program would have to wait for the watchdog."""
+    bench = open_bench(sim)
+    monkeypatch.setattr(bench.device("positioner"), "connect", _fails)
+    with pytest.raises(DeviceError, match="it is stuck"):
+        bench.__enter__()
+    assert sim.amplifier._owner.token == 0
+    assert not bench.is_open

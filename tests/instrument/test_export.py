@@ -18,8 +18,9 @@ import pytest
 from canopen.objectdictionary import datatypes
 
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import Contract, Field, Pdo
+from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
 from palpate.instrument.contracts.export import bench_dbc, export_contracts, node_eds, register_table
+from palpate.instrument.contracts.object_dictionary import object_dictionary
 from palpate.instrument.errors import RecordError, UsageError
 
 NODE = CONTRACTS["sensor_node"]
@@ -293,3 +294,31 @@ def test_without_the_library_of_a_dbc_nothing_is_written(tmp_path: Path, monkeyp
     with pytest.raises(UsageError, match=r"cantools cannot be imported .*pip install 'palpate\[dbc\]'"):
         export_contracts(tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("limits", [{"minimum": -40.0}, {"maximum": 125.0}])
+def test_a_field_with_one_limit_has_those_of_its_width_in_the_dbc(limits: dict[str, float]) -> None:
+    warm = Field("warm", 0x400001, "int16", "temperature", "degC", 0.1, **limits)  # type: ignore[arg-type]
+    node = replace(NODE, fields=(*NODE.fields, warm), pdos=(Pdo("heat", 0x180, ("warm",)),))
+    dbc: Any = cantools.database.load_string(bench_dbc(node), "dbc")
+    (signal,) = dbc.get_message_by_name("SN01_heat").signals
+    assert (signal.minimum, signal.maximum) == (pytest.approx(-3276.8), pytest.approx(3276.7))
+
+
+def test_objects_of_the_eds_are_variables_records_or_arrays_by_index_and_subindices() -> None:
+    """A variable where subindex 0 alone is declared; below 2000h (communication, CiA 301) a record, else an array."""
+    fields = (
+        Field("lone", sdo(0x1F00), "uint8", "alone"),
+        Field("first_1", sdo(0x1F01, 1), "uint8", "alone behind its number"),
+        Field("own_1", sdo(0x2000, 1), "uint16", "of ours", minimum=1),
+        Field("own_2", sdo(0x2000, 2), "uint16", "of ours", minimum=1, maximum=9, default=2),
+    )
+    dictionary = object_dictionary(replace(NODE, fields=fields, pdos=()))
+    kinds = {index: type(item).__name__ for index, item in dictionary.items()}
+    assert kinds == {0x1F00: "ODVariable", 0x1F01: "ODRecord", 0x2000: "ODArray"}
+    assert (dictionary[0x1F01].name, dictionary[0x2000].name) == ("first", "own")
+    assert dictionary[0x1F01][0].default == 1
+    assert dictionary[0x2000][0].default == 2
+    one, two = dictionary[0x2000][1], dictionary[0x2000][2]
+    assert ((one.min, one.max), (two.min, two.max, two.default)) == ((None, None), (1, 9, 2))
+    assert [variable.pdo_mappable for variable in (one, two)] == [False, False]
