@@ -1,4 +1,4 @@
-"""A command that makes a procedure of its settings, which is then carried out."""
+"""The decorator of commands that return a procedure: it plans the procedure or carries it out."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
 
 def conducts(scene: str | None = None) -> Callable[[Callable[..., Procedure[S, P, R]]], Callable[..., None]]:
-    """Carry out the procedure that a command makes of its settings, on the bench of its options.
+    """Carry out the procedure that a command returns, on the bench of its options; with --dry-run, only plan it.
 
-    With --dry-run it is planned alone. `scene`: simulated where neither a scene nor a bench is named.
+    Args:
+        scene: scene that is simulated if the options name neither a scene nor a bench; None: the usual one.
     """
 
     def decorated(command: Callable[..., Procedure[S, P, R]]) -> Callable[..., None]:

@@ -14,8 +14,8 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
      Work under a dynamic load inherits from `measurements.loaded.Loaded`, which has films, servo and end;
    - `evaluate` and `report` call the functions of 1 and 2.
 4. Its name goes into `engine/known.py`: then its runs resume and replay, and `palpate measure` makes a command of it.
-5. If the fields do not suffice as options, a command of its own makes the procedure and passes it to
-   `commands.procedures.measure`.
+5. If the fields do not suffice as options, a command of its own makes the procedure of its options; the decorator
+   `commands.conducts.conducts` carries it out.
 
 The engine does the rest (`engine/conduct.py`): it stores each point before it shows it, pauses, resumes and replays.
 A procedure never changes; the work holds the state from step to step.
