@@ -35,8 +35,8 @@ from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.open import Calibrating
 from palpate.procedures.lab.session import Kept, Outcome, Session
 from palpate.procedures.records.encoding import Waveforms
+from palpate.procedures.records.headers import settings_of
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.flags import Judged, check_some_valid
 

@@ -12,8 +12,9 @@ from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
 from palpate.procedures.engine.run import concluded, open_and_run
 from palpate.procedures.lab.open import Chosen, choose
 from palpate.procedures.lab.store import store
+from palpate.procedures.records.headers import header_of
 from palpate.procedures.records.record import put_file
-from palpate.procedures.records.resumed import Resumed, header_of
+from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_list import find_run
 from palpate.procedures.steps.pause import NOBODY, Pause

@@ -9,49 +9,27 @@ from __future__ import annotations
 
 import contextlib
 import json
-import tomllib
 from collections import deque
-from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from palpate.instrument.bench.comparison import compared
-from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.config import check as checked
-from palpate.instrument.errors import ConfigError, RecordError, UsageError
+from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.arithmetic import ALIKE, alike, same_arithmetic
 from palpate.procedures.records.check import check
 from palpate.procedures.records.encoding import Waveforms, as_json, encoded
+from palpate.procedures.records.headers import changes, header_of, values_of
 from palpate.procedures.records.record import PAUSED, Recorder, begin
 from palpate.procedures.records.record_file import event_frame, header_frame, point_frames, status_frame
 from palpate.procedures.records.run import Run, reading, storing
 
-COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED = "continued", "changed"
 MARKS = frozenset({CONTINUED, CHANGED, "stopped", "failed"})  # events of the record, not of the procedure
 ACCEPT = "--accept-change"
 
 T = TypeVar("T")
 NamedWaveform = tuple[str, float, np.ndarray]
-
-
-class _Scene(BaseModel):
-    toml: str
-
-
-class _Header(BaseModel):
-    """Header of a procedure's record on a bench; see `procedures/lab/open.py`."""
-
-    settings: dict[str, Any]
-    scene: _Scene | None
-    bench: str
-    devices: dict[str, str]
-    contracts: str
-    calibration: dict[str, Any]
-    film_calibration: dict[str, Any] | None
-    versions: dict[str, str]
 
 
 class Resumed(Recorder):
@@ -108,36 +86,28 @@ class Resumed(Recorder):
             raise UsageError(
                 f"{self.folder} was recorded on {kinds[0]} bench, but this is {kinds[1]} one; open the same"
             )
-        changes = list(_differences(*self._compared(header_of(self.run), json.loads(as_json(header)))))
-        if changes and not self._accept:
+        found = changes(header_of(self.run), json.loads(as_json(header)), str(self.folder))
+        if found and not self._accept:
             raise UsageError(
                 f"{self.folder} cannot be resumed, because the bench has changed:\n  "
-                + "\n  ".join(changes)
+                + "\n  ".join(found)
                 + f"\nchange it back, or resume with {ACCEPT}, which is recorded"
             )
         was, now = self.run.header.get("arithmetic"), header.get("arithmetic")
         if not (isinstance(was, dict) and isinstance(now, dict) and same_arithmetic(was, now)):
             self._to_the_last_digit = False
-            changes.append(
+            found.append(
                 f"arithmetic: {json.dumps(was)} in the record, {json.dumps(now)} now; stored points are compared to"
                 f" {ALIKE:g} of each number"
             )
         if not self.run.hashed:
-            changes.append("record format 3 until here, 4 from now on: its rows were unhashed")
+            found.append("record format 3 until here, 4 from now on: its rows were unhashed")
             self._convert()
         self._write_on()
-        marks = [(CONTINUED, f"after point {len(self._stored)}"), *((CHANGED, change) for change in changes)]
+        marks = [(CONTINUED, f"after point {len(self._stored)}"), *((CHANGED, change) for change in found)]
         events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
         known = {"mounting": header["mounting"]} if "mounting" in header else {}
         self._append([status_frame("running", {}, known), *events], events=len(events))
-
-    def _compared(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The parts of two headers that must not differ. Raises RecordError: the record's bench cannot be read."""
-        parts = _comparable(before), _comparable(now)
-        if before["scene"] is None:
-            known, here = (_bench(header, str(self.folder)) for header in (before, now))
-            parts[0]["bench"], parts[1]["bench"] = compared(known, here)
-        return parts
 
     def _convert(self) -> None:
         """Write the content of a database of record format 3 into a record beside it. The database stays as it is."""
@@ -194,12 +164,7 @@ class Resumed(Recorder):
     def finished(self, kind: type[T]) -> list[T]:
         """The points that a real bench need not measure again, as the dataclass they were stored from."""
         data = [] if self._replay else [json.loads(point.text) for point in self._stored]
-        try:
-            return _as(kind, data)
-        except ValidationError as error:
-            raise RecordError(
-                f"{self.folder}: its points were recorded by another version of palpate ({_first(error)}); run anew"
-            ) from None
+        return values_of(kind, data, f"{self.folder}: its points")
 
     def paused(self, bench_ns: int) -> bool:
         """Whether the recorded run was paused at this bench time."""
@@ -218,85 +183,3 @@ class Resumed(Recorder):
 
 def _largest(samples: np.ndarray) -> float:
     return float(np.abs(samples[np.isfinite(samples)]).max(initial=0.0))
-
-
-def header_of(run: Run) -> Mapping[str, Any]:
-    """The header of a run that a procedure began on a bench. Raises RecordError: the run has another kind of header."""
-    header: Mapping[str, Any] = run.header
-    try:
-        _Header.model_validate(header, strict=True)
-        tomllib.loads(header["bench"] if header["scene"] is None else header["scene"]["toml"])
-    except ValidationError as error:
-        reason = _first(error)
-    except tomllib.TOMLDecodeError as error:
-        reason = str(error)
-    else:
-        return header
-    raise RecordError(f"{run.folder}: its header is not that of a procedure on a bench ({reason}); run anew")
-
-
-def settings_of(run: Run, kind: type[T]) -> T:
-    """The settings of a run, as their dataclass. Raises RecordError."""
-    try:
-        (settings,) = _as(kind, [run.header["settings"]])
-    except ValidationError as error:
-        raise RecordError(
-            f"{run.folder}: its settings were recorded by another version of palpate ({_first(error)}); run anew"
-        ) from None
-    return settings
-
-
-def _first(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-
-
-def _comparable(header: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of a header that must not change. A simulated bench has new addresses; its scene counts."""
-    found = {key: header[key] for key in COMPARED}
-    found["devices"] = {}
-    for name, serial in header["devices"].items():
-        title = name.partition(" at ")[0]
-        several = sum(known.partition(" #")[0] == title for known in found["devices"])
-        found["devices"][f"{title} #{several + 1}" if several else title] = serial
-    if found["scene"] is not None:
-        found["scene"] = tomllib.loads(found["scene"]["toml"])
-    del found["bench"]
-    return found
-
-
-def _bench(header: Mapping[str, Any], where: str) -> BenchDescription:
-    """The bench of a header. Raises RecordError."""
-    try:
-        return checked(tomllib.loads(header["bench"]), BenchDescription, f"{where}: its bench file")
-    except ConfigError as error:
-        raise RecordError(f"{error}; run anew, or install what is missing") from None
-
-
-def _differences(before: Any, now: Any, key: str = "") -> Iterator[str]:
-    """One text for each value that differs, with its key."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for name in dict.fromkeys((*before, *now)):
-            yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else name)
-    elif before != now:
-        yield f"{key}: {json.dumps(before)} in the record, {json.dumps(now)} now"
-
-
-def _as(kind: type[T], data: list[Any]) -> list[T]:
-    """Turn JSON `data` into dataclasses; a null in the place of a number becomes NaN."""
-    adapter = TypeAdapter(list[kind])  # type: ignore[valid-type]
-    try:
-        return adapter.validate_python(data)
-    except ValidationError as error:
-        nulls = [tuple(e["loc"]) for e in error.errors(include_url=False) if e["input"] is None]
-        if not nulls:
-            raise
-        try:
-            for *path, last in nulls:
-                where: Any = data
-                for part in path:
-                    where = where[part]
-                where[last] = float("nan")
-        except (LookupError, TypeError):  # no number belongs there
-            raise error from None
-    return adapter.validate_python(data)

@@ -12,7 +12,7 @@ import pytest
 from palpate.instrument.bench.comparison import compared
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check
-from palpate.procedures.records.resumed import _comparable, _differences
+from palpate.procedures.records.headers import comparable, differences
 from tests.drivers.benches import new_form
 from tests.drivers.outside import installed
 
@@ -59,7 +59,7 @@ def bench(tables: dict[str, Any]) -> BenchDescription:
 
 
 def told(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    return list(_differences(*compared(bench(before), bench(now)), "bench"))
+    return list(differences(*compared(bench(before), bench(now)), "bench"))
 
 
 def test_an_old_file_and_its_new_form_describe_the_same_bench() -> None:
@@ -139,4 +139,4 @@ def test_serial_numbers_of_two_devices_of_one_kind_are_both_compared() -> None:
         "versions": {}, "devices": {"oven at 10.0.0.3:502 unit 1": "A", "oven at 10.0.0.3:502 unit 2": "B"},
     }  # fmt: skip
     swapped = {**header, "devices": {"oven at 10.0.0.3:502 unit 1": "C", "oven at 10.0.0.3:502 unit 2": "B"}}
-    assert list(_differences(_comparable(header), _comparable(swapped))) == ['devices.oven: "A" in the record, "C" now']
+    assert list(differences(comparable(header), comparable(swapped))) == ['devices.oven: "A" in the record, "C" now']
