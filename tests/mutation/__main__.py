@@ -5,7 +5,8 @@
     python -m tests.mutation instrument/signals/noise.py         in one file
     python -m tests.mutation --since HEAD~3                      in the lines changed since a commit
 
-It prints each mistake that no test finds, and for each file how many of a hundred are found. A file in
+It prints each mistake that no test finds, or that was found because the tests took too long (on a busy machine look
+at these yourself), and for each file how many of a hundred are found. A file in
 `campaigns/` (or in `$PALPATE_CAMPAIGN`) keeps what was found: given again, the command goes on, and tries again what
 had survived. It takes 1 s a mistake, and `pytest-cov` (the group `coverage`).
 """
@@ -26,7 +27,7 @@ from pathlib import Path
 
 from tests.mutation.mutants import Mutant, mutants, mutated
 from tests.mutation.reach import Reach, reach
-from tests.mutation.tried import SURVIVED, import_libraries, tried
+from tests.mutation.tried import ENDLESS, KILLED, SURVIVED, import_libraries, tried
 
 GOAL = 0.9
 FOLDERS = ("instrument", "drivers", "simulators", "procedures")
@@ -90,8 +91,8 @@ def main() -> int:
         for file, mutant, status in found(part, folder, given.share, given.seed, changed):
             killed, all_ = counts.get(str(file), (0, 0))
             counts[str(file)] = killed + (status != SURVIVED), all_ + 1
-            if status == SURVIVED:
-                say(f"{file}:{mutant.line}: {mutant.what}")
+            if status != KILLED:
+                say(f"{file}:{mutant.line}: {mutant.what}{' (found by its time-out alone)' * (status == ENDLESS)}")
     return report(counts)
 
 

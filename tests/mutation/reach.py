@@ -31,7 +31,7 @@ class Reach:
     lines: dict[str, dict[int, list[str]]]
 
     def tests(self, file: Path, mutant: Mutant) -> list[str]:
-        """Those that may find a mistake, the fastest first, but those in a file of the module's name before all others.
+        """Those that may find a mistake, the fastest first; before all others, those in files named after the module.
 
         Where the line runs before any test, all tests may find it; first come those that run the line, too, then those
         that run another line of the file.
@@ -40,7 +40,7 @@ class Reach:
         near = {test for line in lines.values() for test in line}
         reaching = set(lines.get(mutant.line, ()))
         found = self.seconds.keys() if mutant.runs_at_import or BEFORE in reaching else reaching
-        own = f"/test_{file.stem}.py"
+        own = f"/test_{file.stem}"
 
         def order(test: str) -> tuple[object, ...]:
             return own not in test, test not in reaching, test not in near, self.seconds[test], test
