@@ -46,6 +46,8 @@ SIGNATURES = {
     "LoadCellSeries": "loads runs positions degree creep valid_days",
     "FilmSeries": "loads frequencies dwell valid_days extrapolate",
     "ModulusTest": "sample strain steps extrapolate",
+    "PositionSweep": "positions sample load dwell frequency extrapolate",
+    "Setting": "unit help read",
     "Characterisation": "sample loads dwell frequency drift_time",
     "SoftnessTest": "objects loads dwell frequency model",
     "unknown_object": "design thickness modulus name",
