@@ -25,17 +25,17 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.operator import Operator
 from palpate.instrument.errors import BenchError, DeviceError, LinkError, SettingsLost
 
-RECOVERY = 1.0  # s, that devices are given to come back
-TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # a closed terminal hangs up
+RECOVERY = 1.0  # s that devices get to come back
+TERMINATIONS = (signal.SIGTERM, signal.SIGHUP)  # SIGHUP: the terminal was closed
 ENDINGS = (signal.SIGINT, *TERMINATIONS)
 
 
 class Bench(Fitted):
     """All devices of a bench, as a context manager.
 
-    On entry every device is opened and identified, the exciter first, and its outputs go to zero. On every way out,
-    SIGINT, SIGTERM and SIGHUP included, they go to zero again; where that fails, or the program is killed, the
-    exciter's watchdog drops the output, if it has one.
+    On entry every device is opened and identified, the exciter first, and the outputs go to zero. On every way out,
+    also by SIGINT, SIGTERM and SIGHUP, they go to zero again. If that fails, or the program is killed, the exciter's
+    watchdog switches the output off, if it has one.
     """
 
     def __init__(self, description: BenchDescription, clock: BenchClock, operator: Operator) -> None:
@@ -46,7 +46,7 @@ class Bench(Fitted):
         self.operator: Operator = Hands(operator, *hands) if any(hands) else operator
         self.incidents = Incidents(self.clock)
         self.attended = False
-        self.waits: Callable[[str], object] = lambda _why: None  # told before it has to wait for somebody else
+        self.waits: Callable[[str], object] = lambda _why: None  # called with the reason before a wait for others
         self._safe = True
         for device in self.devices:
             if device not in self._guarding:
@@ -97,7 +97,7 @@ class Bench(Fitted):
         return self
 
     def _while_there(self, step: Callable[[], object], of: Device | ModbusLink | CanLink) -> None:
-        """Do this; where all devices that need it are optional and it does not answer, go on without them."""
+        """Do a step; if it gets no answer and only optional devices need it, go on without these devices."""
         try:
             step()
         except LinkError as error:
@@ -105,9 +105,9 @@ class Bench(Fitted):
                 raise
 
     def _take_over(self, stack: ExitStack) -> None:
-        """Become the guard's owner, keep it fed, and stop a bench that was left driving.
+        """Become the guard's owner, keep its watchdog fed, and stop a bench that was left driving.
 
-        So it stops whatever cannot be opened next. Raises BenchInUse.
+        This comes first, so that the bench is stopped even if another device cannot be opened. Raises BenchInUse.
         """
         if self._guard is not None:
             claim(self._guard, self.clock, self.waits)
@@ -120,7 +120,7 @@ class Bench(Fitted):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.is_open = False
-        self._stack.__exit__(kind, error, trace)  # the second time nothing is left of it
+        self._stack.__exit__(kind, error, trace)  # a second call does nothing, because the stack is empty
 
     def _open(self, link: ModbusLink | CanLink, stack: ExitStack) -> None:
         link.open()
@@ -133,24 +133,24 @@ class Bench(Fitted):
 
     @property
     def cautions(self) -> list[str]:
-        """What a person should know before the bench drives: what is absent, and what goes on if this program dies."""
+        """Notes for a person before the bench drives: absent devices, and outputs that stay on if this program dies."""
         return [*self.absent, *cautions(self._exciter)]
 
     def drive(self) -> None:
-        """Switch the outputs on, at zero amplitude; watching starts. Raises DeviceError: a fault is latched."""
+        """Switch the outputs on at zero amplitude, and start watching them. Raises DeviceError: a fault is latched."""
         self.role(Exciter).drive()
         self.clock.watching = True
 
     def rest(self) -> None:
-        """Outputs to zero."""
+        """Bring the outputs to zero."""
         self.clock.watching = False
         if self._exciter:
             self._exciter.rest()
 
     def attend(self, store: Store) -> None:
-        """From now on what fails is made good where that is safe, and each incident stored by `store` as it happens.
+        """From now on recover from failures where that is safe, and record each incident with `store` as it happens.
 
-        Without a record of it nothing is made good: the first failure is raised.
+        Without this call the first failure is raised, because a recovery must be recorded.
         """
         self.attended = True
         self.incidents.tell(store)
@@ -164,21 +164,22 @@ class Bench(Fitted):
 
     @property
     def broken(self) -> list[str]:
-        """Why devices are not used any more."""
+        """The reasons why devices are no longer used."""
         return [device.broken for device in self.devices if device.broken]
 
     def declare_broken(self, error: BenchError) -> None:
-        """No later step uses the device that failed, but to switch it off."""
+        """Mark the failed device as broken: later steps use it only to switch it off."""
         for device in self.devices:
             if device.name == error.device and not device.broken:
                 device.broken = str(error)
                 self.incidents.note(f"{device.name}: is broken")
 
     def check_settings(self) -> None:
-        """See that all devices hold what was written, and note what they have told of themselves.
+        """Check that all devices still hold their settings, and note what they have reported.
 
         Raises:
-            SettingsLost: one does not. LinkError, DeviceError: one does not answer.
+            SettingsLost: a device does not hold its settings.
+            LinkError, DeviceError: a device does not answer.
         """
         for device in self.devices:
             for notice in device.notices():
@@ -191,11 +192,13 @@ class Bench(Fitted):
                 raise SettingsLost(f"{'; '.join(found)}; look at the device", device=device.name)
 
     def recover(self) -> None:
-        """Outputs to zero; then every device is identified again and gets the settings that it has lost.
+        """Bring the outputs to zero, identify every device again, and restore lost settings.
 
         Raises:
-            SafetyError: the exciter has tripped. IdentityError: another device stands in the place of one.
-            LinkError, DeviceError: one does not answer, or does not take its settings; the indicator reads no load.
+            SafetyError: the exciter has tripped.
+            IdentityError: another device answers at the address of one.
+            LinkError, DeviceError: a device does not answer, or does not keep its settings; or the indicator cannot
+                read a load.
         """
         self.clock.watching = False
         self._switch_off()
@@ -216,7 +219,7 @@ class Bench(Fitted):
                 raise DeviceError(f"{device.name}: {sick}", device=device.name)
 
     def _make_safe(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Switch off by every means there is, whatever fails; signals meanwhile are ignored."""
+        """Switch off by every means, even if some fail; signals are ignored meanwhile."""
         self.clock.watching = False
         self.incidents.hold()
         for device in self._exciter.members if self._exciter else ():
@@ -237,5 +240,5 @@ class Bench(Fitted):
 
 
 def _terminate(number: int, _frame: FrameType | None) -> None:
-    """SIGTERM and SIGHUP take the same way out as everything else."""
+    """End the program on SIGTERM and SIGHUP by an exception, so that the outputs go to zero."""
     raise SystemExit(128 + number)

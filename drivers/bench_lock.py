@@ -1,4 +1,4 @@
-"""One bench, one program: a lock on each of the bench's addresses, which is taken before any device is touched."""
+"""Lets one program at a time use a bench, by a lock on each of its addresses, taken before any device is opened."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import BenchError, BenchInUse
 
-FOLDER = Path("/tmp/palpate-benches")  # the same for all users, whatever their $TMPDIR
-FOR_ALL = 0o666  # a lock that one user has left must not keep out another
-LONGEST = 300  # characters of a command that are told
+FOLDER = Path("/tmp/palpate-benches")  # the same for all users, independently of $TMPDIR
+FOR_ALL = 0o666  # so that a lock file of one user does not keep out another
+LONGEST = 300  # greatest number of characters of a command in a message
 
 
 class BenchLock:
     """A context manager: inside it no other program of this machine opens a bench that shares an address with this one.
 
-    What counts are the addresses, not the file they stand in. The operating system holds the locks and gives them back
-    when the program ends in whatever way; a file that is left behind locks nothing.
+    The addresses count, not the bench file. The operating system holds the locks, and releases them when the program
+    ends in any way; a lock file that is left behind locks nothing.
 
     Raises BenchInUse: another program has one of the addresses. BenchError: no lock can be written.
     """
@@ -52,10 +52,10 @@ class BenchLock:
 
 
 def addresses(description: BenchDescription) -> list[str]:
-    """What tells a bench from another one, in the order in which it is locked.
+    """The addresses of a bench as texts, in the order in which they are locked.
 
-    A link on TCP counts by the numbers of its host, a serial line by the device file that all its names lead to, a
-    CAN bus by its interface; python-can's "virtual" one does not leave the process.
+    A TCP link is identified by the IP addresses of its host with the port, a serial line by the device file that its
+    names lead to, and a CAN bus by its interface and channel. python-can's "virtual" bus does not leave the process.
     """
     found = set()
     for link in description.links.values():
@@ -72,7 +72,7 @@ def addresses(description: BenchDescription) -> list[str]:
 def _numbers(host: str) -> set[str]:
     try:
         return {str(address[0]) for *_, address in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
-    except (OSError, ValueError):  # no such host: opening the device will say so
+    except (OSError, ValueError):  # no such host, which opening the device will report
         return {host.lower()}
 
 
@@ -90,7 +90,7 @@ def _take(folder: Path, address: str, stack: ExitStack) -> None:
                     raise BenchInUse(
                         f"the bench is in use: {address} is held by {_holder(file)}; wait for it or end it"
                     ) from None
-                if _is(file, path):  # else its last holder has just removed it: others lock the new one
+                if _is(file, path):  # else its last holder has just removed it, and others lock the new file
                     undo.pop_all()
                     break
     except OSError as error:
@@ -99,16 +99,16 @@ def _take(folder: Path, address: str, stack: ExitStack) -> None:
             f"{folder} is a folder in which all who use the bench can write"
         ) from None
     stack.callback(_give_back, file, path)
-    with suppress(OSError):  # a full disk: whoever finds the bench in use is not told who has it
+    with suppress(OSError):  # on a full disk the lock holds without the name of its holder
         os.ftruncate(file, 0)
         os.pwrite(file, _ourselves(), 0)
 
 
 def _open(path: Path) -> int:
-    """The file of a lock; a new one is made only where there is none, since Linux refuses that for another user's.
+    """Open the file of a lock, or make it if there is none (Linux refuses to do both at once for another user's file).
 
-    Raises OSError: it cannot be opened, or it is no file of ours: in a folder in which all may write, somebody may have
-    put a link there to a file that must not be overwritten.
+    Raises OSError: it cannot be opened, or it is no lock file: in a folder in which everybody may write, somebody may
+    have put a link to a file that must not be overwritten.
     """
     while True:
         with suppress(FileExistsError):
@@ -125,9 +125,9 @@ def _open(path: Path) -> int:
 
 
 def _plain_file(file: int) -> int:
-    """Give back an open file if it is an ordinary one with one name, or with none since it was removed; else close it.
+    """Check that an open file is an ordinary one with at most one name (none if it was removed), and return it.
 
-    Raises OSError: it is something else.
+    Raises OSError: it is another kind of file, or has a second name; it is closed.
     """
     found = os.fstat(file)
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
@@ -137,7 +137,7 @@ def _plain_file(file: int) -> int:
 
 
 def _is(file: int, path: Path) -> bool:
-    """Whether this open file is the one of that name."""
+    """Whether an open file is still the one at this path."""
     try:
         return os.path.samestat(os.fstat(file), path.lstat())
     except FileNotFoundError:
@@ -145,13 +145,13 @@ def _is(file: int, path: Path) -> bool:
 
 
 def _give_back(file: int, path: Path) -> None:
-    with suppress(OSError):  # of another user, who made it: it stays, and locks nothing
+    with suppress(OSError):  # another user's file cannot be removed; it stays, and locks nothing
         path.unlink()
     os.close(file)
 
 
 def _ourselves() -> bytes:
-    """Who we are, for whoever finds the bench in use."""
+    """This process, its user and its command, for the message to others that the bench is in use."""
     command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     since = f"{datetime.now(UTC).astimezone():%Y-%m-%d %H:%M:%S}"
     return json.dumps({"pid": os.getpid(), "user": _user(), "command": command[:LONGEST], "since": since}).encode()
@@ -165,7 +165,7 @@ def _user() -> str:
 
 
 def _holder(file: int) -> str:
-    """Who holds a lock, as its file says; anybody may have written that, so it is made harmless."""
+    """The holder of a lock, from the lock's file, without control characters because anybody may have written it."""
     try:
         said = json.loads(os.pread(file, 4096, 0))
         pid, user, command, since = (_plain(said[name]) for name in ("pid", "user", "command", "since"))

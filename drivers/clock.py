@@ -15,14 +15,14 @@ class Clock(Protocol):
 
 
 class BenchClock(Clock, Protocol):
-    """What a bench is opened with. `goes_on`: whether its time passes also while nobody waits."""
+    """The clock with which a bench is opened. `goes_on`: whether time passes even if nobody waits."""
 
     @property
     def goes_on(self) -> bool: ...
 
 
 class WallClock:
-    """The clock of a real bench; of a run that goes on it shows `begun` ns at the start."""
+    """The clock of a real bench, which starts at `begun` [ns]: 0, or the time of a resumed run."""
 
     goes_on = True
 

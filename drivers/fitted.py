@@ -1,4 +1,4 @@
-"""What a bench is fitted with: the links and devices that its file lists, and which device fills which role."""
+"""The links and devices of a bench, made from its description, and the roles that they fill."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ T = TypeVar("T")
 
 
 class Fitted:
-    """The drivers of all devices of a bench, in the order in which they are set up and looked at.
+    """The drivers of all devices of a bench, in the order in which they are set up and checked.
 
     Attributes:
-        links: by the names that they have in the bench file.
-        clock: of the bench; while the bench drives, it looks after the exciter.
-        absent: why an optional device is not used.
+        description: the description of the bench.
+        links: the links, by their names in the bench file.
+        clock: the bench's clock, which watches the exciter while the bench drives.
+        absent: for each optional device that is not used, the reason.
     """
 
     def __init__(self, description: BenchDescription, clock: BenchClock) -> None:
@@ -48,14 +49,14 @@ class Fitted:
         self._devices = {name: self._devices[name] for name in self._listed}
 
     def _make(self, listed: Iterable[Listed], clock: Any) -> None:
-        """The drivers of devices that have none yet. Raises ConfigError."""
+        """Make the drivers of devices that have none yet. Raises ConfigError: a driver cannot be loaded."""
         for each in listed:
             if each.name not in self._devices:
                 driver = load(each.kind.driver, f"driver of {each.name}")
                 self._devices[each.name] = driver.at(Place(self.links[each.link], each.unit, each.settings, clock))
 
     def _driven(self) -> Exciter | None:
-        """What drives; None: nothing does. Raises ConfigError."""
+        """The exciter; None: the bench has none. Raises ConfigError: its driver does not fit."""
         exciter, source, amplifier = (
             next((self._devices[name] for name in self._filling[role]), None) for role in DRIVING
         )
@@ -74,7 +75,7 @@ class Fitted:
 
     @property
     def devices(self) -> list[Device]:
-        """Those that are there."""
+        """The drivers of all devices in use."""
         return list(self._devices.values())
 
     def device(self, name: str) -> Any:
@@ -84,7 +85,7 @@ class Fitted:
         return self._devices[name]
 
     def named(self, device: Device) -> Listed:
-        """What the bench file says of a device."""
+        """The entry of a device in the bench file."""
         return next(self._listed[name] for name, each in self._devices.items() if each is device)
 
     def all(self, kind: type[T]) -> list[T]:
@@ -97,13 +98,13 @@ class Fitted:
         return [self._devices[name] for name in self._filling[role] if name in self._devices]  # type: ignore[misc]
 
     def maybe(self, kind: type[T]) -> T | None:
-        """As `role`, or None: nobody fills it."""
+        """The device that fills a role; None: there is none."""
         return next(iter(self.all(kind)), None)
 
     def role(self, kind: type[T]) -> T:
-        """The device that fills a role, one of `palpate.drivers.roles`; the first where several do.
+        """The device that fills a role, which is a class of `palpate.drivers.roles`; the first if several fill it.
 
-        Raises BenchError: nobody fills it.
+        Raises BenchError: no device fills it.
         """
         found = self.maybe(kind)
         if found is None:
@@ -112,7 +113,7 @@ class Fitted:
         return found
 
     def leave_out(self, part: Device | ModbusLink | CanLink, why: Exception) -> bool:
-        """Go on without a device or a link, if all devices that need it are optional. False: one is not."""
+        """Go on without a device or link if all devices that need it are optional; returns whether they are."""
         needing = [name for name, device in self._devices.items() if part in (device, device.link)]
         if not all(self._listed[name].optional for name in needing):
             return False

@@ -1,4 +1,4 @@
-"""The operator of a bench some of whose devices do what else a person would have to do."""
+"""The operator of a bench with devices that do some of a person's work."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.instrument.sensor.sample import Sample
 
 
 class Hands:
-    """Meets `palpate.instrument.bench.operator.Operator`: the person does what no device is there for."""
+    """A `palpate.instrument.bench.operator.Operator` that passes each task to a device or else to the person."""
 
     def __init__(
         self, person: Operator, changer: SampleChanger | None, chamber: Chamber | None, stage: ProbeStage | None

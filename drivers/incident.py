@@ -1,4 +1,4 @@
-"""What went wrong on a bench and was made good: told to the record at once, and counted."""
+"""Incidents: failures on a bench that it has recovered from. They are recorded at once, and counted."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Store = Callable[[str, str, int], object]
 
 
 class Incidents:
-    """Of one bench."""
+    """The incidents of one bench."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -20,7 +20,7 @@ class Incidents:
         self._new = 0
 
     def note(self, what: str) -> None:
-        """Raises what storing raises: what cannot be recorded stops the run."""
+        """Count and record an incident. Raises what `store` raises: without a record of it the run must end."""
         self._new += 1
         if self._store is None:
             self._waiting.append((what, self._clock.now_ns()))
@@ -28,16 +28,16 @@ class Incidents:
             self._store(INCIDENT, what, self._clock.now_ns())
 
     def hold(self) -> None:
-        """The record may be closed from now on: what comes is not stored."""
+        """Stop recording incidents, because the record may be closed from now on."""
         self._store = None
 
     def new(self) -> int:
-        """How many there were since the last call: what a point says of the time since the point before."""
+        """Number of incidents since the last call; a point has the number since the point before it."""
         new, self._new = self._new, 0
         return new
 
     def tell(self, store: Store) -> None:
-        """Store each with `store(kind, message, bench_ns)` from now on, and those so far."""
+        """Record the incidents so far, and each later one, with `store(kind, message, bench_ns)`."""
         self._store = store
         waiting, self._waiting = self._waiting, []
         for what, bench_ns in waiting:

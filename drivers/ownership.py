@@ -1,4 +1,4 @@
-"""Who may drive: the program that owns the exciter's guard, the device whose watchdog only its owner feeds."""
+"""Ownership of the exciter: only the program that owns its guard may drive, and feeds the guard's watchdog."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.exciter import Exciter, Guard
 from palpate.instrument.errors import BenchInUse
 
-CLAIMS = 10  # that are tried within the time of the watchdog
+CLAIMS = 10  # number of claims that are tried within the watchdog's time-out
 
 
 def claim(guard: Guard, clock: Clock, waits: Callable[[str], object]) -> None:
-    """Become the guard's owner. The claim of a program that was killed ends after the time of the watchdog.
+    """Become the guard's owner. The claim of a killed program ends after the watchdog's time-out, which is waited for.
 
     Args:
-        waits: is told why, where that has to be waited for.
+        guard: the guard.
+        clock: the bench's clock.
+        waits: called with the reason before such a wait.
 
     Raises:
-        BenchInUse: another program owns it and is alive; nothing has been changed.
+        BenchInUse: another program owns the guard and is alive; nothing was changed.
     """
     if guard.claim():
         return
@@ -36,7 +38,7 @@ def claim(guard: Guard, clock: Clock, waits: Callable[[str], object]) -> None:
 
 
 def cautions(exciter: Exciter | None) -> list[str]:
-    """What a person should know of an exciter before it drives: whether it goes on when this program dies."""
+    """Notes for a person before an exciter drives: why its output could stay on if this program dies."""
     if exciter is None or (exciter.guard is not None and exciter.guard.owned):
         return []
     if exciter.guard is None:

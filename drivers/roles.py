@@ -1,7 +1,7 @@
-"""What procedures ask of a bench: roles, not devices. `bench.role(Positioner)` gives the device that fills the role.
+"""The roles in which procedures use devices. `bench.role(Positioner)` gives the device that fills this role.
 
-A role has what procedures use today, and no more. A device of a lab's own fills one by having these methods and
-attributes, and by naming the role in its `DeviceKind`.
+A role has only the methods and attributes that procedures use. A lab's own device fills a role if it has them, and if
+its `DeviceKind` names the role.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = [
 
 
 class Reading(Protocol):
-    """What a load indicator shows: see `palpate.drivers.devices.strain_indicator.IndicatorReading`."""
+    """A reading of a load indicator: see `palpate.drivers.devices.strain_indicator.IndicatorReading`."""
 
     @property
     def reading_mV(self) -> float: ...
@@ -30,7 +30,7 @@ class Reading(Protocol):
     def stable(self) -> bool: ...
     @property
     def sick(self) -> str:
-        """Why no load can be read; empty: it can."""
+        """Why no load can be read; empty: a load can be read."""
 
     @property
     def valid(self) -> bool:
@@ -41,10 +41,11 @@ class LoadIndicator(Protocol):
     """Reads the load cell.
 
     Attributes:
-        name, serial: of the device; a calibration is kept by the serial number.
-        resolution_mV: step of its display, as it was at the last reading.
-        gage_factor: with which it makes mV of strain, so that a calibration holds for this one alone; 1 where it has
-            no such setting.
+        name: its name.
+        serial: its serial number, by which calibrations are stored.
+        resolution_mV: step of its display at the last reading.
+        gage_factor: gage factor by which it converts strain into mV, so that a calibration holds only for this one; 1
+            if it has no such setting.
     """
 
     name: str
@@ -54,35 +55,35 @@ class LoadIndicator(Protocol):
 
     def read(self) -> Reading: ...
     def track(self, time_constant: float) -> None:
-        """From now on read the load, through a one-pole filter of `time_constant` s."""
+        """From now on read the load through a one-pole filter with this time constant [s]."""
 
     def peak_to_peak(self, window: float) -> None:
-        """From now on read the peak-to-peak load over the last `window` s."""
+        """From now on read the peak-to-peak load over the last `window` [s]."""
 
     def clear_tare(self) -> None: ...
 
 
 class Positioner(Protocol):
-    """Moves the probe; positions in m, counted downwards from home."""
+    """Moves the probe; positions are counted downwards from home [m]."""
 
     def move(self, target: float, speed: float = ...) -> None:
-        """Go to `target` at `speed` m/s and wait for it."""
+        """Go to `target` [m] at `speed` [m/s], and wait until it is there."""
 
     def home(self) -> None:
-        """Go to 0 and wait for it."""
+        """Go to 0, and wait until it is there."""
 
     def position(self) -> float: ...
     def travel(self) -> float:
-        """The lowest position that it may go to."""
+        """The lowest position to which it may go [m]."""
 
 
 class SensorNode(Protocol):
     """Samples up to four films, on channels 1 to 4.
 
     Attributes:
-        serial: of the device; a calibration of films is kept by that of the first node.
-        ranges: its input ranges by name, with what they hold [V].
-        emergencies: what it has told of its troubles so far.
+        serial: its serial number; film calibrations are stored by that of the first node.
+        ranges: greatest voltage of each input range, by its name [V].
+        emergencies: emergency messages that it has sent so far.
     """
 
     serial: str
@@ -91,42 +92,42 @@ class SensorNode(Protocol):
     @property
     def emergencies(self) -> Sequence[bytes]: ...
     def set_sample_rate(self, rate: float) -> None:
-        """Sample `rate` times a second."""
+        """Set the sample rate [Hz]."""
 
     def set_range(self, channel: int, range_: str) -> None: ...
     def resolution(self, channel: int) -> float:
-        """Step of a channel's converter on the range that is set [V]."""
+        """Step of a channel's converter on its present range [V]."""
 
     def acquire_with(self, others: Sequence[Any], duration: float) -> list[Recording]:
-        """Sample for `duration` s, at the same moments as other nodes of its kind; its own recording comes first."""
+        """Sample for `duration` [s] at the same moments as other nodes of its kind; its own recording is the first."""
 
 
 class Chamber(Protocol):
     """Warms the surroundings of the sensor."""
 
     def warm(self, kelvin: float) -> None:
-        """Make them so many kelvin warmer than they were at the start; return when they are."""
+        """Make the surroundings this much warmer than at the start [K], and wait until they are."""
 
 
 class SampleChanger(Protocol):
-    """Lays samples under the probe, by their names."""
+    """Puts samples under the probe, by their names."""
 
     def check_holds(self, names: Iterable[str]) -> None:
         """Raises UnknownName: it does not hold one of these samples."""
 
     def mount(self, name: str) -> None: ...
     def leave(self) -> None:
-        """From now on a person lays what he likes there."""
+        """From now on a person may put anything under the probe."""
 
     def check(self) -> None:
-        """See that what was laid lies there still. Raises SampleError."""
+        """Check that the mounted sample is still there. Raises SampleError: it is not, or was away meanwhile."""
 
 
 class ProbeStage(Protocol):
     """Sets a point probe above a place of the sensor."""
 
     def place_probe(self, x: float, y: float) -> None:
-        """Above (x, y) m from the sensor's corner, the positioner being at home."""
+        """Set the probe above (x, y) from the sensor's corner [m]; the positioner must be at home."""
 
 
 _ROLES: dict[type, Role] = {
@@ -141,5 +142,5 @@ _ROLES: dict[type, Role] = {
 
 
 def role_of(asked: type) -> Role | None:
-    """The name that bench files and kinds have for a role; None: `asked` is no role but a class of drivers."""
+    """The name of a role in bench files and kinds; None: `asked` is no role, but a driver class."""
     return _ROLES.get(asked)

@@ -1,4 +1,4 @@
-"""Signals while something is running: taken, or held off, and as they were before again afterwards."""
+"""Contexts that handle or ignore signals, and restore the previous handlers afterwards."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Handler = Callable[[int, FrameType | None], object]
 
 @contextmanager
 def taken(numbers: Iterable[signal.Signals], handler: Handler) -> Iterator[None]:
-    """Inside, `handler` gets these signals, but for those that the program was started to ignore, as by nohup.
+    """Inside, `handler` gets these signals, except those that the program was started to ignore, as by nohup.
 
     Only the main thread of Python may set handlers; elsewhere signals stay as they are.
     """
@@ -33,7 +33,7 @@ def _as(numbers: Iterable[signal.Signals], handler: Handler | signal.Handlers) -
     before = {}
     if threading.current_thread() is threading.main_thread():
         for number in numbers:
-            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # None: a library's own, not to be put back
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # None: set by a C library, cannot be restored
                 before[number] = signal.signal(number, handler)
     try:
         yield

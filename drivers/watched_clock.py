@@ -1,4 +1,4 @@
-"""The bench's clock as drivers and procedures see it: while it is watching, the exciter's watchdog is fed in time."""
+"""The bench's clock for drivers and procedures. While the bench drives, waits feed the exciter's watchdog in time."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Protocol
 from palpate.drivers.clock import BenchClock
 from palpate.drivers.devices.heartbeat import Heartbeat
 
-LOOKS = 1.0  # s, between two looks at an exciter without a watchdog
+LOOKS = 1.0  # s between two checks of an exciter without a watchdog
 
 
 class Fed(Protocol):
-    """What has a watchdog; see `palpate.drivers.devices.exciter.Guard`."""
+    """A device with a watchdog; see `palpate.drivers.devices.exciter.Guard`."""
 
     def feed(self) -> None: ...
     def live(self) -> None: ...
 
 
 class Watched(Protocol):
-    """What drives the stack; see `palpate.drivers.devices.exciter.Exciter`."""
+    """The exciter; see `palpate.drivers.devices.exciter.Exciter`."""
 
     @property
     def guard(self) -> Fed | None: ...
@@ -29,15 +29,21 @@ class Watched(Protocol):
 
 
 class WatchedClock:
-    """Waits are cut into pieces of half the watchdog's time, and after each the exciter is looked at.
+    """A clock whose waits are divided into pieces of half the watchdog's time-out; it checks the exciter after each.
 
-    A virtual clock moves in waits and requests alone: there the watchdog is fed after one of those, once a quarter of
-    its time is over. A clock that goes on by itself moves while the program computes, too: there a heartbeat, which is
-    a thread, feeds the watchdog.
+    A virtual clock moves only during waits and requests. It feeds the watchdog after one of these, as soon as a quarter
+    of the time-out has passed. A clock that goes on by itself also moves while the program computes. There a heartbeat,
+    which is a thread, feeds the watchdog.
     """
 
     def __init__(self, clock: BenchClock, exciter: Watched | None, watchdog: float) -> None:
-        """`exciter` None: nothing drives, so that the clock never watches. `watchdog`: time of its guard's [s]."""
+        """Make the clock of a bench.
+
+        Args:
+            clock: the clock that keeps the time.
+            exciter: the exciter to watch; None: there is none, so that the clock never watches.
+            watchdog: time-out of the watchdog [s].
+        """
         self._clock = clock
         self._exciter = exciter
         self._guard = exciter.guard if exciter else None
@@ -48,16 +54,16 @@ class WatchedClock:
         self._watching = False
 
     def tap(self, heard: Callable[[int], object]) -> None:
-        """From now on call `heard` with each time that is told [ns]."""
+        """From now on call `heard` with each time that somebody reads [ns]."""
         self._heard = heard
 
     def beating(self) -> AbstractContextManager[object]:
-        """A context: inside it the heartbeat runs, where there is one, whether the bench drives or not."""
+        """A context in which the heartbeat runs, if there is one, whether the bench drives or not."""
         return self._heartbeat or nullcontext()
 
     @property
     def watching(self) -> bool:
-        """Whether the exciter drives, and has to be fed and looked at."""
+        """Whether the exciter drives, so that it must be fed and checked."""
         return self._watching
 
     @watching.setter
@@ -65,7 +71,7 @@ class WatchedClock:
         self._watching = watching
         if self._heartbeat:
             self._heartbeat.expect(0.0 if watching else math.inf)
-            self._heartbeat.failure()  # of before
+            self._heartbeat.failure()  # forgets an earlier failure
         elif watching:
             self._fed_ns = self._clock.now_ns()  # it has just been enabled
 
@@ -75,10 +81,11 @@ class WatchedClock:
         return now
 
     def wait(self, duration: float) -> None:
-        """Wait `duration` s.
+        """Wait for `duration` [s].
 
         Raises:
-            SafetyError: the exciter trips meanwhile. BenchInUse, SettingsLost: it no longer knows its owner.
+            SafetyError: the exciter trips meanwhile.
+            BenchInUse, SettingsLost: the exciter no longer knows this program as its owner.
         """
         while self.watching and duration > self._longest:
             self._pass(self._longest)
@@ -100,9 +107,9 @@ class WatchedClock:
         self._exciter.check()
 
     def feed_in_time(self) -> None:
-        """Feed the watchdog if it is time. Called after waits and requests, which on a virtual clock alone take time.
+        """Feed the watchdog if it is due; called after waits and requests, during which alone a virtual clock moves.
 
-        Raises as the guard's `feed`.
+        Raises as the guard's `feed` does.
         """
         if self.watching and self._guard and not self._heartbeat:
             now = self._clock.now_ns()

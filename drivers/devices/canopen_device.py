@@ -1,4 +1,4 @@
-"""Base of the CANopen drivers."""
+"""The base of the CANopen drivers."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from palpate.instrument.errors import DeviceError, IdentityError
 
 
 class CanopenDevice(Device):
-    """Objects of the contract in, checked SDO transfers out.
+    """Reads and writes the objects of the contract by checked SDO transfers.
 
-    A write is sent once. Settings are remembered as they were written, orders are not.
+    A write is sent once. The driver remembers written settings in order to restore them, but no orders.
     """
 
     orders: ClassVar[frozenset[str]] = frozenset()  # objects that make the node do something
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """On a CAN bus; a driver that takes more than bus, node id and clock says so itself."""
+        """Make the driver of a node; a driver whose constructor takes more arguments overrides this."""
         return cls(place.link, place.unit, place.clock)
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
@@ -43,7 +43,7 @@ class CanopenDevice(Device):
         Raises:
             IdentityError: another vendor, product or major revision, another byte order, or another serial number than
                 before.
-            LinkError, LinkTimeout, DeviceError: the node cannot be asked.
+            LinkError, LinkTimeout, DeviceError: the node does not answer, or refuses.
         """
         expected = self.contract.identity
         found = [int(self.get(field)) for field in ("vendor", "product", "revision")]
@@ -65,7 +65,7 @@ class CanopenDevice(Device):
         return self._asked(lambda: self._value(name, self._get(name)))
 
     def _held(self, name: str) -> bytes:
-        """As `get`, but the bytes, whatever they mean."""
+        """The bytes of an object, without a check of their value."""
         return self._asked(lambda: self._get(name))
 
     def _get(self, name: str) -> bytes:
@@ -75,7 +75,10 @@ class CanopenDevice(Device):
         except DeviceError as error:
             raise DeviceError(f"{error}, reading {name}") from None
         if len(data) != field.size:
-            raise DeviceError(f"{self.name}: {name} came with {len(data)} bytes where {field.size} belong; not used")
+            raise DeviceError(
+                f"{self.name}: {name} has {len(data)} bytes instead of {field.size}, so it is not used; check the "
+                "node's firmware"
+            )
         return data
 
     def set(self, name: str, value: Value) -> None:
@@ -93,7 +96,7 @@ class CanopenDevice(Device):
             raise DeviceError(f"{error}, writing {self.contract.described(name, value)}") from None
 
     def differences(self) -> list[str]:
-        """What the node no longer holds as it was written, within its limits or not."""
+        """The settings that the node no longer holds, whether their present values are allowed or not."""
         found = []
         for name, value in self._settings.items():
             held = self._held(name)

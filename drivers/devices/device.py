@@ -1,4 +1,4 @@
-"""What the drivers of all devices share: how a question is asked again, and that a broken device is left alone."""
+"""The base of all drivers: it repeats reads that failed, and leaves a broken device alone."""
 
 from __future__ import annotations
 
@@ -14,13 +14,20 @@ if TYPE_CHECKING:
     from palpate.drivers.links.can import CanLink
     from palpate.drivers.links.modbus import ModbusLink
 
-READ_ATTEMPTS = 2  # on a bench that is attended; else 1
+READ_ATTEMPTS = 2  # attempts of a read on a bench that records incidents; else 1
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a device of a bench is: its link and number there, the settings of its section, the clock to wait with."""
+    """What a driver gets from its bench.
+
+    Attributes:
+        link: the link of the device.
+        unit: its Modbus unit id, or its CANopen node id.
+        settings: the settings of its kind, from its section of the bench file.
+        clock: the bench's clock.
+    """
 
     link: Any
     unit: int
@@ -31,8 +38,8 @@ class Place:
 class Device:
     """One device of a bench.
 
-    A question changes nothing, so it is asked `read_attempts` times until an answer is valid; `noticed` is told of
-    those that were not. An order is given once.
+    A read changes nothing, so it is tried up to `read_attempts` times until the answer is valid; `noticed` is called
+    with each failure. A write is sent once.
     """
 
     contract: ClassVar[Contract]
@@ -40,47 +47,47 @@ class Device:
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """The driver of a device of a bench, not connected yet."""
+        """Make the driver of a device, not connected yet."""
         raise NotImplementedError
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.serial = ""
         self.simulated = False
-        self.broken = ""  # why it is not to be used any more
+        self.broken = ""  # why it is no longer used; empty: it is used
         self.read_attempts = 1
         self.noticed: Callable[[str], object] = lambda _incident: None
-        self.afterwards: Callable[[], object] = lambda: None  # called when it has been asked or told something
+        self.afterwards: Callable[[], object] = lambda: None  # called after each request
 
     def identify(self) -> None:
-        """Check that it is the device of the contract, and the same as before. Raises IdentityError, LinkError."""
+        """Check that the contract's device answers, and the same one as before. Raises IdentityError, LinkError."""
         raise NotImplementedError
 
     def connect(self) -> None:
-        """Get ready to use it, its link being open. Raises as `identify`."""
+        """Get ready to use the device; its link is open. Raises as `identify` does."""
         self.identify()
 
     def set_up(self, settings: Any, watchdog: float) -> None:
-        """Put the settings of its section into it; `watchdog` s is the bench's. Raises LinkError, DeviceError."""
+        """Write the settings of its section, and the bench's watchdog time-out [s]. Raises LinkError, DeviceError."""
 
     def sick(self) -> str:
-        """Why it cannot be used though it answers and holds its settings; empty: it can."""
+        """Why it cannot be used although it answers and holds its settings; empty: it can be used."""
         return ""
 
     def differences(self) -> list[str]:
-        """What it no longer holds as it was written. Raises LinkError, DeviceError."""
+        """The settings that it no longer holds, as texts for people. Raises LinkError, DeviceError."""
         raise NotImplementedError
 
     def restore(self) -> None:
-        """Write again what differs. Raises LinkError, DeviceError."""
+        """Write lost settings again. Raises LinkError, DeviceError."""
         raise NotImplementedError
 
     def notices(self) -> list[str]:
-        """What it has told of itself since the last call."""
+        """Its reports since the last call, as texts for people."""
         return []
 
     def _same(self, serial: str) -> str:
-        """A serial number that is the one of before, if there was one. Raises IdentityError."""
+        """Check that a serial number is the same as before, and return it. Raises IdentityError: it is another one."""
         if self.serial not in ("", serial):
             raise IdentityError(
                 f"{self.name}: has serial number {serial or 'none'}, had {self.serial} before; put the first one back, "
@@ -89,7 +96,7 @@ class Device:
         return serial
 
     def _value(self, name: str, data: bytes) -> float:
-        """Physical value of a field that was read. Raises DeviceError: outside its limits, or none of its choices."""
+        """Physical value of a field from its bytes. Raises DeviceError: it is outside the limits, or no choice."""
         value = self.contract.decode(name, data)
         if fault := self.contract.misread(name, value):
             raise DeviceError(
@@ -108,7 +115,7 @@ class Device:
         raise AssertionError("it is asked once or more")
 
     def _told(self, order: Callable[[], T]) -> T:
-        """What the order gives; an error of it knows the device."""
+        """The result of a request; an error gets the device's name."""
         try:
             if self.broken:
                 raise DeviceError(f"{self.broken}; it is not used any more in this run")

@@ -1,4 +1,4 @@
-"""What shakes the stack: a generator and an amplifier, or one device that is both."""
+"""The exciter, which shakes the stack: a generator with an amplifier, or one device that is both."""
 
 from __future__ import annotations
 
@@ -10,43 +10,46 @@ from typing import Any, Protocol
 from palpate.drivers.devices.shaker_amplifier import AmplifierState
 from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 
-QUIET = 10.0, 0.0  # Hz, V: a sine of no amplitude
+QUIET = 10.0, 0.0  # Hz, V: a sine with no amplitude
 
 
 class Guard(Protocol):
-    """The device of an exciter that drops the output when nobody feeds its watchdog.
+    """The device of an exciter that switches the output off when its watchdog is not fed.
 
-    `owned`: whether it has an owner, who alone feeds it; else any request does.
+    Attributes:
+        name: its name.
+        owned: whether only its owner feeds the watchdog; else any request does.
     """
 
     name: str
     owned: bool
 
     def claim(self) -> bool:
-        """Become the owner, or stay it. False: another program owns it and is alive."""
+        """Become or stay the owner. Returns False if another program owns it and is alive."""
 
     def release(self) -> None:
-        """Give it up; its output is off."""
+        """Give the ownership up, which switches the output off."""
 
-    def feed(self) -> None: ...
+    def feed(self) -> None:
+        """Feed the watchdog, with a second attempt if it is not confirmed."""
+
     def live(self) -> None:
-        """As `feed`, from a thread of its own, and not said again."""
+        """Feed the watchdog from the heartbeat's thread, with a single attempt."""
 
     def get(self, name: str) -> float:
-        """Of its "watchdog" the time-out [s]."""
+        """The value of a field; "watchdog" is the time-out [s]."""
 
 
 class Exciter(ABC):
     """Drives the stack, and can be switched off.
 
-    A lab's own device that is an exciter alone derives from this beside `ModbusDevice` or `CanopenDevice`.
+    The driver of a lab's own single-device exciter inherits from this and from `ModbusDevice` or `CanopenDevice`.
 
     Attributes:
-        guard: its device that has a watchdog. None: it has none, so that nothing switches it off when this program is
-            killed; then the bench file has to say `watchdog = "none"`. The contract of a device with a watchdog has a
-            field of that name.
+        guard: its device with a watchdog, whose contract has a field `watchdog`. None: nothing switches the exciter off
+            when this program is killed; the bench file must then say `watchdog = "none"`.
         largest: greatest amplitude of its sine [V].
-        unit: of its effort.
+        unit: unit of its effort.
     """
 
     guard: Guard | None = None
@@ -55,12 +58,12 @@ class Exciter(ABC):
 
     @property
     def members(self) -> tuple[Any, ...]:
-        """Its devices, the guard first. They are opened before all other devices of a bench."""
+        """Its devices, the guard first; a bench opens them before all other devices."""
         return (self,)
 
     @abstractmethod
     def sine(self, frequency: float, amplitude: float) -> None:
-        """Drive with a sine of `frequency` Hz and peak `amplitude` V; the phase runs on."""
+        """Drive with a sine of `frequency` [Hz] and peak `amplitude` [V], with a continuous phase."""
 
     @abstractmethod
     def drive(self) -> None:
@@ -72,46 +75,48 @@ class Exciter(ABC):
 
     @abstractmethod
     def check(self) -> object:
-        """Look at it. Raises SafetyError: it has tripped, or is about to."""
+        """Check its state. Raises SafetyError: it has tripped, or is close to its limits."""
 
     @abstractmethod
     def effort(self) -> float:
-        """Peak of what it drives with now. Raises as `check`."""
+        """Present peak of its effort, such as the current, in `unit`. Raises as `check` does."""
 
     @abstractmethod
     def effort_limit(self) -> float:
-        """Peak above which it trips."""
+        """Peak effort above which it trips, in `unit`."""
 
     def halt(self) -> None:
-        """Stop a bench that was left driving; the first of its members alone is open yet."""
+        """Stop a bench that was left driving; only the first member is open at this time."""
         self.rest()
 
     def quiet(self) -> object:
-        """Bring the outputs of its other members to zero; here there are none."""
+        """Bring the outputs of its other members to zero; by default there are none."""
         return None
 
     def means(self) -> list[Callable[[], object]]:
-        """Each way to switch it off, the safest first."""
+        """All ways to switch it off, the safest first."""
         return [self.rest]
 
     def switch_off(self) -> list[str]:
-        """Switch off by every means there is; returns what failed."""
+        """Switch off in every way; returns the messages of those that failed."""
         failures = []
         for step in self.means():
             try:
                 step()
-            except Exception as failure:  # of a defect too: the next means must still be tried
+            except Exception as failure:  # also a defect of the code: the next way must still be tried
                 failures.append(str(failure))
         return failures
 
 
 class Amplified(Exciter):
-    """A generator's sine behind an amplifier."""
+    """An exciter of a generator and an amplifier."""
 
     def __init__(self, source: Any, amplifier: Any) -> None:
-        """Both are devices: `source` has `sine` and `output`; `amplifier` has `enable`, `disable` and `check`.
+        """Make an exciter of two devices.
 
-        An amplifier that has a watchdog is the `Guard`, too.
+        Args:
+            source: the generator, with `sine` and `output`.
+            amplifier: the amplifier, with `enable`, `disable` and `check`. With a watchdog it is the `Guard`, too.
         """
         self._source, self._amplifier = source, amplifier
         self.guard = amplifier if amplifier.contract.has("watchdog") else None
@@ -148,10 +153,10 @@ class Amplified(Exciter):
         return state
 
     def effort(self) -> float:
-        """Of the output current [A]."""
+        """Peak of the output current [A]."""
         return math.sqrt(2) * self.check().current
 
     def effort_limit(self) -> float:
-        """Of the output current [A]."""
+        """Peak output current at which the amplifier trips [A]."""
         limit: float = self._amplifier.get("current_limit")
         return limit

@@ -1,4 +1,4 @@
-"""A thread that tells a device at regular intervals that the program is alive."""
+"""A thread that feeds a watchdog at regular intervals while the program works."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Self
 
 from palpate.instrument.errors import LinkError
 
-PATIENCE = 20.0  # s for which the thread that drives the bench may compute, write to disk, or have no processor
+PATIENCE = 20.0  # s that the driving thread may spend on computing, on the disk, or without a processor
 
 
 class Heartbeat:
-    """A context manager: inside it `say` is called every `interval` s of the wall.
+    """A context manager inside which `say` is called every `interval` of wall time [s].
 
-    It speaks for another thread, the one that drives the bench. That one calls `expect` with the time until its next
-    call; where that is late by more than `PATIENCE`, the program is taken to hang, and `say` is not called any more.
-    A program that is killed or stopped calls nothing.
+    It acts for another thread, which drives the bench. The driving thread calls `expect` with the time until its next
+    call. If that call is late by more than `PATIENCE`, the program counts as hanging, and `say` is no longer called. A
+    program that is killed or stopped does not call it either.
     """
 
     def __init__(self, say: Callable[[], object], interval: float) -> None:
@@ -38,25 +38,25 @@ class Heartbeat:
         self._thread.join()
 
     def expect(self, within: float) -> None:
-        """Called by the thread that drives the bench: it will call again `within` s; infinity: it drives nothing."""
+        """Called by the driving thread: its next call comes within this time [s]; infinity: it drives nothing."""
         self._until = time.monotonic() + within + PATIENCE
 
     def failure(self) -> Exception | None:
-        """What `say` raised since the last call, but no LinkError: the next request on that link raises it, too."""
+        """The error of `say` since the last call, but no LinkError, which the next request on the link raises."""
         failure, self._failure = self._failure, None
         return failure
 
     def turn(self, now: float) -> None:
-        """Done at each interval; `now`: the time of `time.monotonic` [s]."""
+        """Called at each interval; `now` is the time of `time.monotonic` [s]."""
         if now > self._until:
             return
         try:
             self._say()
         except LinkError:
             pass
-        except Exception as error:  # nobody else would hear of it
+        except Exception as error:  # in a thread it would go unnoticed
             self._failure = error
 
     def _run(self) -> None:
-        while not self._end.wait(self._interval):  # not a sleep: leaving wakes it at once
+        while not self._end.wait(self._interval):  # no sleep, so that leaving ends it at once
             self.turn(time.monotonic())

@@ -1,4 +1,4 @@
-"""Base of the Modbus drivers."""
+"""The base of the Modbus drivers."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ VENDOR, PRODUCT, REVISION, APPLICATION, SERIAL = 0, 1, 2, 6, 0x80
 
 
 class ModbusDevice(Device):
-    """Fields of the contract in, checked registers out.
+    """Reads and writes the fields of the contract by checked requests.
 
-    A write is sent once; where it is not confirmed it is read back. Settings are remembered as they were written,
-    orders are not.
+    A write is sent once; if it is not confirmed, it is read back. The driver remembers written settings in order to
+    restore them, but no orders.
 
-    Replies on a serial line have no number. So that a late one does not answer the next read, two reads that follow
-    each other ask for unlike numbers of registers, where the contract has one more to read.
+    Replies on a serial line have no transaction number. So that a late reply cannot answer the next read, successive
+    reads ask for different numbers of registers, if the contract has one more to read.
     """
 
     orders: ClassVar[frozenset[str]] = frozenset()  # fields that make the device do something
 
     @classmethod
     def at(cls, place: Place) -> Self:
-        """On a Modbus link; a driver that takes more than link, unit and clock says so itself."""
+        """Make the driver of a device; a driver whose constructor takes more arguments overrides this."""
         return cls(place.link, place.unit, place.clock)
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
@@ -48,7 +48,7 @@ class ModbusDevice(Device):
         self.clock = clock
         self._settings: dict[str, Value] = {}
         self._layout = cache(self.contract.layout)
-        self._last_count = 0  # of registers
+        self._last_count = 0  # number of registers in the last read
 
     def identify(self) -> None:
         """Check that this is the contract's device and that it agrees on the word order.
@@ -56,7 +56,7 @@ class ModbusDevice(Device):
         Raises:
             IdentityError: another vendor, product or major version, another word order, or another serial number
                 than before.
-            LinkError, LinkTimeout, DeviceError: it cannot be asked.
+            LinkError, LinkTimeout, DeviceError: it does not answer, or refuses.
         """
         objects = self._asked(self._identity)
         expected = self.contract.identity
@@ -77,7 +77,7 @@ class ModbusDevice(Device):
         self.simulated = objects.get(APPLICATION, "") == "simulated"
 
     def _identity(self) -> dict[int, str]:
-        """By number; a device that leaves the lower categories out of the extended one is asked for them too."""
+        """Identity objects by number; the lower categories are asked for if the extended one leaves them out."""
         objects = self._category(EXTENDED)
         if VENDOR not in objects:
             objects |= self._category(BASIC) | self._category(REGULAR)
@@ -92,7 +92,7 @@ class ModbusDevice(Device):
         return self.get_many(name)[0]
 
     def get_many(self, *names: str) -> list[float]:
-        """Physical values of fields that stand together, read in one request.
+        """Physical values of adjacent fields, read in one request, in the contract's units.
 
         Raises:
             LinkError, LinkTimeout, DeviceError: no answer, an exception response, or a value outside its limits.
@@ -100,7 +100,7 @@ class ModbusDevice(Device):
         return self._asked(lambda: list(map(self._value, names, self._read(names))))
 
     def get_text(self, name: str) -> str:
-        """What a text field says. Raises LinkError, LinkTimeout, DeviceError: no answer, or one that is no text."""
+        """Content of a text field. Raises LinkError, LinkTimeout, DeviceError: no answer, or one that is no text."""
         return self._asked(lambda: self._text(name, *self._read((name,))))
 
     def _text(self, name: str, data: bytes) -> str:
@@ -127,7 +127,7 @@ class ModbusDevice(Device):
         return [data[place] for place in places[: len(names)]]
 
     def set(self, **values: Value) -> None:
-        """Write fields that stand together in one FC16 request; never repeated.
+        """Write adjacent fields in one FC16 request, which is never repeated.
 
         Raises:
             RangeError: a value outside its limits; nothing is sent.
@@ -138,7 +138,9 @@ class ModbusDevice(Device):
         data = b"".join([self.contract.encode(name, values[name]) for name in names])
         start, count = self.contract.block(values)
         if len(data) != 2 * count:
-            raise UsageError(f"{self.contract.title}: {', '.join(values)} do not stand together in the contract")
+            raise UsageError(
+                f"{self.contract.title}: {', '.join(values)} are not adjacent in the contract; write them one by one"
+            )
         registers = [int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2)]
         try:
             self._told(lambda: self._write(start, registers, values))
@@ -182,14 +184,14 @@ class ModbusDevice(Device):
         }
 
     def differences(self) -> list[str]:
-        """What the device no longer holds as it was written. Raises LinkError, DeviceError."""
+        """The settings that the device no longer holds. Raises LinkError, DeviceError."""
         differing = self._differing(self._settings) if self._settings else {}
         return [
             f"{self.name}: {name} is {value:g}, was set to {self._settings[name]}" for name, value in differing.items()
         ]
 
     def restore(self) -> None:
-        """Write again what differs, and see that it stays. Raises as `set`; DeviceError where it does not stay."""
+        """Write lost settings again, and check that they stay. Raises as `set`, and DeviceError: they do not stay."""
         for name in self._differing(self._settings) if self._settings else {}:
             self.set(**{name: self._settings[name]})
         if left := self.differences():

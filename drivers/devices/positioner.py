@@ -14,13 +14,15 @@ POLL = 0.1  # s
 
 
 class Positioner(ModbusDevice):
+    """The micro-positioner, which moves the probe."""
+
     contract = positioner.CONTRACT
     orders = frozenset({"target", "speed", "command"})
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit, clock)
         self._limits = (0.0, 0.0)
-        self._target: float | None = None  # where it was sent and came to stand
+        self._target: float | None = None  # position that it was sent to and has reached [m]
         self._together = False
 
     def connect(self) -> None:
@@ -31,15 +33,15 @@ class Positioner(ModbusDevice):
             self._remember({"limit_low": low, "limit_high": high})
 
     def position(self) -> float:
-        """Present position in m, counted downwards from home."""
+        """Present position, counted downwards from home [m]."""
         return self.get("position")
 
     def _look(self) -> tuple[float, frozenset[str]]:
-        """Position in m, and what the status says of it or of a moment before.
+        """Position [m], and the status bits of the same moment or just before.
 
-        Both stand alone in the contract, so that looks would be alike in length and a late reply could pass for the
-        next look. Every second time they are therefore asked for one by one, the status first: where it says that
-        nothing moves, the position is the last one.
+        The contract has no field next to these two, so that all such reads would have the same length, and a late reply
+        could pass for the next one. Every second time they are therefore read one by one, the status first: if it says
+        that nothing moves, the position is final.
         """
         self._together = not self._together
         if self._together:
@@ -49,26 +51,27 @@ class Positioner(ModbusDevice):
         return position, frozenset(self.contract.set_bits("status", status))
 
     def travel(self) -> float:
-        """Upper soft limit in m."""
+        """Upper soft limit [m]."""
         return self._limits[1]
 
     def home(self, timeout: float = 60.0) -> None:
-        """Go to the home position and wait for it."""
+        """Go to the home position, and wait until it is there. Raises DeviceError: not within `timeout` [s]."""
         self._target = None
         self.set(command="home")
         self._wait(0.0, 0.0, timeout)
 
     def move(self, target: float, speed: float = 1e-3, timeout: float = 60.0) -> None:
-        """Go to `target` m at `speed` m/s and wait for it.
+        """Go to `target` [m] at `speed` [m/s], and wait until it is there.
 
         Raises:
-            RangeError: outside the soft limits; nothing is sent.
-            DeviceError: not there within `timeout` s.
+            RangeError: the target is outside the soft limits; nothing is sent.
+            DeviceError: it is not there within `timeout` [s].
         """
         low, high = self._limits
         if not low <= target <= high:
             raise RangeError(
-                f"micro-positioner: target {1e3 * target:g} mm is outside its limits {1e3 * low:g} to {1e3 * high:g} mm"
+                f"micro-positioner: target {1e3 * target:g} mm is outside its limits {1e3 * low:g} to {1e3 * high:g} "
+                "mm; give one inside"
             )
         distance = abs(target - self.position())
         self._target = None
@@ -76,12 +79,12 @@ class Positioner(ModbusDevice):
         self._wait(target, distance / speed, timeout)
 
     def stop(self) -> None:
-        """Stop where it is."""
+        """Stop at the present position."""
         self._target = None
         self.set(command="stop")
 
     def set_limits(self, low: float, high: float) -> None:
-        """Set the soft limits in m. Raises RangeError where `low` is above `high`; nothing is sent."""
+        """Set the soft limits [m]. Raises RangeError: `low` is above `high`; nothing is sent."""
         if not low <= high:
             raise RangeError(
                 f"micro-positioner: lower limit {1e3 * low:g} mm is not at or below the upper limit {1e3 * high:g} mm"
@@ -90,7 +93,7 @@ class Positioner(ModbusDevice):
         self._limits = (low, high)
 
     def _wait(self, target: float, expected: float, timeout: float) -> None:
-        """Wait the `expected` s, then poll until it stands, less and less often as long as it has far to go."""
+        """Wait the `expected` time [s], then poll until it stands; the further it has to go, the less often."""
         waited = min(expected, timeout)
         self.clock.wait(waited)
         polls, before = 1, math.inf
@@ -100,7 +103,9 @@ class Positioner(ModbusDevice):
                 break
             if waited >= timeout:
                 self.stop()
-                raise DeviceError(f"{self.name}: not at {1e3 * target:g} mm after {timeout:g} s; stopped")
+                raise DeviceError(
+                    f"{self.name}: not at {1e3 * target:g} mm after {timeout:g} s; it was stopped: look for an obstacle"
+                )
             ahead = polls * abs(target - position) / (abs(position - before) or math.inf)  # polls, at the present speed
             polls = max(1, min(2 * polls, int(ahead), math.ceil((timeout - waited) / POLL)))
             self.clock.wait(polls * POLL)
@@ -111,7 +116,7 @@ class Positioner(ModbusDevice):
         self._target = target
 
     def differences(self) -> list[str]:
-        """As of every device; it must know its home, too, and stand where it was sent."""
+        """As for every device; it must also know its home, and stand at the position that it was sent to."""
         found = super().differences()
         position, status = self._look()
         if "homed" not in status:

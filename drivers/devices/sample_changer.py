@@ -19,7 +19,13 @@ STATE = ("mounted", "exchanges", "status")
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """What lies under the probe, by its tag; how often that has changed so far; whether it is being changed now."""
+    """State of the sample changer.
+
+    Attributes:
+        sample: name on the tag of the sample under the probe; empty: there is none.
+        exchanges: how often the sample under the probe has changed so far.
+        moving: whether it is being changed now.
+    """
 
     sample: str
     exchanges: int
@@ -27,7 +33,7 @@ class Mounted:
 
 
 class SampleChanger(ModbusDevice):
-    """Orders are given by name. What was laid by an order must lie there, untouched, until the next one."""
+    """The sample changer, which mounts samples by name. A mounted sample must stay untouched until the next order."""
 
     contract = sample_changer.CONTRACT
     orders = frozenset({"order"})
@@ -38,9 +44,9 @@ class SampleChanger(ModbusDevice):
         self.samples: tuple[str, ...] = ()
 
     def connect(self) -> None:
-        """As of every device; read the names of the samples it holds, and wait until it stands.
+        """As for every device; also reads the names of its samples, and waits until it stands.
 
-        A run that was killed may have left it on its way.
+        A run that was killed may have left it moving.
         """
         super().connect()
         names = (self.get_text(f"place_{number}") for number in range(1, PLACES + 1))
@@ -54,7 +60,7 @@ class SampleChanger(ModbusDevice):
                 raise UnknownName(f"sample of the {self.name}", name, self.samples)
 
     def mounted(self) -> Mounted:
-        """What lies under the probe now. Raises LinkError, LinkTimeout, DeviceError."""
+        """The present state. Raises LinkError, LinkTimeout, DeviceError."""
         return self._asked(self._mounted)
 
     def _mounted(self) -> Mounted:
@@ -63,11 +69,11 @@ class SampleChanger(ModbusDevice):
         return Mounted(self._text("mounted", name), int(self._value("exchanges", exchanges)), moving)
 
     def mount(self, name: str, timeout: float = TIMEOUT) -> None:
-        """Have the sample of that name laid under the probe, which stands at home, and wait for it.
+        """Mount a sample by its name under the probe, which must be at home, and wait until it is there.
 
         Raises:
-            UnknownName, RangeError: no place holds it; nothing is sent.
-            DeviceError: it refuses, is not done within `timeout` s, or has laid another.
+            UnknownName, RangeError: no place holds the sample; nothing is sent.
+            DeviceError: the changer refuses, needs longer than `timeout` [s], or has mounted another sample.
         """
         self.check_holds((name,))
         self._laid = None
@@ -79,7 +85,7 @@ class SampleChanger(ModbusDevice):
         self._laid = found
 
     def _standing(self, timeout: float) -> Mounted:
-        """What is mounted as soon as nothing moves."""
+        """The state as soon as nothing moves. Raises DeviceError: it still moves after `timeout` [s]."""
         waited = 0.0
         while (found := self.mounted()).moving:
             if waited >= timeout:
@@ -89,7 +95,7 @@ class SampleChanger(ModbusDevice):
         return found
 
     def leave(self) -> None:
-        """From now on a person lays what he likes under the probe."""
+        """From now on a person may put anything under the probe."""
         self._laid = None
 
     def check(self) -> None:
@@ -112,6 +118,6 @@ class SampleChanger(ModbusDevice):
             )
 
     def differences(self) -> list[str]:
-        """As of every device; and raises as `check`: a setting can be written again, a swapped sample cannot."""
+        """As for every device; also raises as `check` does, because a swapped sample cannot be restored."""
         self.check()
         return super().differences()

@@ -1,4 +1,4 @@
-"""Driver of the sensor array nodes."""
+"""Driver of the sensor nodes."""
 
 from __future__ import annotations
 
@@ -29,20 +29,25 @@ CONTRACT = sensor_node.CONTRACT
 _SAMPLES, _STAMP = CONTRACT.pdos
 _SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo in (_SAMPLES, _STAMP))
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
-_MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples, before the counter starts over
+_MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
 LATEST_WAITS = 10
-MOST_EMERGENCIES = 10_000  # kept of one node
-LARGEST_RECORDING = 10_000_000  # samples, where nobody says how many
+MOST_EMERGENCIES = 10_000  # emergency messages that are kept for a node
+LARGEST_RECORDING = 10_000_000  # greatest number of samples if the caller gives none
 HEARTBEAT = 0x700
 BOOTED = 0
-MISSED = 3  # heartbeats, after which a node is missed
+MISSED = 3  # missing heartbeats after which an incident is noted
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What one node sampled.
+    """The samples of one node.
 
-    time: (n,) s from the start of the acquisition. voltage: (4, n) V. saturated: (4, n).
+    Attributes:
+        node: its node id.
+        rate: sample rate [Hz].
+        time: time since the start of the acquisition, shape (n,) [s].
+        voltage: voltage of each channel, shape (4, n) [V].
+        saturated: whether a sample is saturated, shape (4, n).
     """
 
     node: int
@@ -53,27 +58,27 @@ class Recording:
 
 
 class SensorNode(CanopenDevice):
-    """One node on the CAN bus."""
+    """One sensor node on the CAN bus."""
 
     contract = CONTRACT
-    orders = frozenset({"sync_cob_id"})  # starts and stops SYNC
+    orders = frozenset({"sync_cob_id"})  # it starts and stops SYNC
     ranges: ClassVar[Mapping[str, float]] = {name: RANGE_VOLTS[raw] for name, raw in sensor_node.RANGES.items()}  # V
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
         super().__init__(link, node_id, clock)
         self.rate = 1000.0
         self.emergencies: list[bytes] = []
-        self._noticed = 0  # emergencies
+        self._noticed = 0  # number of emergencies that were reported as notices
         self._restarted = False
-        self._beaten = False  # since the last look
+        self._beaten = False  # whether a heartbeat has come since the last look
         self._heard_ns = 0
         self._heartbeat = 0.0
         self._volts_per_count = np.ones(CHANNELS)
         self._frames: list[bytearray] = []
-        self._most = 0  # frames that are kept: a node may send for ever
+        self._most = 0  # greatest number of frames that are kept, because a node may send without end
 
     def connect(self) -> None:
-        """Join the bus, identify the node, and read back the settings. Raises as `identify`."""
+        """Join the bus, identify the node, and read its settings. Raises as `identify` does."""
         super().connect()
         self.rate = self._sync_rate()
         self._heartbeat = self.get("heartbeat")
@@ -87,12 +92,12 @@ class SensorNode(CanopenDevice):
         self._heard_ns = self.clock.now_ns()
 
     def differences(self) -> list[str]:
-        """What the node no longer holds as it was written, and whether it has started anew."""
+        """The settings that the node no longer holds, and whether it has restarted."""
         restarted = [f"{self.name}: has started anew"] if self._restarted else []
         return restarted + super().differences()
 
     def restore(self) -> None:
-        """Write the settings again. Raises as `set`."""
+        """Write the settings again. Raises as `set` does."""
         self._restarted = False
         super().restore()
 
@@ -113,45 +118,45 @@ class SensorNode(CanopenDevice):
         return [f"{self.name}: {each}" for each in found]
 
     def set_range(self, channel: int, range_: str) -> None:
-        """Set the charge amplifier range of a channel (1 to 4): "5 V" or "500 mV"."""
+        """Set the input range of a channel (1 to 4): "5 V" or "500 mV"."""
         self.set(f"range_{channel}", range_)
         self._volts_per_count[channel - 1] = RANGE_VOLTS[sensor_node.RANGES[range_]] / FULL_SCALE_COUNTS
 
     def set_sample_rate(self, rate: float) -> None:
-        """Set the cycle of SYNC to 1/`rate` s; it counts for all nodes while this one produces SYNC.
+        """Set the sample rate [Hz], by the period of SYNC; it holds for all nodes while this one produces SYNC.
 
         Raises:
-            RangeError: not above 0 Hz, or a cycle outside the contract's limits.
+            RangeError: the rate is not above 0, or its period is outside the contract's limits.
         """
         if not rate > 0:
-            raise RangeError(f"{self.name}: sample rate {rate:g} Hz must be above 0")
+            raise RangeError(f"{self.name}: sample rate {rate:g} Hz is not above 0; give a positive one")
         self.set("sync_period", 1.0 / rate)
         self.rate = 1.0 / self.get("sync_period")
 
     def _sync_rate(self) -> float:
-        """As the node holds it; 0: no SYNC, as CiA 301 has it by default."""
+        """The node's present sample rate [Hz]; 0: it sends no SYNC, which is the default of CiA 301."""
         held = self._held("sync_period")
         return 1.0 / self._value("sync_period", held) if any(held) else 0.0
 
     def reset_integrators(self) -> None:
-        """Short the integrators of all charge amplifiers: their outputs start again from zero."""
+        """Discharge the integrators of all charge amplifiers, so that their outputs start again from zero."""
         for channel in range(1, CHANNELS + 1):
             self.set(f"reset_{channel}", 1)
 
     def resolution(self, channel: int) -> float:
-        """Step of a channel's converter (1 to 4) on the range that is set [V]."""
+        """Step of a channel's converter (1 to 4) on its present range [V]."""
         return float(self._volts_per_count[channel - 1])
 
     def acquire(self, duration: float) -> Recording:
-        """Sample for `duration` s; this node produces SYNC. See `acquire`."""
+        """Sample for `duration` [s], with SYNC from this node. See the function `acquire`."""
         return acquire([self], duration)[0]
 
     def acquire_with(self, others: Sequence[SensorNode], duration: float) -> list[Recording]:
-        """Sample for `duration` s with `others` at once; this node produces SYNC. See `acquire`."""
+        """Sample for `duration` [s] together with `others`, with SYNC from this node. See the function `acquire`."""
         return acquire([self, *others], duration)
 
     def arm(self, count: int = LARGEST_RECORDING) -> None:
-        """Forget what came before and take `count` samples from the next SYNC on."""
+        """Forget earlier samples, and take `count` samples from the next SYNC on."""
         self._frames = []
         self._most = 2 * count
         self.link.command(self._node, "OPERATIONAL")
@@ -178,8 +183,8 @@ class SensorNode(CanopenDevice):
         """The first `count` samples since `arm`.
 
         Raises:
-            LinkError: frames are missing, doubled or out of order; says from which sample on.
-            DeviceError: the node has sent more emergencies than are kept.
+            LinkError: frames are missing, doubled or out of order; the message names the first such sample.
+            DeviceError: the node has sent more emergencies than can be kept.
         """
         frames, self._frames, self._most = self._frames, [], 0
         if len(self.emergencies) == MOST_EMERGENCIES:
@@ -206,14 +211,15 @@ class SensorNode(CanopenDevice):
 
 
 def acquire(nodes: Sequence[SensorNode], duration: float) -> list[Recording]:
-    """Sample with all `nodes` at once for `duration` s; the first one produces SYNC.
+    """Sample with all `nodes` together for `duration` [s]; the first one produces SYNC.
 
     A node's answer to a request follows its samples on the bus, so when it has told its count, every
     sample up to there has arrived; each count is then checked against what came.
 
     Raises:
-        RangeError: less than one sample, or more than the nodes can count; nothing is sent.
-        LinkError: samples were lost. DeviceError: the nodes sampled too few.
+        RangeError: this is less than one sample, or more than the nodes can count; nothing is sent.
+        LinkError: samples were lost.
+        DeviceError: the nodes took too few samples.
     """
     producer = nodes[0]
     if not producer.rate:

@@ -18,14 +18,23 @@ from palpate.instrument.contracts.contract import Value
 from palpate.instrument.contracts.shaker_amplifier import SETTINGS
 from palpate.instrument.errors import BenchInUse, DeviceError, SafetyError, SettingsLost
 
-HOTTEST = 85.0  # degC; it trips at 90
+HOTTEST = 85.0  # degC at which the driver stops; the amplifier itself trips at 90
 ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 2, 3, 6  # Modbus exception codes
 OFF = {"enable": "off"}
 
 
 @dataclass(frozen=True, slots=True)
 class AmplifierState:
-    """Output current A rms, output voltage V rms, heat sink temperature °C, faults now and latched."""
+    """State of the amplifier.
+
+    Attributes:
+        current: RMS output current [A].
+        voltage: RMS output voltage [V].
+        temperature: temperature of the heat sink [°C].
+        faults: names of the present faults.
+        faults_latched: names of the latched faults.
+        enabled: whether the output stage is on.
+    """
 
     current: float
     voltage: float
@@ -36,9 +45,10 @@ class AmplifierState:
 
 
 class ShakerAmplifier(ModbusDevice):
-    """An amplifier that is `owned` takes settings from the program that has claimed it; that alone feeds its watchdog.
+    """The shaker amplifier.
 
-    One that is not `owned` takes settings from anybody, and any request feeds its watchdog.
+    If it is `owned`, only the program that has claimed it can write settings and feed its watchdog. Else it takes
+    settings from any program, and any request feeds its watchdog.
     """
 
     contract = shaker_amplifier.CONTRACT
@@ -51,14 +61,15 @@ class ShakerAmplifier(ModbusDevice):
         super().__init__(link, unit, clock)
         self.owned = owned
         self._token = 0
-        self._counters = {False: 0, True: 0}  # False: of signs of life, which depend on the time; True: of orders
-        self._turn = threading.Lock()  # heartbeat and driving thread send by turns, so that counters rise on the wire
+        self._counters = {False: 0, True: 0}  # counter of the signs of life (False), and of the orders (True)
+        self._turn = threading.Lock()  # heartbeat and driving thread send in turns, so that counters rise on the wire
 
     def claim(self) -> bool:
-        """Become the owner, or stay it. False: another program owns it and was heard of within the watchdog's time.
+        """Become or stay the owner. Returns False if another program owns it and has fed the watchdog in time.
 
         Raises:
-            DeviceError: it has no owners. LinkError: it cannot be asked.
+            DeviceError: the amplifier knows no owners.
+            LinkError: it does not answer.
         """
         if not self.owned:
             return True
@@ -86,23 +97,24 @@ class ShakerAmplifier(ModbusDevice):
         return True
 
     def feed(self) -> None:
-        """Tell the watchdog that this program is alive; said again where it is not confirmed, as it does no harm.
+        """Feed the watchdog; without a confirmation it is sent a second time, which does no harm.
 
         Raises:
-            BenchInUse: another program has claimed it. SettingsLost: it knows of no owner, having been switched off.
+            BenchInUse: another program has claimed the amplifier.
+            SettingsLost: the amplifier has no owner, because it was switched off.
             LinkError, DeviceError: it does not answer.
         """
         self._asked(self.live)
 
     def live(self) -> None:
-        """As `feed`, but not said again where it is not confirmed."""
+        """Feed the watchdog with a single attempt. Raises as `feed` does."""
         if self._token:
             self._told(lambda: self._as_owner({}))
         else:
             self._told(lambda: self._read(("status",)))
 
     def release(self) -> None:
-        """Output off, and nobody's from now on. Raises LinkError, DeviceError."""
+        """Switch the output off and give the ownership up. Raises LinkError, DeviceError."""
         token, self._token = self._token, 0
         if token:
             self.set(release=token)
@@ -115,7 +127,7 @@ class ShakerAmplifier(ModbusDevice):
             self._as_owner({"order": name, "order_value": register}, {name: values[name]})
 
     def _as_owner(self, order: Mapping[str, Value], meant: Mapping[str, Value] | None = None) -> None:
-        """Write token and counter, and behind them an `order`; errors name the setting that is `meant` by it."""
+        """Write token and counter, followed by an `order`; errors name the setting `meant` by the order."""
         with self._turn:
             self._counters[bool(order)] += 1
             block = {"token": self._token, "counter": self._counters[bool(order)], **order}
@@ -134,9 +146,9 @@ class ShakerAmplifier(ModbusDevice):
                 raise
 
     def set_up(self, settings: AmplifierSettings, watchdog: float) -> None:
-        """As of every device.
+        """As for every device. A latched fault of the watchdog is cleared, because every killed run leaves it.
 
-        Raises SafetyError: it has tripped on anything but its watchdog, which every killed run leaves.
+        Raises SafetyError: the amplifier has tripped on another fault.
         """
         if self.read().faults_latched == {"watchdog"}:
             self.clear_faults()
@@ -144,12 +156,12 @@ class ShakerAmplifier(ModbusDevice):
         self.configure(settings.gain, settings.current_limit, watchdog)
 
     def configure(self, gain: float, current_limit: float, watchdog: float) -> None:
-        """Set the voltage gain V/V, the peak current A at which it trips, and the watchdog time-out s."""
+        """Set the voltage gain [V/V], the peak current at which it trips [A], and the watchdog's time-out [s]."""
         self.set(gain=gain, current_limit=current_limit)
         self.set(watchdog=watchdog)
 
     def enable(self) -> None:
-        """Switch the output stage on. Raises DeviceError while a fault is latched."""
+        """Switch the output stage on. Raises DeviceError: a fault is latched."""
         self.set(enable="on")
 
     def disable(self) -> None:
@@ -157,11 +169,11 @@ class ShakerAmplifier(ModbusDevice):
         self.set(enable="off")
 
     def clear_faults(self) -> None:
-        """Clear latched faults whose cause is gone."""
+        """Clear the latched faults whose cause is gone."""
         self.set(clear_faults=1)
 
     def read(self) -> AmplifierState:
-        """Currents, temperature and faults."""
+        """The present state. Raises LinkError, LinkTimeout, DeviceError."""
         current, voltage, temperature, faults, latched, status = self.get_many(
             "output_current", "output_voltage", "temperature", "faults", "faults_latched", "status"
         )
@@ -175,7 +187,7 @@ class ShakerAmplifier(ModbusDevice):
         )
 
     def check(self) -> AmplifierState:
-        """As `read`.
+        """The present state, if it is safe.
 
         Raises:
             SafetyError: a fault is latched, and the output is off; or the current limit is passed, or the heat sink is

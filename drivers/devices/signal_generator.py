@@ -14,21 +14,24 @@ from palpate.instrument.errors import BenchError, DeviceError, RangeError
 
 
 class SignalGenerator(ModbusDevice):
-    """The generator counts the writes that it takes. Where there are more than ours, somebody else writes there."""
+    """The signal generator.
+
+    It counts the writes that it takes. If there are more than this driver has sent, another program writes to it.
+    """
 
     contract = signal_generator.CONTRACT
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit, clock)
-        self._least = self._most = 0  # writes that it has taken, if nobody else writes
+        self._least = self._most = 0  # bounds of its count of writes, if no other program writes
 
     def connect(self) -> None:
-        """Raises as `identify`."""
+        """As for every device; the count of writes starts here. Raises as `identify` does."""
         super().connect()
         self._count()
 
     def _count(self) -> int:
-        """How many writes it has taken; from now on ours count from there."""
+        """Read its count of writes, from which this driver counts on."""
         self._least = self._most = count = int(self.get("writes"))
         return count
 
@@ -36,42 +39,44 @@ class SignalGenerator(ModbusDevice):
         try:
             super()._write(start, registers, values)
         except BenchError as error:
-            if not (isinstance(error, DeviceError) and error.code):  # not refused: it may have been carried out
+            if not (isinstance(error, DeviceError) and error.code):  # no refusal: the write may have been carried out
                 self._most += 1
             raise
         self._least += 1
         self._most += 1
 
     def differences(self) -> list[str]:
-        """As of every device; and whether it has taken writes that are not ours, which may have been taken back."""
-        found = super().differences()  # first: what is written after it counts already
+        """As for every device; also another program's writes, whose changes may have been taken back."""
+        found = super().differences()  # before the count is read, so that no later write is missed
         least, most = self._least, self._most
         count = self._count()
         if found or least <= count <= most:
             return found
         return [
-            f"{self.name}: counts {count} writes, should count {most}: somebody else writes there, or it was off "
-            "meanwhile"
+            f"{self.name}: counts {count} writes instead of {most}: another program writes to it, or it was switched "
+            "off meanwhile"
         ]
 
     def restore(self) -> None:
-        """As of every device."""
+        """As for every device."""
         self._count()
         super().restore()
 
     def sine(self, frequency: float, amplitude: float, offset: float = 0.0) -> None:
-        """Set a sine of `frequency` Hz, peak `amplitude` V and `offset` V at once; the phase runs on.
+        """Set a sine of `frequency` [Hz], peak `amplitude` [V] and `offset` [V] in one write, with a continuous phase.
 
         Raises:
-            RangeError: outside 0 to 20 kHz, 0 to 10 V, or amplitude + |offset| above 10 V.
+            RangeError: the frequency is outside 0 to 20 kHz, the amplitude outside 0 to 10 V, or amplitude + |offset|
+                above 10 V; nothing is sent.
         """
         self.waveform("sine", frequency, amplitude, offset)
 
     def waveform(self, shape: str, frequency: float, amplitude: float, offset: float = 0.0) -> None:
-        """As `sine`, with `shape` one of sine, square, triangle."""
+        """Set a waveform; `shape` is "sine", "square" or "triangle". Other arguments and errors as for `sine`."""
         if amplitude + abs(offset) > LARGEST_PEAK:
             raise RangeError(
-                f"signal generator: amplitude {amplitude:g} V + |offset| {abs(offset):g} V is above {LARGEST_PEAK:g} V"
+                f"signal generator: amplitude {amplitude:g} V + |offset| {abs(offset):g} V is above {LARGEST_PEAK:g} V;"
+                " lower one of them"
             )
         self.set(frequency=frequency, amplitude=amplitude, offset=offset, waveform=shape)
 
@@ -84,6 +89,6 @@ class SignalGenerator(ModbusDevice):
         self.set(phase_reset=1)
 
     def read(self) -> tuple[float, float, float]:
-        """Frequency Hz, amplitude V and offset V as the device holds them."""
+        """Frequency [Hz], amplitude [V] and offset [V], as the device holds them."""
         frequency, amplitude, offset = self.get_many("frequency", "amplitude", "offset")
         return frequency, amplitude, offset

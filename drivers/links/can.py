@@ -32,14 +32,14 @@ FrameTap = Callable[[bool, can.Message], None]
 
 
 def _has_wire(bus: CanBus | files.CanLink) -> bool:
-    """Whether its frames take their time: not those of a bus within this machine, which Linux lists as virtual too."""
+    """Whether frames take time on a real wire; not on a bus within this machine, which Linux lists as virtual."""
     if bus.interface == "socketcan":
         return not Path("/sys/devices/virtual/net", bus.channel).exists()
     return bus.interface not in ("virtual", MULTICAST)
 
 
 class _Listener(can.Listener):
-    """Hands standard data frames to who subscribed; canopen's own takes an extended identifier for the standard one."""
+    """Passes standard data frames to subscribers; canopen's own takes an extended identifier for a standard one."""
 
     errors = 0  # frames that were destroyed on the bus; controllers send them again
 
@@ -53,7 +53,7 @@ class _Listener(can.Listener):
             try:
                 for callback in self._subscribers.get(msg.arbitration_id, ()):
                     callback(msg.arbitration_id, msg.data, msg.timestamp)
-            except Exception as error:  # of a frame that is malformed
+            except Exception as error:  # a malformed frame can raise anything
                 logging.getLogger("canopen").error("%s", error)
 
     __call__ = on_message_received
@@ -64,7 +64,7 @@ def _unheard(_cob_id: int, _data: bytearray, _timestamp: float) -> None:
 
 
 class _Tapped:
-    """Tells of each frame once: of one that is sent before it is, and not of its echo."""
+    """Calls a tap once for each frame: for a sent one before it is sent, and not for its echo."""
 
     def __init__(self, bus: can.BusABC, heard: FrameTap, *, echoes: bool) -> None:
         self._heard = heard
@@ -103,15 +103,15 @@ class CanLink:
         self._taps: list[FrameTap] = []
 
     def tap(self, heard: FrameTap) -> None:
-        """From `open` on call `heard` with each frame that goes (True) or comes, in whichever thread it does."""
+        """From `open` on call `heard` with each frame that is sent (True) or received, in the thread that does it."""
         self._taps.append(heard)
 
     def open(self) -> None:
-        """Join the bus. Raises LinkError."""
+        """Join the bus. Raises LinkError: it cannot be opened."""
         d = self._description
         try:
             bus = can.Bus(interface=d.interface, channel=d.channel, bitrate=d.bitrate)
-        except Exception as error:  # each interface of python-can has its own, down to NameError
+        except Exception as error:  # each interface of python-can raises other types, even NameError
             raise LinkError(
                 f"CAN bus {self.name} cannot be opened: {error}; check the interface and channel in the bench file"
             ) from error
@@ -121,11 +121,11 @@ class CanLink:
         self._listener = _Listener(self._network)
         taps = [_Tapped(bus, heard, echoes=d.interface == MULTICAST) for heard in self._taps]
         self._network.listeners = [*taps, self._listener]  # type: ignore[list-item]  # told before anybody acts on it
-        self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # would be kept for ever
+        self._network.unsubscribe(LssMaster.LSS_RX_COBID)  # canopen would keep these frames for ever
         self._network.connect()
 
     def close(self) -> None:
-        """Leave the bus. Raises LinkError where it failed meanwhile."""
+        """Leave the bus. Raises LinkError: it failed meanwhile."""
         network, self._network = self._network, None
         if network is not None:
             try:
@@ -140,7 +140,7 @@ class CanLink:
         return self._network
 
     def error_frames(self) -> int:
-        """How many there were on the bus since the last call."""
+        """Number of error frames on the bus since the last call."""
         errors, self._listener.errors = self._listener.errors, 0
         return errors
 
@@ -156,11 +156,14 @@ class CanLink:
         return node
 
     def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
-        """Call `callback(cob_id, data, timestamp)` in the receiving thread for each such frame."""
+        """Call `callback(cob_id, data, timestamp)` in the receiving thread for each frame with this identifier."""
         self.network.subscribe(cob_id, callback)
 
     def upload(self, who: str, node: canopen.RemoteNode, index: int, subindex: int, size: int | None = None) -> bytes:
-        """Read an object, of `size` bytes where the node does not say. Raises LinkError, LinkTimeout, DeviceError."""
+        """Read an object; `size` is its size in bytes if the node does not give one.
+
+        Raises LinkError, LinkTimeout, DeviceError.
+        """
         data: bytes = self._transfer(who, node, node.sdo.upload, index, subindex, size)
         return data
 
@@ -188,7 +191,7 @@ class CanLink:
             return result
 
     def _why_none(self, node: canopen.RemoteNode) -> str:
-        """What may be the reason that no valid answer came."""
+        """A possible reason why no valid answer came, with its remedy."""
         if node.sdo.too_soon:
             return (
                 f"{node.sdo.too_soon} answers came sooner than {self._description.bitrate} bit/s can bring them; look "
@@ -200,7 +203,7 @@ class CanLink:
         with suppress(queue.Empty):
             for _ in range(LATE_ANSWERS):
                 node.sdo.responses.get(timeout=self._description.timeout)
-            raise LinkError(f"{who}: keeps answering what was not asked; look for a second SDO client on the bus")
+            raise LinkError(f"{who}: keeps sending unasked answers; look for a second SDO client on the bus")
 
     def command(self, node: canopen.RemoteNode, state: str) -> None:
         """NMT: ask a node to go to `state` (OPERATIONAL, PRE-OPERATIONAL, STOPPED, RESET); there is no answer."""

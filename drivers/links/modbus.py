@@ -33,10 +33,10 @@ BASIC, REGULAR, EXTENDED = 1, 2, 3  # categories of identity objects
 
 
 class _StrictDecoder(DecodePDU):
-    """pymodbus' decoder, which also takes odd byte counts, texts that are cut short, and data that goes on."""
+    """A decoder that refuses odd byte counts, cut-off texts and surplus data, which pymodbus' own accepts."""
 
     def decode(self, frame: bytes) -> ModbusPDU | None:
-        """The reply if it gives the same bytes when it is encoded again, each object of an identity once."""
+        """The reply, if encoding it again gives the same bytes; each object of an identity must come once."""
         reply = super().decode(frame)
         if isinstance(reply, ReadDeviceInformationResponse):
             if not all(isinstance(text, bytes) for text in reply.information.values()):
@@ -44,12 +44,12 @@ class _StrictDecoder(DecodePDU):
             reply.number_of_objects = 0  # encoding counts them again
         try:
             return reply if reply is not None and frame == bytes([reply.function_code]) + reply.encode() else None
-        except (struct.error, ValueError, ModbusException):  # of a function that nobody asks for
+        except (struct.error, ValueError, ModbusException):  # raised for functions that are never requested
             return None
 
 
 def _bounded(sending: bool, data: bytes) -> bytes:
-    """All that has come of a reply so far. Raises ModbusIOException: more than any reply has."""
+    """Pass received bytes of a reply on. Raises ModbusIOException: there are more than any reply has."""
     if len(data) > LARGEST_REPLY:
         raise ModbusIOException(f"more than {LARGEST_REPLY} bytes")
     return data
@@ -80,7 +80,7 @@ class ModbusLink:
         return isinstance(self._client, ModbusSerialClient)
 
     def tap(self, heard: Callable[[bool, bytes], object]) -> None:
-        """From now on call `heard` with what is sent (True), before it is, and with all that has come for it."""
+        """From now on call `heard` with each request before it is sent (True), and with all bytes of its reply."""
 
         def trace(sending: bool, data: bytes) -> bytes:
             if sending:
@@ -105,7 +105,7 @@ class ModbusLink:
         return cls(line.port, client)
 
     def open(self) -> None:
-        """Connect. Raises LinkError."""
+        """Connect. Raises LinkError: nothing answers at the address."""
         with self._lock:
             self._connect()
 
@@ -121,7 +121,7 @@ class ModbusLink:
             self._drop()
         try:
             connected = self._client.connect()
-        except ValueError as error:  # a host name that cannot be one
+        except ValueError as error:  # the host name is malformed
             raise LinkError(f"{self.name} is no address: {error}; correct it in the bench file") from None
         if not connected:
             raise LinkError(self._refusal())
@@ -130,7 +130,7 @@ class ModbusLink:
         self._reply_due = False
 
     def _refusal(self) -> str:
-        """Why the link cannot be opened; pymodbus keeps that to itself."""
+        """Why the link cannot be opened, which pymodbus does not say."""
         try:
             os.close(os.open(os.devnull, os.O_RDONLY))
         except OSError as error:
@@ -142,7 +142,7 @@ class ModbusLink:
         return f"serial port {self.name} is in use by another program or may not be opened; {CHECK}"
 
     def _why_none(self) -> str:
-        """What may be the reason that no valid answer came."""
+        """A possible reason why no valid answer came, with its remedy."""
         client = self._client
         if not isinstance(client, RtuClient):
             return "check power, cable and unit id"
@@ -166,11 +166,11 @@ class ModbusLink:
         raise LinkError(f"{self.name}: the line does not fall silent; look for a device that babbles")
 
     def distrust(self) -> None:
-        """A reply was not that to its request, which may still come: the next one is asked as after a time-out."""
+        """Called when a reply did not belong to its request. The true one may still come, as after a time-out."""
         self._reply_due = True
 
     def transact(self, who: str, request: Callable[..., ModbusPDU], *args: object, **kwargs: Any) -> ModbusPDU:
-        """Send one request and return its reply, which is no exception response.
+        """Send one request and return its reply, which is never an exception response.
 
         Raises:
             LinkTimeout, LinkError: no reply, or no connection.

@@ -93,7 +93,7 @@ class CheckedSdoClient(SdoClient):
         """
         data, in_segments = self._read(index, subindex, size)
         if in_segments and self._read(index, subindex, size)[0] != data:
-            raise SdoCommunicationError("it said two things when it was read twice")
+            raise SdoCommunicationError("two reads of the object gave different values")
         return data
 
     def _read(self, index: int, subindex: int, size: int | None) -> tuple[bytes, bool]:

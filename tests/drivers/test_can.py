@@ -88,14 +88,14 @@ def test_a_node_that_answers_what_nobody_asked_is_a_link_error(
         node.get("probe")
     for _ in range(20):
         node._node.sdo.responses.put(bytes(8))
-    with pytest.raises(LinkError, match="keeps answering what was not asked"):
+    with pytest.raises(LinkError, match="keeps sending unasked answers"):
         node.get("probe")
 
 
 def test_an_object_of_another_size_is_not_used(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     node = bench.device("sensor_node_1")
     monkeypatch.setattr(node._node.sdo, "upload", lambda *_: b"\x00\x00")
-    with pytest.raises(DeviceError, match="probe came with 2 bytes where 4 belong; not used"):
+    with pytest.raises(DeviceError, match="probe has 2 bytes instead of 4, so it is not used"):
         node.get("probe")
 
 

@@ -286,9 +286,7 @@ def test_a_node_may_give_as_many_late_answers_as_a_transfer_can_leave(
     for _ in range(late):
         node.sdo.responses.put(bytes(8))
     if refused:
-        with pytest.raises(
-            LinkError, match=r"^node 1: keeps answering what was not asked; look for a second SDO client"
-        ):
+        with pytest.raises(LinkError, match=r"^node 1: keeps sending unasked answers; look for a second SDO client"):
             link.upload("node 1", node, 0x2000, 0)
     else:
         assert link.upload("node 1", node, 0x2000, 0) == b"ok"

@@ -206,7 +206,7 @@ def test_fields_that_stand_together_travel_in_one_request(bench: Bench, monkeypa
 
 def test_fields_that_stand_apart_are_not_written(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     wire = listen(bench.device("signal_generator").link, monkeypatch)
-    with pytest.raises(UsageError, match="frequency, output do not stand together"):
+    with pytest.raises(UsageError, match="frequency, output are not adjacent"):
         bench.device("signal_generator").set(frequency=1, output="on")
     assert wire.requests == []
 

@@ -187,7 +187,7 @@ def test_fields_that_stand_together_are_written_in_one_request_by_their_addresse
 @pytest.mark.parametrize("names", [("setpoint", "program"), ("heater", "start")])
 def test_fields_that_stand_apart_are_not_written(names: tuple[str, ...]) -> None:
     driver, link = oven()
-    with pytest.raises(UsageError, match=f"^oven: {', '.join(names)} do not stand together in the contract$"):
+    with pytest.raises(UsageError, match=f"^oven: {', '.join(names)} are not adjacent in the contract"):
         driver.set(**dict.fromkeys(names, 1))
     assert link.asked == []
 

@@ -70,7 +70,7 @@ def test_a_move_stops_where_it_is(bench: Bench, sim: SimulatedBench) -> None:
 
 def test_a_move_that_takes_too_long_is_stopped_when_its_time_is_over(bench: Bench, sim: SimulatedBench) -> None:
     before = sim.clock.now_ns()
-    with pytest.raises(DeviceError, match="not at 20 mm after 5 s; stopped"):
+    with pytest.raises(DeviceError, match="not at 20 mm after 5 s; it was stopped"):
         bench.device("positioner").move(0.02, speed=1e-3, timeout=5.0)
     assert sim.clock.now_ns() - before <= 5_200_000_000
     sim.clock.wait(20.0)

@@ -71,7 +71,7 @@ def test_an_object_is_read_by_its_place_with_its_size() -> None:
 def test_an_object_of_another_size_is_not_used(data: bytes) -> None:
     driver, link, _ = node()
     link.held[0x2001, 0] = data
-    with pytest.raises(DeviceError, match=f"sample_counter came with {len(data)} bytes where 4 belong; not used"):
+    with pytest.raises(DeviceError, match=f"sample_counter has {len(data)} bytes instead of 4, so it is not used"):
         driver.get("sample_counter")
 
 

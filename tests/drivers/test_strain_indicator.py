@@ -166,7 +166,7 @@ def test_two_readings_that_disagree_are_not_used(
 ) -> None:
     read = sim.indicator.read
     monkeypatch.setattr(sim.indicator, "read", lambda name: 12.0 if name == "reading_float" else read(name))
-    with pytest.raises(DeviceError, match="2 mV as an integer and 12 mV as a float; not used"):
+    with pytest.raises(DeviceError, match="2 mV as an integer and 12 mV as a float, so it is not used"):
         bench.device("strain_indicator").read()
 
 

@@ -86,7 +86,9 @@ def test_the_integer_and_the_float_agree_within_a_step_and_the_precision_of_a_fl
     if used:
         assert driver.read().reading_mV == pytest.approx(counts / 10)
         return
-    with pytest.raises(DeviceError, match=rf"reading is {counts / 10:g} mV as an integer and .* as a float; not used"):
+    with pytest.raises(
+        DeviceError, match=rf"reading is {counts / 10:g} mV as an integer and .* as a float, so it is not used"
+    ):
         driver.read()
 
 
@@ -109,7 +111,7 @@ def test_a_display_is_stale_when_it_was_not_renewed_though_there_was_time_for_th
     assert not driver.read().stale
     clock.wait(seconds)
     reading = driver.read()
-    assert (reading.stale, reading.sick) == (stale, "not renewed" if stale else "")
+    assert (reading.stale, reading.sick) == (stale, "display not updated" if stale else "")
     link.put(updates=8)
     assert not driver.read().stale
 
@@ -158,7 +160,7 @@ def test_a_display_that_was_renewed_less_often_than_before_is_an_old_reply(
         assert not driver.read().stale
         assert link.distrusted == 0
         return
-    with pytest.raises(DeviceError, match=f"renewed {now} times, {before} at the reading before; the reply is late"):
+    with pytest.raises(DeviceError, match=f"updated {now} times, but {before} times at the reading before; the reply is late"):
         driver.read()
     assert link.distrusted == 1  # the true reply may still come
 
@@ -227,6 +229,6 @@ def test_a_command_that_was_refused_or_was_another_one_is_told(last: str, result
 def test_a_command_is_not_waited_for_longer_than_a_second() -> None:
     driver, _, clock = indicator()
     begun = clock.now_ns()
-    with pytest.raises(DeviceError, match=r"tare was not carried out within 1 s$"):
+    with pytest.raises(DeviceError, match=r"tare was not carried out within 1 s; repeat it, or restart the indicator$"):
         driver.tare()
     assert clock.now_ns() - begun == pytest.approx(1e9)

@@ -86,7 +86,7 @@ def test_a_step_in_which_a_stranger_drove_for_a_moment_is_repeated() -> None:
 
         assert carry_out(bench, "point 1", step, lambda: bench.device("signal_generator").sine(10.0, 1.0)) == 1.0
         assert len(told) == 1 and RESTORE in told[0]
-        assert "somebody else writes there" in told[0]
+        assert "another program writes to it" in told[0]
 
 
 def test_a_step_is_repeated_on_a_bench_that_was_put_right_and_each_attempt_is_told() -> None:
