@@ -190,17 +190,6 @@ class Rig:
         rows = [*range(len(self._films)), self._last.force]
         return StateSpace(system.a, system.b, system.c[rows], system.d[rows]), list(self._last.play_states)
 
-    def beginning(self) -> tuple[StateSpace, Floats, npt.NDArray[np.complex128]]:
-        """The start of the motion with the present settings.
-
-        Returns: the system, its state, shape (s,), and the drive's forcing of the state as a phasor, shape (s,).
-        """
-        path = self._paths[-1]
-        system = path.mode_at(path.start_ns).system
-        voltage, rate = self._voltage, self._voltage.derivative()
-        forcing = system.b[:, 0] * voltage.amplitude[0] + system.b[:, 2] * rate.amplitude[0]
-        return system, path.state(path.start_ns), forcing
-
     @property
     def path(self) -> Path:
         """The motion with the present settings."""

@@ -45,7 +45,7 @@ def calling_for(effects: dict[str, Effect], design: str = "single") -> Scene:
 
 def a_cycle(rig: Rig, start: Floats | None) -> tuple[Floats, Floats, float]:
     """A cycle of the drive by exact steps: outputs (p, STEPS), the first step [s], from a state or the one it keeps."""
-    system, _, _ = rig.beginning()
+    system = rig.path.mode_at(rig.path.start_ns).system
     voltage, s = rig.coil_voltage(), system.order
     w, step = 2 * math.pi * voltage.frequency / HERTZ, HERTZ / voltage.frequency / STEPS
     # The drive turns by itself: its phasor's parts and 1 are states too.
@@ -74,7 +74,7 @@ def test_the_closed_form_of_a_linear_scene_is_what_stepping_gives(names: tuple[s
     rig = driven(calling_for(effects, "common_base"), Question())
     films = len(rig.scene.design.films)
     assert rig.transitions(2 * SECOND) == []
-    stepped, _, step = a_cycle(rig, rig.beginning()[1])
+    stepped, _, step = a_cycle(rig, rig.path.state(rig.path.start_ns))
     times = np.round(np.arange(STEPS) * step * SECOND).astype(np.int64)
     late = (1e-9 * times - np.arange(STEPS) * step) * rig.film_rates(times)  # of times that are no whole nanosecond
     assert np.abs(rig.film_voltages(times) - late - stepped[:films]).max() < 1e-9 * np.abs(stepped[:films]).max()
