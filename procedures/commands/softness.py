@@ -48,7 +48,7 @@ def softness(
 
     On a real bench, without --samples and --modulus, one unknown object is mounted. If the ratio says little about the
     modulus (above 0.97, or outside the model's range), the answer is only a bound. The result names the model that
-    turns ratios into moduli, with its error and time; "experiment" interpolates the measurements on the six samples.
+    turns ratios into moduli, and its error; "experiment" interpolates the measurements on the six samples.
     """
     from palpate.procedures.commands.procedures import chosen_by, measure
     from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model

@@ -37,7 +37,7 @@ DRIFT_POINTS = 10  # of the load that is held, after the first one
 
 @dataclass(frozen=True, slots=True)
 class CharacteriseStep(Step):
-    """One load [N], peak to peak. `direction` is LOADING, UNLOADING or HOLDING."""
+    """One load, peak to peak. `direction` is LOADING, UNLOADING or HOLDING."""
 
     direction: str
     load_N: float

@@ -32,7 +32,7 @@ from palpate.procedures.steps.films import check_nodes
 
 @dataclass(frozen=True, slots=True)
 class LoadStep(Step):
-    """One load on one sample, peak to peak [N]."""
+    """One load on one sample, peak to peak."""
 
     sample: str
     load_N: float

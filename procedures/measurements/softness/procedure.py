@@ -32,9 +32,9 @@ SLOW = ("axisymmetric", "solid")  # their curve takes 20 s and half an hour
 
 @dataclass(frozen=True, slots=True)
 class TouchStep(Step):
-    """One load [N], peak to peak, on the object of a number, from 0."""
+    """One load on one object, peak to peak."""
 
-    number: int
+    object: str
     load_N: float
 
 
@@ -83,13 +83,12 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult]):
     def plan(self, target: Target) -> Plan[TouchStep]:
         """All points: every load on every object."""
         scatter = target.design.ratio_scatter
-        return Plan(self.name, [self._step(n, load, scatter) for n in range(len(self.objects)) for load in self.loads])
+        return Plan(self.name, [self._step(each.name, load, scatter) for each in self.objects for load in self.loads])
 
-    def _step(self, number: int, load: float, scatter: float) -> TouchStep:
+    def _step(self, name: str, load: float, scatter: float) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=load == self.loads[0])
-        name = self.objects[number].name
         what, group = f"{name}, {show(load, 'N')}", f"mount {name}"
-        return TouchStep(self.dwell, seconds, scatter, number, load, what=what, group=group)
+        return TouchStep(self.dwell, seconds, scatter, name, load, what=what, group=group)
 
     def begin(self, lab: Lab, record: Recorder) -> Touching:
         return Touching(lab, record, self)
@@ -111,17 +110,18 @@ class Touching(Loaded):
 
     def __init__(self, lab: Lab, record: Recorder, test: SoftnessTest) -> None:
         super().__init__(lab, record, test.loads, test.frequency, [each.name for each in test.objects])
-        self._test = test
+        self._dwell = test.dwell
+        self._objects = {each.name: each for each in test.objects}
 
     def arrange(self, step: TouchStep) -> None:
-        self.press(self._test.objects[step.number])
+        self.press(self._objects[step.object])
 
     def take(self, step: TouchStep) -> Taken[SoftnessPoint]:
         design = self.lab.design
-        measured = self.measured(step.load_N, step.what, self._test.dwell)
+        measured = self.measured(step.load_N, step.what, self._dwell)
         forces = film_forces(design, measured.fit)
         point = SoftnessPoint(
-            object=self._test.objects[step.number].name,
+            object=step.object,
             load_N=step.load_N,
             load_measured_N=measured.load_N,
             load_measured_u=measured.load_u,
