@@ -71,7 +71,7 @@ def addresses(description: BenchDescription) -> list[str]:
 
 def _numbers(host: str) -> set[str]:
     try:
-        return {str(address[0]) for *_, address in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
+        return {str(address[0]) for *_, address in socket.getaddrinfo(host, None)}
     except (OSError, ValueError):  # no such host, which opening the device will report
         return {host.lower()}
 

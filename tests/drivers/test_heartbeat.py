@@ -21,3 +21,4 @@ def test_a_heartbeat_beats_at_its_interval_until_it_is_left(monkeypatch: pytest.
     assert (said, intervals) == (["alive"] * 3, [0.5] * 4)
     assert heartbeat._end.is_set()
     assert heartbeat._thread.daemon  # a program that ends does not wait for it
+    assert heartbeat._thread.name == "heartbeat"  # in lists of threads

@@ -91,3 +91,11 @@ def test_a_download_is_confirmed_by_its_object() -> None:
         Client("60 17 10 01").download(0x1017, 0, b"\xf4\x01")
     with pytest.raises(SdoAbortedError, match="0x06090011"):
         Client("80 17 10 00 11 00 09 06").download(0x1017, 0, b"\xf4\x01")
+
+
+def test_a_text_is_written_in_segments_whose_toggle_bits_are_confirmed() -> None:
+    client = Client("60 30 20 00", "20", "30")
+    client.download(0x2030, 0, b"palpate!!")
+    assert client.requests == ["21 30 20 00 09 00 00 00", "00 70 61 6c 70 61 74 65", "1b 21 21 00 00 00 00 00"]
+    with pytest.raises(SdoCommunicationError, match="no answer in time"):
+        Client("60 30 20 00", "20", "20").download(0x2030, 0, b"palpate!!")  # the second was not confirmed

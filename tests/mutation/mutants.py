@@ -21,7 +21,7 @@ OTHERS: dict[type[ast.AST], type[ast.AST]] = {
 }  # fmt: skip
 """Which operator takes the place of which."""
 
-COMMUTING = ("min", "max", "hypot")
+COMMUTING = ("min", "max", "hypot", "samestat")
 """Calls whose arguments may stand in any order."""
 
 OPPOSITES = (ast.Eq, ast.NotEq, ast.Is, ast.IsNot, ast.In, ast.NotIn)

@@ -22,11 +22,21 @@ def point(ratio: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def told(capsys: pytest.CaptureFixture[str], **outcome: Any) -> str:
+def results(failed: int | None = None) -> Results:
+    """Of twelve cells, one of which may have failed."""
     study = study_from(GRID)
     ratios = [0.1 + 0.01 * cell for cell in range(len(study))]
-    outcomes = [Outcome(cell, "", json.dumps([point(ratio)] * 2)) for cell, ratio in enumerate(ratios)]
-    print_study(Results(study, outcomes), {**OUTCOME, **outcome})
+    return Results(
+        study,
+        [
+            Outcome(cell, "reason", "[]") if cell == failed else Outcome(cell, "", json.dumps([point(ratio)] * 2))
+            for cell, ratio in enumerate(ratios)
+        ],
+    )
+
+
+def told(capsys: pytest.CaptureFixture[str], failed_cell: int | None = None, **outcome: Any) -> str:
+    print_study(results(failed_cell), {**OUTCOME, **outcome})
     return capsys.readouterr().out
 
 
@@ -39,6 +49,18 @@ def test_cells_that_differ_in_their_seeds_alone_are_one_line_with_their_mean_and
     assert float(rows[0][3]) == pytest.approx(sum(first) / 3, rel=1e-3)
     assert float(rows[0][4]) == pytest.approx(0.02, rel=0.05)
     assert float(rows[0][-1]) == pytest.approx(0.3)
+
+
+def test_each_number_of_a_group_stands_below_its_heading(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = told(capsys, failed_cell=0).splitlines()
+    (heads,) = [line.split() for line in lines if line.split()[-1:] == ["model"]]
+    row = next(line.split() for line in lines if line.strip().startswith("near"))
+    assert heads[-6:] == ["cells", "failed", "ratio", "spread", "u", "model"]
+    group = results(failed=0).groups()[0]
+    assert row[-6:-4] == [str(group.cells), "1"]
+    numbers = [group.force_ratio, group.spread, group.force_ratio_u, group.model_force_ratio]
+    assert len(set(numbers)) == 4
+    assert [float(text) for text in row[-4:]] == pytest.approx(numbers, rel=0.05)
 
 
 def test_failures_and_files_are_named(capsys: pytest.CaptureFixture[str]) -> None:
