@@ -267,6 +267,12 @@ def test_each_failure_of_a_transfer_names_the_node_and_an_answer_may_still_be_du
     assert listened == ([0.25] if due else [])
 
 
+def test_where_all_answers_came_too_soon_the_message_says_so(link: CanLink, node: Any) -> None:
+    node.sdo.upload, node.sdo.too_soon = fails(SdoCommunicationError("none")), 2
+    with pytest.raises(LinkTimeout, match=r"; 2 answers came sooner than 125000 bit/s can .*its true bitrate$"):
+        link.upload("node 1", node, 0x2000, 0)
+
+
 def test_a_transfer_writes_what_it_is_given(link: CanLink, node: Any) -> None:
     told: list[tuple[object, ...]] = []
     node.sdo.download = lambda *asked: told.append(asked)

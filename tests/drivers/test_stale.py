@@ -12,15 +12,12 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.devices.positioner import Positioner
-from palpate.drivers.links.can import CanLink, _has_wire
+from palpate.drivers.links.can import _has_wire
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.sdo import CheckedSdoClient
 from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.sensor_node import shortest_transfer
-from palpate.instrument.errors import LinkTimeout
-from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.planning.settle import read_scene
 from tests.drivers.virtual_line import VirtualLine, checked
 from tests.stale import KINDS, NONE, TOLD, tried
 
@@ -163,18 +160,6 @@ def test_a_bus_within_the_machine_may_answer_at_once(bus: dict[str, Any], wire: 
     assert _has_wire(CanBus(**bus, nodes=(1,))) is wire
 
 
-def test_where_all_answers_come_too_soon_the_message_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.drivers.links.can._has_wire", lambda _bus: True)
-    with SimulatedBench(read_scene("thesis_single")) as sim:
-        link = CanLink(sim.description.can.model_copy(update={"bitrate": 10_000, "timeout": 0.02}))
-        link.open()
-        try:
-            with pytest.raises(LinkTimeout, match=r"1 answers came sooner than 10000 bit/s.*its true bitrate"):
-                link.upload("node", link.add_node(1), 0x1000, 0)
-        finally:
-            link.close()
-
-
 def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None:
     texts = iter(["41 08 10 00 02", "0B 61 62", "41 08 10 00 02", "0B 61 63"])
 
@@ -184,7 +169,7 @@ def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None
                 self.responses.put(bytes.fromhex(next(texts)).ljust(8, b"\0"))
 
     node = Texts(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
-    with pytest.raises(SdoCommunicationError, match="twice"):
+    with pytest.raises(SdoCommunicationError, match="different values"):
         node.upload(0x1008, 0)
 
 

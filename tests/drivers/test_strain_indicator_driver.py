@@ -160,7 +160,9 @@ def test_a_display_that_was_renewed_less_often_than_before_is_an_old_reply(
         assert not driver.read().stale
         assert link.distrusted == 0
         return
-    with pytest.raises(DeviceError, match=f"updated {now} times, but {before} times at the reading before; the reply is late"):
+    with pytest.raises(
+        DeviceError, match=f"updated {now} times, but {before} times at the reading before; the reply is late"
+    ):
         driver.read()
     assert link.distrusted == 1  # the true reply may still come
 
