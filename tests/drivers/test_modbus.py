@@ -11,7 +11,6 @@ from contextlib import ExitStack
 
 import pytest
 from pymodbus.pdu import ModbusPDU
-from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
@@ -20,7 +19,7 @@ from palpate.drivers.links.modbus import LARGEST_FRAME, ModbusLink
 from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.bench.usual import TcpAddress
 from palpate.instrument.contracts.contract import PROBE
-from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout, UsageError
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.procedures.testing.wire import Wire, impatient, listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
@@ -97,21 +96,6 @@ def test_a_late_reply_of_any_length_is_listened_to_in_pieces(bench: Bench, monke
     assert bench.device("positioner").get("probe") == PROBE
 
 
-def test_a_line_that_never_falls_silent_is_a_link_error(
-    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    line = bench.device("positioner").link
-    with impatient(line), sim.clock.lock, pytest.raises(LinkTimeout):
-        bench.device("positioner").get("position")
-    with impatient(line):
-        with monkeypatch.context() as patch:
-            patch.setattr(line._client, "recv", lambda _size: b"\xff" * 10)
-            with pytest.raises(LinkError, match="does not fall silent; look for a device that babbles"):
-                bench.device("positioner").get("position")
-        line.open()
-    assert bench.device("positioner").get("probe") == PROBE
-
-
 @pytest.mark.parametrize("signal", [KeyboardInterrupt, SystemExit])
 def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
     signal: type[BaseException], bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
@@ -165,50 +149,12 @@ def test_a_reply_that_says_it_is_complete_and_is_not_is_no_reading(
     assert bench.device("signal_generator").get("probe") == PROBE
 
 
-@pytest.mark.parametrize(
-    "reply",
-    [
-        ReadInputRegistersResponse(registers=[0x1234, 0x5678]),
-        ReadHoldingRegistersResponse(registers=[0x1234]),
-        ReadHoldingRegistersResponse(registers=[0x1234, 0x5678, 0x9ABC]),
-    ],
-)
-def test_a_reply_to_another_question_is_not_used(
-    reply: ModbusPDU, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patch:
-        exchange(bench.device("signal_generator").link, patch, reply)
-        with pytest.raises(DeviceError, match=r"answered function \d with \d registers where function 3 with 2"):
-            bench.device("signal_generator").get("probe")
-
-
-def test_a_write_that_another_address_confirms_is_uncertain(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        trace = bench.device("signal_generator").link._client.transaction
-
-        def elsewhere(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
-            if not sending:
-                pdu.address += 1
-            return pdu
-
-        patch.setattr(trace, "trace_pdu", elsewhere)
-        with pytest.raises(DeviceError, match=r"did not confirm amplitude = 1 V.*the setting is uncertain"):
-            bench.device("signal_generator").set(amplitude=1)
-
-
 def test_fields_that_stand_together_travel_in_one_request(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     wire: Wire = listen(bench.device("signal_generator").link, monkeypatch)
     bench.device("signal_generator").sine(10.0, 1.5, offset=-0.5)
     assert [request[0] for request in wire.requests] == [16]
     bench.device("signal_generator").read()
     assert [request[0] for request in wire.requests] == [16, 3]
-
-
-def test_fields_that_stand_apart_are_not_written(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    wire = listen(bench.device("signal_generator").link, monkeypatch)
-    with pytest.raises(UsageError, match="frequency, output are not adjacent"):
-        bench.device("signal_generator").set(frequency=1, output="on")
-    assert wire.requests == []
 
 
 def test_devices_on_one_line_are_told_apart_by_their_unit(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

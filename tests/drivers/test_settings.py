@@ -47,17 +47,6 @@ def test_each_setting_that_differs_is_told_with_both_values(bench: Bench, sim: S
     ]
 
 
-def test_only_what_differs_is_written_again(bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    positioner = bench.device("positioner")
-    positioner.set_limits(0.001, 0.02)
-    sim.positioner.settings["limit_high"] = 0.01
-    wire = listen(positioner.link, monkeypatch)
-    positioner.restore()
-    (written,) = [request for request in wire.requests if request[0] == 16]
-    assert int.from_bytes(written[1:3], "big") == positioner.contract["limit_high"].address
-    assert positioner.get("limit_high") == 0.02
-
-
 def test_a_device_that_does_not_take_its_settings_is_an_error(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,15 +62,6 @@ def test_a_write_that_is_not_confirmed_and_reads_back_is_noticed(bench: Bench, m
     bench.device("signal_generator").sine(12.0, 0.5)
     assert bench.device("signal_generator").read() == (12.0, 0.5, 0.0)
     assert noticed == ["no answer; read back, it was carried out"]
-
-
-def test_a_write_that_is_not_confirmed_and_reads_otherwise_is_an_error(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    noticed = unconfirmed(bench, monkeypatch, carried_out=False)
-    with pytest.raises(LinkTimeout):
-        bench.device("signal_generator").sine(12.0, 0.5)
-    assert noticed == []
 
 
 def test_a_write_that_is_neither_confirmed_nor_read_back_is_an_error(
@@ -128,16 +108,6 @@ def test_what_makes_a_node_do_something_is_no_setting(bench: Bench, sim: Simulat
     assert node.differences() == [f"{node.name}: range_2 is 0, was set to 500 mV"]
     node.restore()
     assert sim.nodes[0].settings["range_2"] == 1.0
-
-
-def test_an_order_that_is_not_confirmed_is_an_error_whatever_was_done(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A register that cannot be read back tells nothing."""
-    noticed = unconfirmed(bench, monkeypatch, carried_out=True)
-    with pytest.raises(LinkTimeout):
-        bench.device("signal_generator").reset_phase()
-    assert noticed == []
 
 
 def test_a_command_is_no_setting(bench: Bench) -> None:
