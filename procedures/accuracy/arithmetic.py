@@ -19,8 +19,8 @@ Real = Literal["float32", "float64"]
 
 FREQUENCY, RATE, DWELL = 10.0, 250.0, 10.0
 OFFSET, LATE = 1000.0, 86_400.0  # offset of a film that warms up, in amplitudes; s, a day on the bench
-STEPS = 2_000_000  # of a clock of 1 kHz, which are half an hour
-BITS = 48  # of the integer phase
+STEPS = 2_000_000  # steps of a clock of 1 kHz, which are half an hour
+BITS = 48  # bits of the integer phase
 FILM = 1.24e-3  # V, amplitude under sample 2 at 3 N: the tooth's film of the thesis
 NOISE = 22e-6  # V a sample, 2 µV/√Hz at 250 Hz
 LOAD_MV = 3.0 * 10.306  # reading of the strain indicator at 3 N

@@ -1,4 +1,4 @@
-"""What could move models and experiments apart: causes by the models, and what the readings themselves tell."""
+"""Possible causes of the difference between models and experiments, by the models and by the readings themselves."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """Everything that `palpate accuracy validation --what-if` tells."""
+    """All results of `palpate accuracy validation --what-if`."""
 
     effects: tuple[what_if.Effect, ...]
     measured_contrasts: Mapping[str, float]
@@ -59,7 +59,7 @@ class Causes:
 
     @classmethod
     def of(cls, solutions: Solutions, progress: Progress) -> Self:
-        """From the models, and from the tables of the thesis. Raises EstimateError."""
+        """Compute all causes, from the models and from the thesis' tables. Raises EstimateError."""
         return cls(
             effects=tuple(what_if.effects(solutions, progress)),
             measured_contrasts=what_if.measured_contrasts(),

@@ -1,4 +1,4 @@
-"""What can move models and the experiments of the thesis apart, and how far."""
+"""Prints possible causes of the difference between models and the thesis' experiments, and their size."""
 
 from __future__ import annotations
 

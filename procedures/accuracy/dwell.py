@@ -56,7 +56,7 @@ class Point:
         bound: Cramér–Rao bound for the noise around the drive.
         efficiency: bound² / u²; None where nothing scatters. It may be above 1 by chance, or because an estimator
             neglects trend and hum.
-        hum: what 1 V of mains hum may add to an amplitude by least squares [V]; 0 where hum is fitted.
+        hum: greatest voltage that 1 V of mains hum may add to an amplitude by least squares [V]; 0 if hum is fitted.
     """
 
     estimator: str

@@ -32,15 +32,17 @@ Array = NDArray[np.float64]
 DESIGNS = ("single_round", "single", "common_base", "different_base", "array")
 BEAM_ELEMENTS = (1, 2, 4, 8, 16)
 STRIDES = (8, 4, 2, 1)  # every eighth node of a surface, and so on
-BETWEEN = 100  # moduli in each interval, where looking costs nothing
+BETWEEN = 100  # number of moduli in each interval, for models that answer at once
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One design and its surface, which knows the ratios between the moduli.
+    """One design and its response surface, which gives the force ratios between the moduli.
 
     Attributes:
-        surface_errors: of the surface, in each interval.
+        design: the design.
+        surface: its response surface.
+        surface_errors: error of the surface in each interval of moduli.
     """
 
     design: Design

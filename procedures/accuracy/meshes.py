@@ -41,11 +41,12 @@ FINER = 2  # refinement that is the second way of many teeth, and not priced: mi
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """What to solve, and on which mesh.
+    """A problem and the mesh on which it is solved.
 
     Attributes:
-        refinement: of the finite-element model; the axisymmetric one also beyond its own, or COARSEST.
-        second: the second way to a reference.
+        parameters: parameters of the problem.
+        refinement: refinement of the finite-element model; also one beyond the axisymmetric model's own, or COARSEST.
+        second: whether to solve it in the second, independent way to a reference.
     """
 
     parameters: RoundParameters | SolidParameters
@@ -54,12 +55,12 @@ class Mesh:
 
     @property
     def model(self) -> str:
-        """Of `table.MODELS`."""
+        """Name of the model in `table.MODELS`."""
         return "axisymmetric" if isinstance(self.parameters, RoundParameters) else "solid"
 
     @property
     def moduli(self) -> Sequence[float]:
-        """Of the object that it is solved at [Pa]; the second way takes a minute with the solid model."""
+        """Moduli of the object for which it is solved [Pa]; fewer where the second way takes a minute each."""
         if self.model == "solid":
             return (TIMED,) if self.second else MODULI
         return MODULI if self.second else (*MODULI, *MIDDLES)
@@ -71,11 +72,13 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """What came of it; without a force ratio, why.
+    """The solution on a mesh.
 
     Attributes:
-        judged: what the mesh is judged by.
-        seconds: of the processor, to build, to solve, and to evaluate.
+        force_ratio: the force ratio; None: the solution failed.
+        judged: quantities by which the mesh is judged.
+        seconds: processor time to build, to solve, and to evaluate [s].
+        failure: why the solution failed; empty: it did not.
     """
 
     force_ratio: float | None
@@ -89,7 +92,7 @@ Values = Sequence[float | None]
 
 
 def refinements(design: Design, load: Load) -> dict[str, list[Mesh]]:
-    """The meshes of each finite-element model that knows the design, from the coarsest."""
+    """The meshes of each finite-element model that holds for the design, from the coarsest one."""
     around = round_parameters(design, load) if len(design.teeth) == 1 else None
     found = {"axisymmetric": [Mesh(around, refinement) for refinement in axisymmetric.REFINEMENTS]} if around else {}
     square = solid_parameters(design, load)
@@ -98,7 +101,7 @@ def refinements(design: Design, load: Load) -> dict[str, list[Mesh]]:
 
 
 def references(design: Design, load: Load) -> list[Mesh]:
-    """What is solved for the reference alone: a finer mesh of the round design, and the second way."""
+    """The meshes that only the reference needs: a finer one for the round design, and the second way."""
     if design.outline == "round":
         finest = Mesh(round_parameters(design, load), axisymmetric.REFINEMENTS[-1] + 1)
         return [finest, replace(finest, second=True)]

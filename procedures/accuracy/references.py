@@ -89,7 +89,7 @@ def _reference(design: Design, ratios: Array, uncertainties: Array, how: str) ->
 
 
 def _limit(design: Design, solved: Results) -> tuple[Array, Array, int]:
-    """Where the solid model's own refinements lead, how far that still is, and how many of them were solved.
+    """Limit of the solid model's refinements, the remaining distance to it, and the number of solved refinements.
 
     From three on the changes go on falling alike. The second of two is left with a third of the first one's error or
     less: with none to half of the change, a quarter for both.

@@ -1,4 +1,4 @@
-"""What would move the solid model's force ratio, and by how much, on one sensor and on a pair: one cause at a time.
+"""How much each possible cause changes the solid model's force ratio, on one sensor and on a pair, one at a time.
 
 Each is solved on the solid model's coarsest mesh, within 1 % of the converged ratio, where only the change counts, and
 kept: all of them take some minutes.
@@ -87,10 +87,11 @@ WHAT_IFS = (
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a cause makes of both arrangements.
+    """The effect of a cause on both arrangements.
 
     Attributes:
-        by_design: the distance from the experiments with it.
+        what_if: the cause.
+        by_design: difference from the experiments with the cause, by design.
         contrasts: the pair's force ratio over the single sensor's, by sample.
     """
 
@@ -144,7 +145,7 @@ def _compared(design: str, ratios: dict[str, float]) -> Validation:
 
 
 def asked(design: str, what_if: WhatIf, sample: Sample) -> SolidParameters:
-    """What the solid model is asked."""
+    """The parameters of the solid model with a cause, for a sample."""
     return what_if.changed(solid_parameters(get_design(design), PHYSICAL.load(sample.modulus)))
 
 

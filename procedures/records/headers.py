@@ -1,4 +1,4 @@
-"""What the header of a procedure's run says: its settings, its bench, and how it differs from another header."""
+"""Reads the header of a procedure's run: its settings, its bench, and its differences from another header."""
 
 from __future__ import annotations
 

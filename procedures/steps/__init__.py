@@ -1,1 +1,1 @@
-"""What procedures share on the bench: pressing, driving, recording films, and what is done about failures."""
+"""Steps that procedures share on the bench: pressing, driving, recording films, and handling failures."""

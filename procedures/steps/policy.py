@@ -54,7 +54,7 @@ class Policy:
 # The first policy that fits an error counts.
 POLICIES = (
     Policy("a limit of the bench is passed, or the amplifier has tripped", (SafetyError,), STOP),
-    Policy("another device stands in the place of one", (IdentityError,), STOP),
+    Policy("another device answers at the address of one", (IdentityError,), STOP),
     Policy("another program has the amplifier", (BenchInUse,), STOP),
     Policy("another sample is mounted than was ordered, or it was away meanwhile", (SampleError,), STOP),
     Policy("the rig cannot reach what is asked for", (UnreachableError,), STOP),
@@ -63,14 +63,14 @@ POLICIES = (
     Policy("a device refuses, or gives no valid reading", (DeviceError,), RESTORE, ATTEMPTS),
     Policy("no valid answer to a read", "in the driver", ASK_AGAIN, READ_ATTEMPTS),
     Policy("a write is not confirmed", "in the driver", READ_BACK),
-    Policy("emergency, heartbeat gone, error frames: a node or its bus tells of itself", "after a step", NOTE),
+    Policy("a node or its bus reports trouble: emergency, missing heartbeat, error frames", "after a step", NOTE),
     Policy("films clipped, not finite, unsettled; emergency in a dwell; load drifted", "of a point", MARK, ATTEMPTS),
     Policy(
-        "films and load cell tell of two forces (`force`), films and generator of two frequencies (`frequency`): "
-        "further apart than 6 points of 100,000 are by chance",
+        "films and load cell measure different forces (`force`), films and generator have different frequencies "
+        "(`frequency`), further apart than noise explains (by noise alone only 6 points of 100,000)",
         "of a point", MARK, ATTEMPTS,
     ),
-    Policy("hum, or the noise that prevails, cannot be told in so short a record (`hum`, `short`)", "of a point", USE),
+    Policy("the record is too short to separate hum (`hum`), or to know its noise (`short`)", "of a point", USE),
 )  # fmt: skip
 
 

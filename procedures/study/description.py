@@ -34,7 +34,7 @@ DEFAULTS: Mapping[str, Value] = {"scene": "thesis_single", "sample": "2"}
 VALID: Mapping[str, Sequence[str]] = {"design": tuple(DESIGNS), "model": tuple(MODELS), "sample": tuple(SAMPLES)}
 MOST_CELLS, MOST_POINTS = 100_000, 1_000_000
 LARGEST_SEED = 2**63 - 1
-DIGITS = 6  # of a number that is drawn from a range
+DIGITS = 6  # digits of a number that is drawn from a range
 
 
 class RandomFile(Config):

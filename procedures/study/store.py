@@ -28,7 +28,7 @@ from palpate.procedures.records.chain_writer import ChainWriter, create
 from palpate.procedures.records.run import storing
 
 RECORD, HEAD_FILE = "study.record", "study.head"
-OLD = "study.sqlite"  # of earlier versions
+OLD = "study.sqlite"  # file of earlier versions
 STUDY, CELL = b"STUD", b"CELL"
 LONGEST_VALUE = 60  # characters, in a message
 

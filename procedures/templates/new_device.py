@@ -1,4 +1,4 @@
-"""The files of a new device, in the style of the others: they pass its conformance suite as they stand."""
+"""Writes the first files of a new device from templates; they pass its conformance suite as they are."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FILES = {
 
 @dataclass(frozen=True, slots=True)
 class Modbus:
-    """What differs between the links of Modbus: the terms in the device's files."""
+    """The terms in a device's files that differ between the Modbus links."""
 
     title: str
     suite: str
@@ -77,7 +77,7 @@ def new_device(name: str, bus: str, tree: Path) -> list[Path]:
     """Write contract, driver, simulator, golden frames and test of a device into a source tree of palpate.
 
     Args:
-        name: of its modules, such as `force_gauge`.
+        name: name of its modules, such as `force_gauge`.
         bus: one of `BUSES`.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Files that begin something of one's own, from templates: they pass their tests as they stand.
+"""Writes the first files of a user's own effect or procedure, from templates; they pass their tests as they are.
 
 new_effect("cable_sag", Path())         # simulators/effects/cable_sag.py and its test
 new_procedure("repeatability", Path())  # procedures/repeatability.py and its test
@@ -16,7 +16,7 @@ from string import Template
 from palpate.instrument.errors import RecordError, UsageError
 
 NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-LONGEST = 20  # characters of a name
+LONGEST = 20  # greatest number of characters of a name
 EFFECT = {"effect.py.txt": "simulators/effects/{}.py", "effect_test.py.txt": "tests/simulators/test_{}.py"}
 PROCEDURE = {"procedure.py.txt": "procedures/{}.py", "procedure_test.py.txt": "tests/procedures/test_{}.py"}
 
@@ -33,7 +33,7 @@ def new_procedure(name: str, tree: Path) -> list[Path]:
 
 
 def check_name(kind: str, name: str) -> None:
-    """Raises UsageError: it is no name of a module."""
+    """Raises UsageError: it cannot be the name of a module."""
     if not NAME.fullmatch(name) or len(name) > LONGEST or keyword.iskeyword(name):
         raise UsageError(
             f"{name!r} is no name of a {kind}: give small letters, digits and single underscores, at most {LONGEST}"
@@ -47,16 +47,18 @@ def write_files(
     """Write the files of a `kind` of thing.
 
     Args:
-        name: of its modules, such as `force_gauge`.
-        places: template -> where its file goes in the tree, with {} for the name.
-        terms: what stands for the templates' names; those of the thing itself are added.
-        beside: words that the class may not be called, with those of the templates.
+        kind: what they are for, in messages.
+        name: name of its modules, such as `force_gauge`.
+        places: path of each template's file in the tree, with {} for the name.
+        tree: root of the tree.
+        terms: values of the templates' placeholders, in addition to those of the name.
+        beside: text with names that the class may not have, in addition to the templates.
 
     Returns:
         The files, in the order of the templates.
 
     Raises:
-        UsageError: no name of a module, no such tree, or one of the files exists; nothing is written.
+        UsageError: the name is not allowed, the tree does not exist, or one of the files exists; nothing is written.
         RecordError: a file cannot be written.
     """
     check_name(kind, name)
@@ -83,7 +85,7 @@ def write_files(
 def write_package(
     kind: str, name: str, places: Mapping[str, str], folder: Path, terms: Mapping[str, str]
 ) -> list[Path]:
-    """As `write_files`, into a new folder of that name. Raises UsageError: the folder exists; RecordError."""
+    """Write files as `write_files` does, into a new folder of that name. Raises UsageError: it exists; RecordError."""
     check_name(kind, name)
     tree = folder / name
     if tree.exists():
@@ -97,5 +99,5 @@ def write_package(
 
 
 def class_of(name: str) -> str:
-    """The class of a module's name."""
+    """The class name for a module's name."""
     return "".join(word.capitalize() for word in name.split("_"))

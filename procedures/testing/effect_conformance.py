@@ -1,4 +1,4 @@
-"""What every effect must do, also one of an installed package."""
+"""Tests that every effect must pass, also one of an installed package."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ from palpate.simulators.scenes.scene import Scene
 PERIOD_NS = round(1e9 / RATE)
 QUESTIONS = (Question("2", 3.0, dwell=0.5), Question("6", 1.5, 2.0, dwell=1.0))  # the softest and the hardest sample
 SPECTRUM = 8192  # samples
-DRAWS = 6  # of the drive's phase and of noise
+DRAWS = 6  # number of draws of the drive's phase and of noise
 GOLDEN = (math.sqrt(5) - 1) / 2
 ROUNDING = 1e-9
-ON_BUSES = (CanEffect, LineEffect, CellEffect)  # the films do not feel them
+ON_BUSES = (CanEffect, LineEffect, CellEffect)  # effects that do not change the films' signals
 HEAD = 'name = "conformance"\npurpose = "An effect of a package."\ndesign = "single"\n'
 
 
 class EffectConformance:
-    """An effect on a bench, alone and beside its usual effects.
+    """Tests of an effect on a bench, alone and together with the scene's usual effects.
 
     Attributes:
-        effect: with parameters by which it is plainly seen in a second of samples.
-        nothing: the same with parameters by which it changes nothing; None: there are none.
-        scene: name of the scene whose sensor, model and usual effects are taken.
+        effect: the effect, with parameters that change a second of samples clearly.
+        nothing: the effect with parameters that change nothing; None: there are none.
+        scene: name of the scene that gives sensor, model and usual effects.
     """
 
     effect: ClassVar[Effect]
@@ -54,19 +54,19 @@ class EffectConformance:
     scene: ClassVar[str] = "thesis_single"
 
     def of(self, *effects: Effect, beside: Mapping[str, Effect] | None = None) -> Scene:
-        """The scene with these effects, beside others."""
+        """The scene with these effects, in addition to others."""
         chosen = in_order({**(beside or {}), **{effect.name: effect for effect in effects}})
         return replace(read_scene(self.scene), effects=chosen, called=dict.fromkeys(chosen, "called for"))
 
     @property
     def usual(self) -> dict[str, Effect]:
-        """The usual effects of the scene that can stand beside it."""
+        """The usual effects of the scene that do not exclude it."""
         own = {self.effect.name: self.effect}
         usual = read_scene(self.scene).effects
         return {name: other for name, other in usual.items() if name not in own and not rival(other, own)}
 
     def hold_bound(self, effect: Effect, others: Mapping[str, Effect], question: Question) -> None:
-        """Raises AssertionError: what an effect changes beside others is more than its bound."""
+        """Raises AssertionError: the effect changes a result by more than its bound, together with others."""
         without, with_it = self.of(beside=others), self.of(effect, beside=others)
         bound = bound_of(case_of(without.design, without.model, without.effects, question), effect)
         for force, ratio in _changes(without, with_it, question):
@@ -167,12 +167,12 @@ class EffectConformance:
         case = case_of(scene.design, scene.model, {}, replace(QUESTIONS[0], dwell=SPECTRUM / RATE))
         assert np.abs(volts).max() <= self.effect.largest(case, lambda: rates[np.newaxis])
         power = np.abs(np.fft.rfft(volts - volts.mean())[1:]) ** 2 / SPECTRUM
-        floor = min(band.mean() for band in np.array_split(power, 16))  # of what is white in it
+        floor = min(band.mean() for band in np.array_split(power, 16))  # level of the white part of the noise
         assert floor >= 0.7 * dither**2, f"it says {dither:.3g} V in each sample, {math.sqrt(floor):.3g} V are white"
 
 
 def _changes(without: Scene, with_it: Scene, question: Question) -> Iterator[tuple[float, float]]:
-    """What it changes in force and ratio, relatively and at most of all films, in some phases and draws of noise."""
+    """Greatest relative changes of force and ratio over all films, for some phases and draws of noise."""
     for draw in range(DRAWS):
         (force, ratio), (other_force, other_ratio) = (
             _forces_and_ratios(replace(scene, seed=scene.seed + draw), question, draw * GOLDEN % 1)

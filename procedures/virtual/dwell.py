@@ -1,4 +1,4 @@
-"""What a dwell costs and gives: measured on a long record that is simulated."""
+"""Measures uncertainty and bias against the dwell, on a long simulated record."""
 
 from __future__ import annotations
 

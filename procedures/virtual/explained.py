@@ -1,4 +1,4 @@
-"""What a scene simulates and how, and what leaving the rest out can change."""
+"""Explains what a scene simulates and how, and how much the omitted effects could change."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 
 def asked(sample: str, load: str, frequency: str, dwell: str = "1 s", *, steady: bool = False) -> Question:
-    """The question that texts ask of a scene. Raises QuantityError, RangeError, UnknownName."""
+    """The question for a scene, from texts. Raises QuantityError, RangeError, UnknownName."""
     return Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"), steady)
 
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """A scene, how it answers a question, and the tolerance above which what it leaves out is marked."""
+    """A scene, its plan for a question, and the tolerance above which an omitted effect is marked."""
 
     scene: Scene
     answer: Plan
@@ -32,7 +32,7 @@ class Explained:
 
     @classmethod
     def of(cls, name: str, question: Question, tolerance: float, *, strict: bool = False) -> Self:
-        """Explain the scene of a name or file. Raises ConfigError: it is wrong, or warns and `strict` is set."""
+        """Explain a scene by its name or file. Raises ConfigError: it is wrong, or it has warnings with `strict`."""
         scene = read_scene(name)
         answer = plan(scene, question)
         if strict and answer.warnings:
@@ -40,7 +40,7 @@ class Explained:
         return cls(scene, answer, tolerance)
 
     def summary(self) -> dict[str, Any]:
-        """Under public names."""
+        """The explanation for JSON."""
         return {
             "scene": self.scene.name,
             "model": self.scene.model,
@@ -52,7 +52,7 @@ class Explained:
 
 
 def print_explained(found: Explained) -> None:
-    """The path, the effects inside and outside, the settled state where it was asked for, and warnings."""
+    """Print the path, the simulated and the omitted effects, the settled state if it was asked for, and warnings."""
     scene, answer, tolerance = found.scene, found.answer, found.tolerance
     out = console()
     out.print(f"Scene {scene.name}: {scene.purpose}", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Measures ways to follow a stiff chain through time; their table and work-precision diagram."""
+"""Measures methods that integrate a stiff chain in time, with a table and a work-precision diagram."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Rows = Sequence[Mapping[str, Any]]  # method, setting, error, seconds, failure
 
 
 def measure(progress: Progress) -> Rows:
-    """Each method at each setting, under public names."""
+    """A row for JSON about each method at each setting."""
     rows = []
     for done in chain(integrators.compare(), bouc_wen.compare()):
         rows.append(asdict(done))
@@ -27,7 +27,7 @@ def measure(progress: Progress) -> Rows:
 
 
 def task() -> dict[str, Any]:
-    """What each method does, under public names."""
+    """The task of the methods, for JSON."""
     return {
         "states": integrators.STATES,
         "stiffness_ratio": integrators.STIFFNESS,

@@ -1,4 +1,4 @@
-"""What accuracy costs in time: stored prices of models, and the rest measured now."""
+"""Collects how much time accuracy costs: the stored prices of models, and the rest measured now."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ class Traffic:
 
 
 def _exciter(sim: SimulatedBench) -> dict[str, str]:
-    """What its page says of generator and amplifier; nothing where a device of another kind drives."""
+    """The lines of the status page about generator and amplifier; none if another kind of device drives."""
     if not {"signal_generator", "shaker_amplifier"} <= sim.devices.keys():
         return {}
     generator, amplifier = sim.generator.settings, sim.amplifier

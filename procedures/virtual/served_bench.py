@@ -70,9 +70,9 @@ class Wish:
         samples: str | None,
         out: Path | None,
     ) -> Self:
-        """What texts ask for. Raises UsageError, RangeError, ConfigError, UnknownName: it cannot be served."""
+        """Read the arguments of the command. Raises UsageError, RangeError, ConfigError, UnknownName: one is wrong."""
         if not 0.001 <= speed <= 1000:
-            raise RangeError(f"--speed {speed:g} is outside 0.001 to 1000")
+            raise RangeError(f"--speed {speed:g} is outside 0.001 to 1000; give one inside")
         pause = None if step is None else parse(step, "s")
         if pause is not None and not 0 < pause <= 3600:
             raise RangeError(f"--step {step} is outside 0 to 1 h")
@@ -85,7 +85,7 @@ class Wish:
         return cls(chosen if seed is None else chosen.with_seed(seed), place, line, speed, pause, held, out)
 
     def summary(self, description: BenchDescription) -> dict[str, object]:
-        """What is served, under public names."""
+        """The served bench, for JSON."""
         return {
             "scene": self.scene.name,
             "seed": self.scene.seed,

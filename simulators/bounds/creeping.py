@@ -1,4 +1,4 @@
-"""What a leak that changes adds to the films' voltages behind amplifiers, beside a leak that is held.
+"""The voltages that a changing leak adds to the films' amplified voltages, compared with a constant leak.
 
 An amplifier that decays by a(t) solves y' = u' - a y, and with a held decay h it solves v' = u' - h v. Their difference
 d = y - v solves d' = -a d - (a - h) v from the beginning of the drive. From one point in time to the next, a is
@@ -19,18 +19,18 @@ from palpate.simulators.physics.effect import Case, Floats
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.stages import LeakEffect
 
-ERROR = 1e-6  # of the greatest voltage that is added
-POINTS = 24.0  # in a period of the drive at least: the cubics of a sine are right to 1e-5
-TERMS = 18  # of a series for steps in which little decays
+ERROR = 1e-6  # tolerance, as a fraction of the greatest added voltage
+POINTS = 24.0  # least number of points in a period of the drive; cubics then follow a sine to 1e-5
+TERMS = 18  # number of terms of the series for steps in which little decays
 
 
 def held(case: Case, leak: LeakEffect) -> LeakEffect:
-    """The leak held at its least conductance up to the dwell's end: no transient is faster than the true one."""
+    """A constant leak with the least conductance up to the dwell's end, whose transients are never too fast."""
     return leak.held(min(leak.conductance(leak.middle(time)) for time in (0.0, case.settled + case.dwell)))
 
 
 def crept(case: Case, effects: Effects, dwell: Dwell, linear: bool) -> tuple[Floats, Floats] | None:
-    """Voltages and rates (phases, films, n) [V, V/s] that a leak adds as it changes; None: no decay changes."""
+    """Voltages and rates that the change of a leak adds, shapes (phases, films, n) [V, V/s]; None: nothing changes."""
     leak, amplifier = effects.leak, effects.amplifier
     if leak is None or amplifier is None:
         return None

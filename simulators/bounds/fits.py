@@ -13,7 +13,7 @@ from palpate.instrument.signals.sine_columns import SineColumns, sine_columns
 from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.effect import Case, Floats
 
-DIRECTIONS = 64  # in half a circle
+DIRECTIONS = 64  # number of directions in half a circle
 SIGMAS = 6.0  # standard deviations of noise in a bound: two quadratures exceed them once in 6e7 fits
 
 

@@ -1,4 +1,4 @@
-"""What it changes that a fit looks for the mains' own frequency, beside a fit at their rated frequency.
+"""The difference between a fit that searches for the mains' true frequency, and one at their rated frequency.
 
 Bounds are of a linear fit. But the fit of a record takes for hum what it finds near the mains, such as a drive there
 that is not of the frequency that was asked for, or a multiple of a drive whose force plays have bent.
@@ -20,13 +20,13 @@ from palpate.simulators.physics.effect import Bound, Case, Effect, Floats
 from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import Stream
 
-TRIED, FEWER = 12, 3  # phases of the drive; fewer in a long record, to whose fit a phase matters less
-LONG = 5000  # samples
-MORE = 2.0  # for phases between and other noise
+TRIED, FEWER = 12, 3  # phases of the drive that are tried; fewer for a long record, in which a phase matters less
+LONG = 5000  # samples of a long record
+MORE = 2.0  # factor that allows for phases in between, and for other noise
 
 
 def strays(case: Case, before: Side, after: Side, totals: Sequence[int], pairs: Sequence[tuple[int, int]]) -> Bound:
-    """Greatest difference of changes by both fits, tried in some phases with the same noise before and after.
+    """Greatest difference between the changes by both fits, over some phases, with the same noise before and after.
 
     Args:
         case: the measurement.
@@ -53,12 +53,15 @@ def strays(case: Case, before: Side, after: Side, totals: Sequence[int], pairs: 
 
 
 def _behind(side: Side) -> tuple[Effect | None, ...]:
-    """What changes the samples of its voltages."""
+    """The effects that change the samples of its voltages."""
     return (*side.effects.input, side.effects.converter)
 
 
 def _fits(case: Case, basis: SineColumns, side: Side) -> tuple[Floats, Floats]:
-    """Amplitudes (phases, films) [V] with the mains at their rated frequency and at their own; one object: no other."""
+    """Amplitudes with the mains at their rated and at their true frequency, shapes (phases, films) [V].
+
+    Both are the same object if the frequencies are the same.
+    """
     samples = _sampled(case, side)
     samples = samples - samples.mean(axis=2, keepdims=True)
     phases, films, n = samples.shape
@@ -71,7 +74,7 @@ def _fits(case: Case, basis: SineColumns, side: Side) -> tuple[Floats, Floats]:
 
 
 def _sampled(case: Case, side: Side) -> Floats:
-    """Samples (phases, films, n) with a draw of the noise."""
+    """Samples with one draw of the noise, shape (phases, films, n) [V]."""
     tried = TRIED if side.volts.shape[2] < LONG else FEWER
     every, period_ns = len(side.volts) // tried, round(1e9 / case.rate)
     volts = side.volts[::every]

@@ -51,33 +51,33 @@ T = TypeVar("T")
 
 
 def effect_names() -> list[str]:
-    """All effects in the order of the chain: ours, then those of installed packages by name."""
+    """Names of all effects: palpate's own in the order of the chain, then those of installed packages by name."""
     return [*EFFECTS, *(name for name in additions(GROUP) if name not in EFFECTS)]
 
 
 def in_order(effects: Mapping[str, T]) -> dict[str, T]:
-    """What belongs to some effects, in the order of `effect_names`."""
+    """A mapping by effect names, sorted in the order of `effect_names`."""
     return {name: effects[name] for name in (*EFFECTS, *sorted(effects.keys() - EFFECTS.keys())) if name in effects}
 
 
 def origin(name: str) -> str:
-    """Of an effect of an installed package, ", of PACKAGE VERSION"; of one of ours, nothing."""
+    """The text ", of PACKAGE VERSION" for an effect of an installed package; empty for palpate's own effects."""
     entry = addition(GROUP, WHAT, name) if name not in EFFECTS else None
     return f", of {entry.origin}" if entry else ""
 
 
 def packages(names: Iterable[str]) -> dict[str, str]:
-    """The installed packages that some effects come from, with their versions."""
+    """The installed packages that provide these effects: version by name."""
     found = [entry for name in names if name not in EFFECTS and (entry := addition(GROUP, WHAT, name))]
     return {entry.package: entry.version for entry in found}
 
 
 def effect_class(name: str) -> type[Effect]:
-    """The class of an effect: one of ours, or of an installed package.
+    """The class of an effect by its name.
 
     Raises:
-        UnknownName: there is none of that name. ConfigError: the package that adds it cannot be used, or the class is
-            not named after the effect.
+        UnknownName: there is no effect of that name.
+        ConfigError: the package that adds it cannot be used, or its class has another name.
     """
     if name not in EFFECTS:
         return _added(name)
@@ -89,7 +89,7 @@ def effect_class(name: str) -> type[Effect]:
 
 
 def _added(name: str) -> type[Effect]:
-    """The class of an effect of an installed package, as far as it can be checked without a scene."""
+    """The class of an installed package's effect, after all checks that need no scene."""
     entry = addition(GROUP, WHAT, name)
     if entry is None:
         raise UnknownName(WHAT, name, effect_names())
@@ -102,6 +102,6 @@ def _added(name: str) -> type[Effect]:
         raise unusable(entry, WHAT, f"does not say its kind ({', '.join(get_args(Kind))}) and cancels_in_ratio")
     try:
         hash(found.model_validate({}))
-    except Exception as error:  # whatever its validators do
+    except Exception as error:  # its validators can raise anything
         raise unusable(entry, WHAT, f"cannot be made with the defaults of its parameters: {error}") from error
     return found

@@ -1,4 +1,4 @@
-"""On a common base the film under a tooth feels the load of its neighbours."""
+"""Crosstalk on a common base: the film under a tooth also senses the load on the neighbouring teeth."""
 
 from __future__ import annotations
 

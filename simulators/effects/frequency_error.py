@@ -21,7 +21,7 @@ class FrequencyError(DriveEffect):
     kind: ClassVar[Kind] = "lti"
     cancels_in_ratio: ClassVar[bool] = True
 
-    # of the accumulator, and its clock [A]
+    # bits of the phase accumulator, and frequency of its clock [A]
     bits: Literal[28, 48] = 48
     clock: Hertz = Field(default=25e6, ge=1e6, le=1e9)
 

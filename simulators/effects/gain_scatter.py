@@ -1,4 +1,4 @@
-"""In each load set the films have slightly different gains, by seating, clamping and alignment."""
+"""Scatter of the films' gains: each load set has slightly other gains, by seating, clamping and alignment."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from palpate.instrument.quantity import Ohms, Seconds
 from palpate.simulators.physics.effect import Kind
 from palpate.simulators.physics.stages import LeakEffect
 
-EPOCHS = 1000  # in which the leak is constant, while it changes: 0.9 % each by default
+EPOCHS = 1000  # number of steps in which the leak changes, each by 0.9 % with the default parameters
 
 
 class HumidityLeak(LeakEffect):

@@ -31,10 +31,10 @@ class LoadCell(CellEffect):
     noise: Volts = Field(default=0.3e-3, ge=0, le=0.1)
     # decimals of the display: Table 5.1 has none [T]
     decimals: int = Field(default=0, ge=0, le=4, strict=True)
-    # of the load of dead weights, that comes with the time constant; ISO 376 class 2 allows 0.2 % [S]
+    # creep under dead weights as a fraction of the load, with the time constant; ISO 376 class 2 allows 0.2 % [S]
     creep: float = Field(default=0.0, ge=-0.1, le=0.1, strict=True)
     creep_time: Seconds = Field(default=100.0, ge=1, le=10_000)  # [A]
-    # of the sensitivity, times the sine of the cell's position about its axis; class 2 allows 0.4 % in all [S]
+    # amplitude of the sensitivity over the sine of the cell's position, relative; class 2 allows 0.4 % in total [S]
     position_spread: float = Field(default=0.0, ge=0, le=0.1, strict=True)
 
     @property

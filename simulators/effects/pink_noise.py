@@ -23,7 +23,7 @@ LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz
 PER_TAU = 16  # grid points in a time constant, within a factor of sqrt(2)
 ROW = 64  # points of a grid in one row of a product
 KEPT = 64  # sets of weights
-FORGOTTEN = 1e-16  # of a process: a smaller remainder from before a block is neglected
+FORGOTTEN = 1e-16  # fraction of a process below which its remainder from before a block is neglected
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ class Viscoelastic(StackEffect):
     cancels_in_ratio: ClassVar[bool] = False
 
     material: Literal["rubber", "soft_tissue"] = "rubber"
-    # in place of the material's own
+    # terms of a Prony series that replace the material's own
     g: tuple[Annotated[float, Field(ge=0, lt=1, strict=True)], ...] | None = Field(default=None, max_length=8)
     tau: tuple[Annotated[Seconds, Field(ge=1e-6, le=1e6)], ...] | None = Field(default=None, max_length=8)
 

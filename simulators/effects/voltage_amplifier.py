@@ -25,7 +25,7 @@ class VoltageAmplifier(AmplifierEffect):
     cancels_in_ratio: ClassVar[bool] = False
     excludes: ClassVar[tuple[str, ...]] = ("charge_amplifier",)
 
-    # of the films: disc under the tooth, square under the base [S]
+    # capacitance of the films: the disc under the tooth, the square under the base [S]
     disc: Farads = Field(default=26e-12, gt=0, le=1e-6)
     square: Farads = Field(default=425e-12, gt=0, le=1e-6)
     # [A]

@@ -17,8 +17,9 @@ class Faulty(Protocol):
     Attributes:
         devices: the simulated devices, by name.
         can: the CAN segment.
-        servers: of the Modbus devices.
-        line_units, bus_nodes: names of the devices by unit and node id.
+        servers: the servers of the Modbus devices.
+        line_units: names of the devices on the serial line, by unit id.
+        bus_nodes: names of the devices on the CAN bus, by node id.
     """
 
     clock: VirtualClock

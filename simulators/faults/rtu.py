@@ -84,7 +84,7 @@ class NoisyLine:
         fcntl.ioctl(client, termios.TIOCPKT, struct.pack("i", 1))
 
     def to_device(self, client: int, told: bytes) -> bytes:
-        """What the device hears of the bytes that were read from the client's terminal.
+        """The bytes that the device receives, from those that were read from the client's terminal.
 
         The client writes a whole frame at once. A client that has given up opens the line anew and clears it; late
         replies come then.
@@ -99,7 +99,7 @@ class NoisyLine:
         return frame if self._struck is None or self._struck.reaches else b""
 
     def to_client(self, frame: bytes) -> bytes:
-        """What the client hears of the bytes that a device has written."""
+        """The bytes that the client receives, from those that a device has written."""
         struck, self._struck = self._struck, None
         if struck is None:
             return frame

@@ -21,7 +21,7 @@ from palpate.simulators.linear.integrators import LOST, Measured
 from palpate.simulators.linear.lti import Floats
 
 PERIOD, CYCLES, FINEST = 0.1, 3, 10_000  # s; cycles; steps in a cycle of the reference
-STEPS = (100, 1000)  # in a cycle
+STEPS = (100, 1000)  # numbers of steps in a cycle
 STIFFNESS, SHARE = 60.0, 0.9  # k in units of 1 over the amplitude of x; b
 
 

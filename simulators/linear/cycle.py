@@ -21,7 +21,7 @@ from palpate.simulators.linear.lti import Complexes, Floats, Rows, StateSpace, S
 from palpate.simulators.linear.mode import Guard, Mode
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
-STEPS = 8  # of Newton's method, from a root that is known to the nanosecond
+STEPS = 8  # greatest number of Newton steps, from a root that is known to the nanosecond
 CLOSE = 10.0  # ns; greatest distance of a root from the nanosecond at which it was found
 LOST = 1e-13  # of the size of an output: the period is known no better
 LEAST = -100.0  # exponent below which a mode has decayed

@@ -31,7 +31,7 @@ from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 DURATION = 10.0  # s, of the record
 STATES = 9
 STIFFNESS = 1e6  # fastest over slowest rate
-SAMPLE_NS = 1_000_000  # between the samples that are compared
+SAMPLE_NS = 1_000_000  # ns between the samples that are compared
 BLOCK = 100  # steps in one block of the matrix exponential
 LOST = 1.0  # relative error of an answer that is worthless
 DRIVE = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([-1j]))

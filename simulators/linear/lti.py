@@ -93,7 +93,7 @@ class StateSpace:
 
     @functools.cached_property
     def motion(self) -> FreeMotion:
-        """Its motion without inputs."""
+        """The motion of the system without inputs."""
         return free_motion(self.a)
 
     def _parts(self) -> tuple[Floats, Floats, Floats, Floats]:

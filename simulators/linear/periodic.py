@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate.simulators.linear.free_motion import BLOCK, Complexes, Floats, Times, on_grid, real_product
 
-POINTS = 1024  # in a period at which a waveform is sampled
+POINTS = 1024  # samples of a waveform in a period
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit
 HERTZ = 10**9  # one hertz in units of frequency
 SECOND = 10**9  # one second in nanoseconds
@@ -107,7 +107,7 @@ class Periodic:
         return constant(self.now(self.start_ns), self)
 
     def derivative(self) -> Periodic:
-        """Its derivative, 1/s."""
+        """Its derivative with respect to time, in its unit per second."""
         rates = 2j * np.pi * (self.frequency / HERTZ) * self.order
         return Periodic(0.0, self.frequency, self.start_ns, self.start_phase, self.order, rates * self.amplitude)
 

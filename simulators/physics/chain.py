@@ -38,7 +38,7 @@ class Chain:
         before: system from the forces on tooth and ring, the plays' force h and the constant 1 to the films' voltages
             before their amplifiers.
         amplifiers: one for each film.
-        offsets: of the amplifiers' outputs (films,) [V].
+        offsets: offsets of the amplifiers' outputs, shape (films,) [V].
         bridge_tau: time constant of the load cell's filter [s].
         weight: dead weight on the load cell [N].
     """

@@ -16,7 +16,7 @@ from palpate.simulators.physics.parts import Touch
 
 STARTS = 3  # phases at which the drive begins; where the chain is linear, all others follow from them
 PHASES = 12 * STARTS
-ROUNDING = 2 * float(np.finfo(np.float64).eps)  # of all terms that a voltage is the sum of
+ROUNDING = 2 * float(np.finfo(np.float64).eps)  # round-off, as a fraction of the sum of all terms of a voltage
 GOLDEN = (math.sqrt(5) - 1) / 2
 GONE = 30.0  # time constants after which the beginning no longer matters
 LIMITS = ("contact", "rail", "current", "stop")
@@ -75,7 +75,7 @@ class Dwell:
         return self._seen(Path.rates, linear)
 
     def rounding(self) -> Floats:
-        """What rounding may change in voltages (films,) [V]."""
+        """Greatest change of the voltages by round-off, shape (films,) [V]."""
         terms = np.array([path.magnitude(slice(0, self.films)) for path in self.starts])
         return np.asarray(ROUNDING * terms.max(axis=0))
 

@@ -1,4 +1,4 @@
-"""What every effect is: frozen parameters with units, default and source, its kind, and a bound on what it changes."""
+"""The base of every effect: frozen parameters with units, defaults and sources, a kind, and a bound on its changes."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Effect(Config):
     answers in its own file.
 
     Attributes:
-        name: in scene files: that of the class in small letters, its words joined by underscores.
+        name: its name in scene files: the class name in small letters, with underscores between words.
         kind: `lti`, a gain or a linear system; `static_nl`, a memoryless map; `hysteresis`; `additive`, a voltage that
             adds to the films'; `ltv`, a linear system that changes with time; `timing`, when something happens on a
             bus.

@@ -11,7 +11,7 @@ from palpate.simulators.linear.lti import StateSpace, gain
 
 @dataclass(frozen=True)
 class Touch:
-    """Which of the chain's limits are met: -1 below, 0 not, 1 above.
+    """The limits of the chain that are reached: -1 the lower one, 0 none, 1 the upper one.
 
     `contact` tells whether probe and sample touch over the tooth and over the ring. `drag` tells of each play operator:
     -1 dragged down, 0 at rest, 1 dragged up.

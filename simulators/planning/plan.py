@@ -33,7 +33,7 @@ from palpate.simulators.planning.steady import POINTS, SETTLED, SteadyState, fol
 from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
 
-PRELOAD = 0.75  # of the load: half of it is its peak, the rest keeps contact
+PRELOAD = 0.75  # preload as a fraction of the load: half of the load is its peak, the rest keeps contact
 SETTLING = 2.0  # s between a change of the drive and a measurement
 LOOKED_AT = 2.0  # s of a scene that are searched for transitions
 FOLLOWED = 10.0  # periods of the drive after which transitions usually recur [M]
@@ -223,7 +223,7 @@ def _costs(scene: Scene, question: Question, path: str, found: list[set[str]]) -
 
 
 def moves(rig: Rig, until_ns: int) -> list[set[str]]:
-    """What each transition changes, from the present settings up to a time."""
+    """The changes at each transition, from the present settings up to a time."""
     return [
         {item.name for item in fields(Touch) if getattr(before, item.name) != getattr(after, item.name)}
         for before, after in rig.transitions(until_ns)

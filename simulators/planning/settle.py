@@ -1,4 +1,4 @@
-"""From a scene's file to the scene: the model that answers, the effects that are simulated, the faults."""
+"""Makes a scene from its file: chooses the sensor model and the simulated effects, and reads the faults."""
 
 from __future__ import annotations
 

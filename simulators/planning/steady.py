@@ -16,7 +16,7 @@ from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.rig.rig import Rig
 
-POINTS = 4096  # in a period of a scene that is followed
+POINTS = 4096  # samples in a period of a scene that is followed
 SETTLED = 10.0  # s after the drive was set, for such a scene
 
 

@@ -18,9 +18,9 @@ from palpate.simulators.rig.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep
-POINTS = 400  # in a period
+POINTS = 400  # samples in a period
 SAMPLES_PER_CYCLE = 25
-HEADROOM = 1.5  # of a range above the greatest voltage
+HEADROOM = 1.5  # least ratio of an input range to the greatest voltage
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,1 +1,1 @@
-"""What a scene is, and the scenes that come with palpate."""
+"""The definition of a scene, and the scenes that come with palpate."""

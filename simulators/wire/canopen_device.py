@@ -25,7 +25,7 @@ class CanopenDevice:
     """The state of one node. Methods are called under the clock's lock."""
 
     contract: ClassVar[Contract]
-    speed = 1.0  # of this clock, to that of the clients
+    speed = 1.0  # speed of this clock relative to the clients' clock
 
     @classmethod
     def at(cls, place: Place) -> Self:

@@ -53,7 +53,7 @@ class SimulatedDevice:
 
     contract: ClassVar[Contract]
     readings: ClassVar[tuple[str, ...]] = ()  # names of displayed fields, which the fault `stuck_display` can freeze
-    speed = 1.0  # of this clock, to that of the clients, by which a watchdog counts
+    speed = 1.0  # speed of this clock relative to the clients' clock, in whose seconds a watchdog counts
 
     @classmethod
     def at(cls, place: Place) -> Self:
