@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import click
 
+from palpate.procedures.commands import texts
 from palpate.procedures.commands.options import Command, F, Output, option, output_options
 
 
 def question_options(command: F) -> F:
     """Add the options --sample, --load and --frequency."""
     for each in (
-        option("--frequency", default="10 Hz", help="Frequency of the load."),
-        option("--load", default="3 N", help="Load, peak to peak, if nothing limits it."),
+        option("--frequency", callback=texts.quantity("Hz"), default="10 Hz", help="Frequency of the load."),
+        option("--load", callback=texts.quantity("N"), default="3 N", help="Load, peak to peak, if nothing limits it."),
         option("--sample", default="2", help="Sample that is pressed."),
     ):
         command = each(command)
@@ -25,30 +26,28 @@ def question_options(command: F) -> F:
 )
 @click.argument("scene")
 @question_options
-@option("--dwell", default="1 s", help="Time over which the signals are averaged.")
+@option("--dwell", callback=texts.quantity("s"), default="1 s", help="Time over which the signals are averaged.")
 @option("--steady", is_flag=True, help="Explain and show the settled state instead of the waveforms.")
-@option("--tolerance", default="1e-4", help="Change by omitted effects that gets no mark.")
+@option("--tolerance", callback=texts.share, default="1e-4", help="Change by omitted effects that gets no mark.")
 @option("--strict", is_flag=True, help="Treat a warning as an error.")
 @output_options
 def explain(
     scene: str,
     sample: str,
-    load: str,
-    frequency: str,
-    dwell: str,
+    load: float,
+    frequency: float,
+    dwell: float,
     steady: bool,
-    tolerance: str,
+    tolerance: float,
     strict: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Explain what a scene simulates and how, and how much the omitted effects could change."""
-    from palpate.instrument.quantity import parse_tolerance
-    from palpate.procedures.virtual.explained import Explained, asked, print_explained
+    from palpate.procedures.virtual.explained import Explained, Question, print_explained
 
     output = Output(as_json, quiet)
-    question = asked(sample, load, frequency, dwell, steady=steady)
-    found = Explained.of(scene, question, parse_tolerance(tolerance), strict=strict)
+    found = Explained.of(scene, Question(sample, load, frequency, dwell, steady), tolerance, strict=strict)
     if output.as_json:
         output.json(found.summary())
     elif output.for_people:

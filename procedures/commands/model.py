@@ -12,6 +12,7 @@ import click
 
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
+from palpate.procedures.commands import texts
 from palpate.procedures.commands.model_shear import shear
 from palpate.procedures.commands.options import FILE_NAME, Group, Output, option, output_options
 from palpate.procedures.lab.store import store
@@ -46,21 +47,20 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def asked(
-        design: str, name: str, parameters: str, interface: str | None, tolerance: str | None, **given: object
+        design: str, name: str, parameters: str, interface: str | None, tolerance: float | None, **given: object
     ) -> None:
         from palpate.instrument.models.ratio import Question
-        from palpate.instrument.quantity import parse, parse_tolerance
 
-        texts = {setting: given.pop(setting) for setting in _SETTINGS}
-        settings: dict[str, float | str] = {
-            setting: parse(str(text), _SETTINGS[setting][0]) for setting, text in texts.items() if text is not None
-        }
+        values = {setting: given.pop(setting) for setting in _SETTINGS}
+        settings: dict[str, float | str] = {name: value for name, value in values.items() if isinstance(value, float)}
         if interface is not None:
             settings["interface"] = interface
-        limit = None if tolerance is None else parse_tolerance(tolerance)
-        command(question=Question(design, name, parameters, settings, limit), **given)
+        command(question=Question(design, name, parameters, settings, tolerance), **given)
 
-    described = [option(f"--{name.replace('_', '-')}", help=text) for name, (_, text) in _SETTINGS.items()]
+    described = [
+        option(f"--{name.replace('_', '-')}", callback=texts.quantity(unit), help=text)
+        for name, (unit, text) in _SETTINGS.items()
+    ]
     for each in reversed(
         (
             option("--design", default="single", help="single, single_round, common_base, different_base or array."),
@@ -81,7 +81,9 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 help="Set of all values that are not given above: thesis, physical, identified or capped.",
             ),
             option(
-                "--tolerance", help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid)."
+                "--tolerance",
+                callback=texts.share,
+                help="Greatest error of the ratio (default: 1e-2 auto, 1e-4 axisymmetric, 5e-3 solid).",
             ),
         )
     ):
@@ -96,11 +98,23 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     " --sensed-modulus '720 kPa' --json"
     "\n\n  palpate model ratio --design common_base --sensed-modulus '100 kPa' --at '6 mm, 6 mm'"
 )
-@option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
-@option("--at", metavar="X,Y", help="Point of the force, from the object's corner (default: spread over all).")
+@option(
+    "--sensed-modulus",
+    callback=texts.quantities("Pa"),
+    required=True,
+    help="Young modulus of the object, or a list with commas.",
+)
+@option(
+    "--at",
+    callback=texts.place,
+    metavar="X,Y",
+    help="Point of the force, from the object's corner (default: spread over all).",
+)
 @question_options
 @output_options
-def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool, quiet: bool) -> None:
+def ratio(
+    sensed_modulus: tuple[float, ...], at: tuple[float, float] | None, question: Question, as_json: bool, quiet: bool
+) -> None:
     """Compute the force ratio (tooth force over total force) for objects with given moduli.
 
     Model auto takes the fastest model whose error in the price list (palpate accuracy models) meets the tolerance, and
@@ -114,17 +128,15 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     """
     from palpate.instrument.models.ratio import ask
     from palpate.instrument.models.validation import validate
-    from palpate.instrument.quantity import parse_list
 
     output = Output(as_json, quiet)
-    moduli = parse_list(sensed_modulus, "Pa")
     if at is not None:
-        question = replace(question, at=_place(at))
+        question = replace(question, at=at)
     answers = []
     with output.progress("solving") as progress:
-        for answer in ask(question, moduli):
+        for answer in ask(question, sensed_modulus):
             answers.append(answer)
-            progress(len(answers), len(moduli), f"{answer.sensed_modulus:g} Pa")
+            progress(len(answers), len(sensed_modulus), f"{answer.sensed_modulus:g} Pa")
     models = dict.fromkeys(answer.response.model for answer in answers)
     compared = [validate(question.design, question.parameters, name) for name in models]
     if output.as_json:
@@ -148,11 +160,17 @@ def ratio(sensed_modulus: str, at: str | None, question: Question, as_json: bool
     epilog="Examples:\n\n  palpate model modulus --force-ratio '0.31, 0.99' --model column"
     "\n\n  palpate model modulus --force-ratio 0.183 --uncertainty 0.005 --design single --json"
 )
-@option("--force-ratio", required=True, help="Force ratio, or a list with commas.")
-@option("--uncertainty", help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %).")
+@option("--force-ratio", callback=texts.quantities(""), required=True, help="Force ratio, or a list with commas.")
+@option(
+    "--uncertainty",
+    callback=texts.quantity(""),
+    help="Standard uncertainty of the ratios (default: the design's repeatability, about 4 %).",
+)
 @question_options
 @output_options
-def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_json: bool, quiet: bool) -> None:
+def modulus(
+    force_ratio: tuple[float, ...], uncertainty: float | None, question: Question, as_json: bool, quiet: bool
+) -> None:
     """Find the Young modulus of the sensed object from the force ratio, with a 95 % interval.
 
     Near the ratio of a very hard or a very soft object, and outside the model's range, the answer is only a bound.
@@ -164,11 +182,9 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     """
     from palpate.instrument.findings import object_modulus as model_modulus
     from palpate.instrument.models.validation import validate
-    from palpate.instrument.quantity import parse, parse_list
 
     output = Output(as_json, quiet)
-    ratios = parse_list(force_ratio, "")
-    points = model_modulus.estimate(question, ratios, None if uncertainty is None else parse(uncertainty, ""))
+    points = model_modulus.estimate(question, force_ratio, uncertainty)
     models = dict.fromkeys(point["model"] for point in points)
     compared = [validate(question.design, question.parameters, name) for name in models]
     if output.as_json:
@@ -191,39 +207,27 @@ def modulus(force_ratio: str, uncertainty: str | None, question: Question, as_js
     epilog="Examples:\n\n  palpate model plot --sensed-modulus '24 kPa, 100 kPa, 1 MPa' --out sensor.png"
     "\n\n  palpate model plot --design common_base --model solid --sensed-modulus '100 kPa'"
 )
-@option("--sensed-modulus", required=True, help="Young modulus of the object, or a list with commas.")
+@option(
+    "--sensed-modulus",
+    callback=texts.quantities("Pa"),
+    required=True,
+    help="Young modulus of the object, or a list with commas.",
+)
 @option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @question_options
 @output_options
-def plot(sensed_modulus: str, out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
+def plot(sensed_modulus: tuple[float, ...], out: Path | None, question: Question, as_json: bool, quiet: bool) -> None:
     """Draw the deformed sensor, the pressure on its face, and the force ratio over the modulus of the object.
 
     The section is drawn for the first modulus and 1 N. Only the axisymmetric and the solid model compute a section; for
     other models only the force ratio is drawn.
     """
-    from palpate.instrument.quantity import parse_list
     from palpate.procedures.showing import model_picture, model_plot
 
     output = Output(as_json, quiet)
     file = model_plot.place(f"{question.design}-{question.model}", out, store())
-    picture = model_picture.solve(question, parse_list(sensed_modulus, "Pa"))
+    picture = model_picture.solve(question, sensed_modulus)
     model_plot.draw(picture, file)
     if output.as_json:
         output.json({"file": str(file), **picture.data()})
     output.line(str(file))
-
-
-def _place(text: str) -> tuple[float, float]:
-    """A point (x, y) from a text [m].
-
-    Raises:
-        UsageError: the text has not two lengths.
-        QuantityError: a length has no unit, or a wrong one.
-    """
-    from palpate.instrument.errors import UsageError
-    from palpate.instrument.quantity import parse_list
-
-    if text.count(",") != 1:
-        raise UsageError(f"--at {text!r} is not two lengths; write for example '6 mm, 6 mm'")
-    x, y = parse_list(text, "m")
-    return x, y

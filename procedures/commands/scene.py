@@ -71,15 +71,14 @@ def check(scene: str, as_json: bool, quiet: bool) -> None:
 @option("--out", type=FILE_NAME, metavar="FILE.png", help="File of the picture (default: new in runs/plots/).")
 @output_options
 def plot(
-    scene: str, sample: str, load: str, frequency: str, periods: int, out: Path | None, as_json: bool, quiet: bool
+    scene: str, sample: str, load: float, frequency: float, periods: int, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
     """Draw the waveforms at each stage of a scene, from the shaker's coil to the samples of the sensor nodes."""
-    from palpate.procedures.virtual.explained import asked
+    from palpate.procedures.virtual.explained import Question
     from palpate.procedures.virtual.waveforms import plot as plot_waveforms
 
     output = Output(as_json, quiet)
-    what = f"sample {sample}, {load} peak to peak at {frequency}"
-    found = plot_waveforms(scene, asked(sample, load, frequency), periods, what, out)
+    found = plot_waveforms(scene, Question(sample, load, frequency), periods, out)
     if output.as_json:
         output.json(found)
     output.line(found["file"])

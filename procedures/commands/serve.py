@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from palpate.procedures.commands import texts
 from palpate.procedures.commands.options import FILE_NAME, Command, Output, option, output_options
 
 if TYPE_CHECKING:
@@ -32,8 +33,13 @@ if TYPE_CHECKING:
     "--speed", default=1.0,
     help="Speed of the bench's clock against the wall clock; palpate --bench in another process needs 1.",
 )  # fmt: skip
-@option("--step", metavar="TIME", help="Let time stand still, and move it on by TIME at each Enter.")
-@option("--samples", help="Samples in the sample changer (default: no changer).")
+@option(
+    "--step",
+    callback=texts.quantity("s"),
+    metavar="TIME",
+    help="Let time stand still, and move it on by TIME at each Enter.",
+)
+@option("--samples", callback=texts.samples, help="Samples in the sample changer (default: no changer).")
 @option("--out", type=FILE_NAME, metavar="FILE", help="Write the bench file to FILE.")
 @option("--status", is_flag=True, help="Show outputs, readings, faults and traffic.")
 @output_options
@@ -45,8 +51,8 @@ def serve(
     line: Path | None,
     can: str,
     speed: float,
-    step: str | None,
-    samples: str | None,
+    step: float | None,
+    samples: tuple[str, ...] | None,
     out: Path | None,
     status: bool,
     as_json: bool,

@@ -10,12 +10,23 @@ from typing import TypeVar
 
 import click
 
+from palpate.instrument.errors import PalpateError, UsageError
+
 T = TypeVar("T")
 Callback = Callable[[click.Context, click.Parameter, str | None], T | None]
 
 
 def _callback(read: Callable[[str], T]) -> Callback[T]:
-    return lambda _context, _option, text: None if text is None else read(text)
+    """A callback that raises UsageError, which names the option: the text cannot be read."""
+
+    def called(_context: click.Context, option: click.Parameter, text: str | None) -> T | None:
+        try:
+            return None if text is None else read(text)
+        except PalpateError as error:
+            name = max(option.opts, key=len)
+            raise error if name in str(error) else UsageError(f"{name}: {error}") from None
+
+    return called
 
 
 def quantity(unit: str) -> Callback[float]:
@@ -45,6 +56,17 @@ def share(text: str) -> float:
     from palpate.instrument.quantity import parse_tolerance
 
     return parse_tolerance(text)
+
+
+@_callback
+def place(text: str) -> tuple[float, float]:
+    """Two lengths [m]."""
+    from palpate.instrument.quantity import parse_list
+
+    if text.count(",") != 1:
+        raise UsageError(f"{text!r} is not two lengths; write for example '6 mm, 6 mm'")
+    x, y = parse_list(text, "m")
+    return x, y
 
 
 @_callback

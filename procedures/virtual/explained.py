@@ -7,19 +7,14 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.quantity import parse
 from palpate.procedures.console.terminal import console
-from palpate.simulators.planning.plan import Plan, Question, plan
+from palpate.simulators.planning.plan import Plan, plan
+from palpate.simulators.planning.plan import Question as Question  # commands ask by it
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-
-def asked(sample: str, load: str, frequency: str, dwell: str = "1 s", *, steady: bool = False) -> Question:
-    """The question for a scene, from texts. Raises QuantityError, RangeError, UnknownName."""
-    return Question(sample, parse(load, "N"), parse(frequency, "Hz"), parse(dwell, "s"), steady)
 
 
 @dataclass(frozen=True, slots=True)

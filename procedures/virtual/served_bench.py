@@ -18,8 +18,7 @@ from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.usual import LINE
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
-from palpate.instrument.quantity import parse
-from palpate.instrument.sensor.sample import Sample, get_sample, parse_samples
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
 from palpate.procedures.records.run import storing
 from palpate.procedures.virtual.person import Person, Traffic, status
@@ -66,23 +65,22 @@ class Wish:
         can: str,
         line: Path | None,
         speed: float,
-        step: str | None,
-        samples: str | None,
+        step: float | None,
+        samples: Sequence[str] | None,
         out: Path | None,
     ) -> Self:
         """Read the arguments of the command. Raises UsageError, RangeError, ConfigError, UnknownName: one is wrong."""
         if not 0.001 <= speed <= 1000:
             raise RangeError(f"--speed {speed:g} is outside 0.001 to 1000; give one inside")
-        pause = None if step is None else parse(step, "s")
-        if pause is not None and not 0 < pause <= 3600:
-            raise RangeError(f"--step {step} is outside 0 to 1 h")
+        if step is not None and not 0 < step <= 3600:
+            raise RangeError(f"--step {step:g} s is outside 0 to 1 h")
         if line is not None and (line.exists() or line.is_symlink()):
             raise UsageError(f"--line {line} exists already; give another name")
         interface, _, channel = can.partition(":")
         place = Place(listen, port or 0, interface, channel or None)
         chosen = read_scene(scene)
-        held = () if samples is None else tuple(get_sample(name) for name in parse_samples(samples))
-        return cls(chosen if seed is None else chosen.with_seed(seed), place, line, speed, pause, held, out)
+        held = () if samples is None else tuple(get_sample(name) for name in samples)
+        return cls(chosen if seed is None else chosen.with_seed(seed), place, line, speed, step, held, out)
 
     def summary(self, description: BenchDescription) -> dict[str, object]:
         """The served bench, for JSON."""

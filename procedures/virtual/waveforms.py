@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.run import storing
@@ -23,14 +24,13 @@ PLACES = ("under the tooth", "under the base")
 SEVERAL = ("under the teeth", "under the base")
 
 
-def plot(scene: str, question: Question, periods: int, what: str, out: Path | None) -> dict[str, Any]:
+def plot(scene: str, question: Question, periods: int, out: Path | None) -> dict[str, Any]:
     """Draw a scene's waveforms into a PNG file; returns what JSON says about the picture.
 
     Args:
         scene: name or file of the scene.
         question: the measurement to simulate.
         periods: number of periods of the drive to draw.
-        what: title of the picture, after the scene's name.
         out: the file; None: a new file in the store.
 
     Raises:
@@ -39,7 +39,9 @@ def plot(scene: str, question: Question, periods: int, what: str, out: Path | No
     """
     chosen = read_scene(scene)
     file = model_plot.place("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
-    draw(chosen.design, waveforms(chosen, question, periods), f"scene {chosen.name}: {what}", file)
+    load, frequency = show(question.load, "N"), show(question.frequency, "Hz")
+    title = f"scene {chosen.name}: sample {question.sample}, {load} peak to peak at {frequency}"
+    draw(chosen.design, waveforms(chosen, question, periods), title, file)
     return {"scene": chosen.name, "sample": question.sample, "load_N": question.load, "file": str(file)}
 
 

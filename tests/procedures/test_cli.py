@@ -73,6 +73,27 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused_by_every_command(
     assert (said.status, said.complaint) == (2, "--dwell is given 2 times, as '1 s' and '2 s'; give it once")
 
 
+@pytest.mark.parametrize(
+    ("command", "option", "text"),
+    [
+        ("sweep loads", "--loads", "abc"),
+        ("sweep loads", "--samples", "9"),
+        ("sweep loads", "--tolerance", "5"),
+        ("calibrate load-cell", "--positions", "a"),
+        ("softness", "--modulus", "60 kPa, x"),
+        ("scene explain ideal", "--load", "3"),
+        ("accuracy dwell", "--dwell", "1 s,"),
+        ("model ratio --sensed-modulus 1kPa", "--plate-modulus", "hard"),
+        ("model ratio --sensed-modulus 1kPa", "--at", "1 mm"),
+        ("serve ideal", "--step", "fast"),
+    ],
+)
+def test_an_option_whose_text_cannot_be_read_is_named(palpate: Palpate, command: str, option: str, text: str) -> None:
+    said = palpate(*command.split(), option, text)
+    assert (said.status, said.out) == (2, "")
+    assert said.complaint.count(option) == 1
+
+
 def test_an_option_of_several_values_takes_them_and_a_flag_may_stand_twice(palpate: Palpate) -> None:
     said = palpate("accuracy", "dwell", "--estimator", "RMS", "--estimator", "nonsense", "--json", "--json")
     assert "unknown estimator 'nonsense'" in said.complaint

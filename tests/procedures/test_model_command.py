@@ -210,7 +210,7 @@ def test_people_get_a_table_and_quiet_says_nothing(palpate: Palpate) -> None:
             ("--model", "solid", "--at", "5 mm, 10.1 mm"),
             "load at (0.005, 0.0101) m is off the object of 0.01 x 0.01 m; move it inside",
         ),
-        (("--model", "solid", "--at", "5 mm"), "--at '5 mm' is not two lengths; write for example '6 mm, 6 mm'"),
+        (("--model", "solid", "--at", "5 mm"), "--at: '5 mm' is not two lengths; write for example '6 mm, 6 mm'"),
     ],
 )
 def test_bad_input_is_one_error_and_nothing_else(palpate: Palpate, wrong: tuple[str, ...], message: str) -> None:
