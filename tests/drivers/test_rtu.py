@@ -238,7 +238,7 @@ def test_a_display_that_was_renewed_less_often_than_before_is_a_late_reply() -> 
     assert isinstance(driver, StrainIndicator)
     for _ in range(2):
         assert driver.read().reading_mV == 1.0
-    with pytest.raises(DeviceError, match="renewed 4 times, 6 at the reading before; the reply is late"):
+    with pytest.raises(DeviceError, match="updated 4 times, but 6 times at the reading before; the reply is late"):
         driver.read()
     assert driver.read().valid
     driver.read_attempts = 2
