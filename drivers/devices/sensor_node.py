@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.clock import Clock
-from palpate.drivers.devices.canopen_device import CanopenDevice
-from palpate.drivers.links.can import CanLink
+from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
+from palpate.drivers.links.can import CanLink, FrameCallback
 from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.contract import Pdo
 from palpate.instrument.contracts.sensor_node import (
     CHANNELS,
-    EMERGENCY,
     FULL_SCALE_COUNTS,
     RANGE_VOLTS,
-    SILENT,
     SYNC_COB_ID,
     SYNC_PRODUCER,
 )
@@ -31,11 +30,7 @@ _SAMPLES_SIZE, _STAMP_SIZE = (sum(CONTRACT[f].size for f in pdo.fields) for pdo 
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
 _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
 LATEST_WAITS = 10
-MOST_EMERGENCIES = 10_000  # emergency messages that are kept for a node
 LARGEST_RECORDING = 10_000_000  # greatest number of samples if the caller gives none
-HEARTBEAT = 0x700
-BOOTED = 0
-MISSED = 3  # missing heartbeats after which an incident is noted
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,55 +62,18 @@ class SensorNode(CanopenDevice):
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
         super().__init__(link, node_id, clock)
         self.rate = 1000.0
-        self.emergencies: list[bytes] = []
-        self._noticed = 0  # number of emergencies that were reported as notices
-        self._restarted = False
-        self._beaten = False  # whether a heartbeat has come since the last look
-        self._heard_ns = 0
-        self._heartbeat = 0.0
         self._volts_per_count = np.ones(CHANNELS)
         self._frames: list[bytearray] = []
         self._most = 0  # greatest number of frames that are kept, because a node may send without end
 
     def connect(self) -> None:
         """Join the bus, identify the node, and read its settings. Raises as `identify` does."""
-        super().connect()
+        self._join()
         self.rate = self._sync_rate()
-        self._heartbeat = self.get("heartbeat")
+        self._read_heartbeat()
         for channel in range(1, CHANNELS + 1):
             self._volts_per_count[channel - 1] = RANGE_VOLTS[int(self.get(f"range_{channel}"))] / FULL_SCALE_COUNTS
-        for pdo in CONTRACT.pdos:
-            self.link.subscribe(pdo.base + self.id, self._on_frame)
-        if not (emergency := int(self.get(EMERGENCY))) & SILENT:
-            self.link.subscribe(emergency, self._on_emergency)
-        self.link.subscribe(HEARTBEAT + self.id, self._on_heartbeat)
-        self._heard_ns = self.clock.now_ns()
-
-    def differences(self) -> list[str]:
-        """The settings that the node no longer holds, and whether it has restarted."""
-        restarted = [f"{self.name}: has started anew"] if self._restarted else []
-        return restarted + super().differences()
-
-    def restore(self) -> None:
-        """Write the settings again. Raises as `set` does."""
-        self._restarted = False
-        super().restore()
-
-    def notices(self) -> list[str]:
-        """Emergencies since the last call, and a heartbeat that has stopped.
-
-        A node's answer follows its heartbeats on the bus: what was due has come when it answers.
-        """
-        self.get("error_register")
-        new, self._noticed = self.emergencies[self._noticed :], len(self.emergencies)
-        found = [f"emergency 0x{int.from_bytes(data[:2], 'little'):04X}" for data in new]
-        now = self.clock.now_ns()
-        missed = 1e-9 * (now - self._heard_ns)
-        if self._beaten:
-            self._heard_ns, self._beaten = now, False
-        elif self._heartbeat and missed > MISSED * self._heartbeat:
-            found.append(f"no heartbeat for {missed:.3g} s")
-        return [f"{self.name}: {each}" for each in found]
+        self._listen()
 
     def set_range(self, channel: int, range_: str) -> None:
         """Set the input range of a channel (1 to 4): "5 V" or "500 mV"."""
@@ -159,25 +117,19 @@ class SensorNode(CanopenDevice):
         """Forget earlier samples, and take `count` samples from the next SYNC on."""
         self._frames = []
         self._most = 2 * count
-        self.link.command(self._node, "OPERATIONAL")
+        self.start()
 
     def disarm(self) -> None:
         """Take no more samples."""
-        self.link.command(self._node, "PRE-OPERATIONAL")
+        self.stop()
+
+    def _hearing(self, pdo: Pdo) -> FrameCallback:
+        """The frames of both PDOs are kept, in the order in which they came."""
+        return self._on_frame
 
     def _on_frame(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if len(self._frames) < self._most:
             self._frames.append(data)
-
-    def _on_heartbeat(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        if data and data[0] & 0x7F == BOOTED:
-            self._restarted = True
-        else:
-            self._beaten = True
-
-    def _on_emergency(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        if len(self.emergencies) < MOST_EMERGENCIES:
-            self.emergencies.append(bytes(data))
 
     def collect(self, count: int) -> Recording:
         """The first `count` samples since `arm`.

@@ -205,6 +205,14 @@ class CanLink:
                 node.sdo.responses.get(timeout=self._description.timeout)
             raise LinkError(f"{who}: keeps sending unasked answers; look for a second SDO client on the bus")
 
+    def send(self, cob_id: int, data: bytes) -> None:
+        """Send one frame, once. Raises LinkError."""
+        with self._lock:
+            try:
+                self.network.send_message(cob_id, data)
+            except (can.CanError, OSError) as error:
+                raise LinkError(f"{self.name} failed: {error}; check adapter and termination") from error
+
     def command(self, node: canopen.RemoteNode, state: str) -> None:
         """NMT: ask a node to go to `state` (OPERATIONAL, PRE-OPERATIONAL, STOPPED, RESET); there is no answer."""
         with self._lock:

@@ -12,6 +12,7 @@ from pydantic import Field
 from palpate.instrument.bench.kinds import DeviceKind, Role, device_kind
 from palpate.instrument.bench.links import LINKS, CanLink, Link
 from palpate.instrument.config import Config, check
+from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
 
 Unit = Annotated[int, Field(ge=1, le=247, strict=True)]
@@ -112,5 +113,32 @@ def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
             )
         names.add(each.name)
         by_place[place] = each.name
+    for name, link in links.items():
+        if isinstance(link, CanLink):
+            _check_identifiers(name, [each for each in devices if each.link == name])
     if idle := [name for name in links if name not in {each.link for each in devices}]:
         raise ConfigError(f"link.{idle[0]}: no device is on it; leave it out, or list one")
+
+
+def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:
+    """Raises ConfigError: two messages on a CAN bus have one identifier (COB-ID), or one that is kept for others."""
+    known: dict[int, str] = {}
+    for each in nodes:
+        contract = each.kind.contract
+        own = [(f"{what} of {each.name}", base + each.unit) for what, base in OF_A_NODE.items()]
+        data = [
+            (f"PDO {pdo.name} of {each.name}", pdo.cob_id(each.unit)) for pdo in (*contract.pdos, *contract.receives)
+        ]
+        for what, identifier in (*own, *data):
+            if identifier in known:
+                raise ConfigError(
+                    f"{known[identifier]} and {what} have the same identifier 0x{identifier:X} on {link}; give one "
+                    "device another node id, or the PDO of its contract another base"
+                )
+            known[identifier] = what
+        for what, identifier in data:
+            if identifier > LARGEST or any(identifier in kept for kept in KEPT):
+                raise ConfigError(
+                    f"{what} has the identifier 0x{identifier:X} on {link}, which is kept for other messages; give the "
+                    "PDO of its contract another base"
+                )

@@ -18,18 +18,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 from palpate.instrument.contracts.field import NUL, SIZE, STRUCT, Access, Field, Value, sdo
+from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 
+LARGEST_PDO = 8  # bytes
 __all__ = ["PROBE", "Access", "Contract", "Field", "Identity", "Pdo", "Value", "probe", "sdo"]
-
-
-@dataclass(frozen=True, slots=True)
-class Pdo:
-    """A process data object that a node sends: COB-ID `base + node id`, fields packed in order."""
-
-    name: str
-    base: int
-    fields: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +40,11 @@ class Contract:
 
     Modbus contracts address 16-bit holding registers, big-endian, most significant word first;
     CANopen contracts address objects, little-endian.
+
+    Attributes:
+        pdos: process data that a node sends; the first one has its COB-ID and its transmission type in 1800h.
+        receives: process data that a node takes; the first one has its COB-ID in 1400h.
+        about: for people: whose map it is, and what it imitates.
     """
 
     name: str
@@ -55,7 +53,8 @@ class Contract:
     identity: Identity
     fields: tuple[Field, ...]
     pdos: tuple[Pdo, ...] = ()
-    about: str = field(default="", compare=False)  # for people: whose map it is, and what it imitates
+    about: str = field(default="", compare=False)
+    receives: tuple[Pdo, ...] = ()
     _by_name: dict[str, Field] = field(init=False, repr=False, compare=False)
     _codec: dict[str, struct.Struct] = field(init=False, repr=False, compare=False)
 
@@ -72,6 +71,7 @@ class Contract:
                 raise ConfigError(f"{self.title}: {first.name} and {second.name} overlap at 0x{second.address:x}")
         if twice := [name for name, count in Counter(f.name for f in self.fields).items() if count > 1]:
             raise ConfigError(f"{self.title}: several fields have the name {', '.join(twice)}; each needs its own")
+        self._check_pdos()
         order = ">" if self.bus == "modbus" else "<"
         object.__setattr__(self, "_by_name", {f.name: f for f in self.fields})
         object.__setattr__(
@@ -79,6 +79,24 @@ class Contract:
             "_codec",
             {f.name: struct.Struct(order + STRUCT[f.type]) for f in self.fields if f.type != "text"},
         )
+
+    def _check_pdos(self) -> None:
+        """Raises ConfigError: a PDO cannot be sent on a CAN bus, or cannot hold one of its fields."""
+        fields = {f.name: f for f in self.fields}
+        if self.bus != "canopen" and (self.pdos or self.receives):
+            raise ConfigError(f"{self.title}: has PDOs, which are for CANopen only; leave them out")
+        for pdo, wrong in (*((each, "wo") for each in self.pdos), *((each, "ro") for each in self.receives)):
+            for name in pdo.fields:
+                if name not in fields or fields[name].type == "text" or fields[name].access == wrong:
+                    raise ConfigError(
+                        f"{self.title}: PDO {pdo.name} cannot hold {name}: it must be a number field of the contract "
+                        f"that can be {'read' if wrong == 'wo' else 'written'}"
+                    )
+            if not 0 < (size := sum(fields[name].size for name in pdo.fields)) <= LARGEST_PDO:
+                raise ConfigError(f"{self.title}: PDO {pdo.name} has {size} bytes; give 1 to {LARGEST_PDO}")
+        names = Counter(pdo.name for pdo in (*self.pdos, *self.receives))
+        if twice := [name for name, count in names.items() if count > 1]:
+            raise ConfigError(f"{self.title}: several PDOs have the name {twice[0]}; each needs its own")
 
     def __getitem__(self, name: str) -> Field:
         try:
@@ -226,6 +244,25 @@ class Contract:
         beside = [f.name for f in readable if start + count == f.address or f.address + f.size // 2 == start]
         return (*names, *beside[-1:])
 
+    def packed(self, pdo: Pdo, values: Mapping[str, Value]) -> bytes:
+        """Data of a PDO. Raises RangeError as `raw` does, and where a field has no value."""
+        if values.keys() != set(pdo.fields):
+            raise RangeError(
+                f"{self.title}: PDO {pdo.name} holds {', '.join(pdo.fields)}, not {', '.join(values) or 'nothing'}; "
+                "give each of them a value"
+            )
+        return b"".join(self.encode(name, values[name]) for name in pdo.fields)
+
+    def parts(self, pdo: Pdo, data: bytes) -> dict[str, bytes]:
+        """The bytes of each field of a PDO; fields that `data` is too short for are left out."""
+        found, at = {}, 0
+        for name in pdo.fields:
+            end = at + self[name].size
+            if end <= len(data):
+                found[name] = data[at:end]
+            at = end
+        return found
+
     def digest(self) -> str:
         """SHA-256 of the whole declaration. Each run keeps it."""
         declared = {
@@ -236,6 +273,7 @@ class Contract:
                 {k: dict(v) if isinstance(v, Mapping) else v for k, v in _slots(f).items()} for f in self.fields
             ],
             "pdos": [asdict(p) for p in self.pdos],
+            **({"receives": [asdict(p) for p in self.receives]} if self.receives else {}),
         }
         return hashlib.sha256(json.dumps(declared, sort_keys=True).encode()).hexdigest()
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Value
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, WITH_NODE_ID
+from palpate.instrument.contracts.pdo import Pdo, is_relative
+from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
 from palpate.instrument.errors import RecordError
 from palpate.instrument.extras import library
 
@@ -83,7 +84,8 @@ def registers(contracts: Iterable[Contract]) -> str:
             _wire(contract),
             f"Contract `{contract.name}`, SHA-256 `{contract.digest()}`.",
             register_table(contract),
-            *(_pdo_line(contract, number) for number in range(len(contract.pdos))),
+            *(_pdo_line(pdo, f"TPDO {number}") for number, pdo in enumerate(contract.pdos, 1)),
+            *(_pdo_line(pdo, f"RPDO {number}") for number, pdo in enumerate(contract.receives, 1)),
         ]
     return "\n\n".join(parts) + "\n"
 
@@ -110,9 +112,8 @@ def _wire(contract: Contract) -> str:
     )
 
 
-def _pdo_line(contract: Contract, number: int) -> str:
-    pdo = contract.pdos[number]
-    return f"TPDO {number + 1} ({pdo.name}), COB-ID 0x{pdo.base:X} + node id: {', '.join(pdo.fields)}."
+def _pdo_line(pdo: Pdo, what: str) -> str:
+    return f"{what} ({pdo.name}), COB-ID 0x{pdo.base:X} + node id: {', '.join(pdo.fields)}."
 
 
 def _row(contract: Contract, f: Field) -> tuple[str, ...]:
@@ -160,7 +161,7 @@ def node_eds(contract: Contract) -> str:
     for f in contract.fields:
         variable = dictionary.get_variable(f.index, f.subindex)
         variable.description = f.meaning.replace(";", ",")  # a semicolon begins a comment
-        if f.name in WITH_NODE_ID:
+        if is_relative(f.index, f.subindex):
             variable.default_raw = f"$NODEID+0x{int(f.default):X}"
     text = io.StringIO()
     with warnings.catch_warnings():  # from Python 3.12 on; its result is not used, all dates are given

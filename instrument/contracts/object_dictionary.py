@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes
 
 from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.pdo import SENT, TAKEN
 
 _TYPES = {
     "uint8": datatypes.UNSIGNED8,
@@ -19,7 +21,7 @@ _TYPES = {
     "float32": datatypes.REAL32,
     "text": datatypes.VISIBLE_STRING,
 }
-MAPPING = 0x1A00  # mapping of the first TPDO; its COB-ID and type are 0x200 below
+MAPPING = 0x200  # objects from a PDO's COB-ID and type to its mapping
 
 
 def object_dictionary(contract: Contract) -> Any:
@@ -31,25 +33,27 @@ def object_dictionary(contract: Contract) -> Any:
     od.device_information.product_number = int(contract.identity.product, 16)
     od.device_information.revision_number = int(contract.identity.revision, 16)
     od.device_information.nr_of_TXPDO = len(contract.pdos)
-    od.device_information.nr_of_RXPDO = 0
+    od.device_information.nr_of_RXPDO = len(contract.receives)
     od.device_information.allowed_baudrates = {1_000_000}
+    mapped = {name for pdo in (*contract.pdos, *contract.receives) for name in pdo.fields}
     by_index: dict[int, list[Field]] = {}
     for f in contract.fields:
         by_index.setdefault(f.index, []).append(f)
     for index, fields in sorted(by_index.items()):
         if len(fields) == 1 and fields[0].subindex == 0:
-            od.add_object(_variable(fields[0]))
+            od.add_object(_variable(fields[0], mapped))
         else:
-            _add_group(od, index, fields[0].name.rsplit("_", 1)[0], [_variable(f) for f in fields])
-    for number, pdo in enumerate(contract.pdos):
-        entries = []
-        for sub, name in enumerate(pdo.fields, 1):
-            f = contract[name]
-            entry = ODVariable(name, MAPPING + number, sub)
-            entry.data_type, entry.access_type = datatypes.UNSIGNED32, "const"
-            entry.default = f.index << 16 | f.subindex << 8 | 8 * f.size
-            entries.append(entry)
-        _add_group(od, MAPPING + number, f"mapping of {pdo.name}", entries)
+            _add_group(od, index, fields[0].name.rsplit("_", 1)[0], [_variable(f, mapped) for f in fields])
+    for first, pdos in ((SENT, contract.pdos), (TAKEN, contract.receives)):
+        for index, pdo in enumerate(pdos, first + MAPPING):
+            entries = []
+            for sub, name in enumerate(pdo.fields, 1):
+                f = contract[name]
+                entry = ODVariable(name, index, sub)
+                entry.data_type, entry.access_type = datatypes.UNSIGNED32, "const"
+                entry.default = f.index << 16 | f.subindex << 8 | 8 * f.size
+                entries.append(entry)
+            _add_group(od, index, f"mapping of {pdo.name}", entries)
     return od
 
 
@@ -62,12 +66,12 @@ def _add_group(od: Any, index: int, name: str, members: list[Any]) -> None:
     od.add_object(group)
 
 
-def _variable(f: Field) -> Any:
+def _variable(f: Field, mapped: Collection[str]) -> Any:
     variable: Any = ODVariable(f.name, f.index, f.subindex)
     variable.data_type, variable.access_type = _TYPES[f.type], f.access
     variable.description = f.meaning
     variable.unit, variable.factor = f.unit, f.scale
-    variable.pdo_mappable = f.name.startswith(("sample_", "saturation"))
+    variable.pdo_mappable = f.name in mapped
     if f.type == "text":
         variable.default = f.default
         return variable

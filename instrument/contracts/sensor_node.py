@@ -17,7 +17,6 @@ RANGES = {"5 V": 0, "500 mV": 1}
 RANGE_VOLTS = (5.0, 0.5)
 EMERGENCY = "emergency_cob_id"
 SILENT = 0x8000_0000  # bit of a COB-ID that says: not used
-WITH_NODE_ID = ("tpdo1_cob_id", "tpdo2_cob_id", EMERGENCY)  # the node id is added to their defaults, CiA 301
 FULL_SCALE_COUNTS = 32768
 CLOCKS_APART = 0.0158
 

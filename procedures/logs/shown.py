@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -147,12 +146,9 @@ def _frame(frame: Frame, contract: Contract = NODE) -> Line:
 
 
 def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes) -> str:
-    pdo = next((pdo for pdo in contract.pdos if pdo.base == kind), None)
+    pdo = next((pdo for pdo in (*contract.pdos, *contract.receives) if pdo.base == kind), None)
     if pdo is not None and node:
-        sizes = [contract[name].size for name in pdo.fields]
-        starts = itertools.accumulate(sizes, initial=0)
-        fields = zip(pdo.fields, starts, sizes, strict=False)
-        return ", ".join(contract.shown(name, data[at : at + size]) for name, at, size in fields)
+        return ", ".join(contract.shown(name, part) for name, part in contract.parts(pdo, data).items())
     if identifier == NMT and len(data) >= 2:
         return f"NMT {COMMANDS.get(data[0], f'command {data[0]}')}, node {data[1] or 'all'}"
     if identifier == SYNC:

@@ -18,6 +18,7 @@ from palpate.simulators.faults.places import places, struck
 from palpate.simulators.planning.settle import with_faults
 
 STRIKES = 4  # number of the request that a fault strikes; the first ones identify the device
+LONG = 10.0  # s, in which a node sends more heartbeats than that
 
 
 class OnTheBench:
@@ -46,6 +47,7 @@ class OnTheBench:
             with SimulatedBench(faulty) as sim:
                 try:
                     with Bench(sim.description, sim.clock, sim.operator) as bench:
+                        bench.clock.wait(LONG)
                         for _ in range(2 * STRIKES):
                             bench.device(NAME).get("probe")
                 except BenchError as error:

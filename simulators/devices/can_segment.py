@@ -46,10 +46,7 @@ class CanSegment:
         # number of our own SYNCs that multicast has still to deliver back to us; None: the interface does not do that
         self._echoes: int | None = 0 if interface == MULTICAST else None
         self._network = VirtualNetwork(self._bus, clock)
-        self.nodes = [
-            SensorNode(clock, node_id, SERIAL + number, rig, self._timing_changed)
-            for number, node_id in enumerate(node_ids, 1)
-        ]
+        self.nodes = [SensorNode(clock, node_id, SERIAL + number, rig) for number, node_id in enumerate(node_ids, 1)]
         self.guests: list[CanopenDevice] = []
         self._local = {node.id: local_node(node) for node in self.nodes}
         self._sync_from_ns = NEVER
@@ -62,7 +59,7 @@ class CanSegment:
         self._network.connect()
         for node in (*self.nodes, *self.guests):
             local = self._local[node.id]
-            attach(self._network, local, node, self._let_pass)
+            attach(self._network, local, node, self._let_pass, self._timing_changed)
             self._boot(local)
         self._network.subscribe(0, self._on_nmt)
         self._network.subscribe(SYNC_COB_ID, self._on_sync)
@@ -119,7 +116,7 @@ class CanSegment:
 
     def emergency(self, node: CanopenDevice, code: int) -> None:
         """Let a node send an emergency message."""
-        self._local[node.id].emcy.send(code, int(node.settings.get("error_register", 0)))
+        node.emergency(code)
 
     def _let_pass(self) -> None:
         """Let the time of an SDO transfer pass. The client waits for the answer, so nobody else moves the clock."""
@@ -136,7 +133,8 @@ class CanSegment:
 
     def _timing_changed(self) -> None:
         """Adopt the SYNC producer's settings. The first SYNC comes one period after the producer was switched on."""
-        producer = next((n for n in self.nodes if int(n.settings["sync_cob_id"]) & SYNC_PRODUCER), None)
+        producing = (n for n in (*self.nodes, *self.guests) if int(n.settings.get("sync_cob_id", 0)) & SYNC_PRODUCER)
+        producer = next(producing, None)
         period = round(producer.settings["sync_period"] * 1e6) * 1000 if producer else 0
         if period != self._sync_period_ns:
             self._sync_from_ns = self._clock.now_ns() if producer else NEVER
@@ -166,6 +164,10 @@ class CanSegment:
             films = self._rig.film_voltages(time_ns, period)
             streams = [node.sample(time_ns, node.film_channels @ films, period) for node in active]
         frames = [frame for node, samples in zip(active, streams, strict=True) for frame in _frames(node, samples)]
+        for guest in self.guests:
+            if self._local[guest.id].nmt.state == "OPERATIONAL":
+                sent = [(pdo.cob_id(guest.id), guest.packed(pdo)) for pdo in guest.at_sync()]
+                frames += [(cob_id, len(time_ns) * [data]) for cob_id, data in sent]
         if self._timing is not None and send_sync:
             sizes = [(cob_id, len(payloads[0])) for cob_id, payloads in frames]
             in_time, busy_ns = self._timing.burst(sizes, self._sync_period_ns)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Field
-from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, WITH_NODE_ID, place
+from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, RANGE_VOLTS, place
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.physics.converter import convert
@@ -52,9 +52,8 @@ class SensorNode(CanopenDevice):
 
     contract = CONTRACT
 
-    def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig, changed: Callable[[], None]) -> None:
+    def __init__(self, clock: VirtualClock, node_id: int, serial: int, rig: Rig) -> None:
         self._rig = rig
-        self._changed = changed
         self._converter = rig.effects.converter
         self._added = sorted(rig.effects.input, key=lambda effect: effect.name)
         self._sources: dict[int, list[Source]] = {}
@@ -73,8 +72,6 @@ class SensorNode(CanopenDevice):
 
     def read(self, field: Field) -> Any:
         """Raw value of an object, for the SDO server."""
-        if field.name in WITH_NODE_ID:
-            return int(self.settings[field.name]) + self.id
         if field.name.startswith("sample_") and field.name[-1].isdigit():
             return int(self._last[int(field.name[-1]) - 1])
         return super().read(field)
@@ -87,7 +84,6 @@ class SensorNode(CanopenDevice):
                     self._rig.reset_film(film.channel)
         else:
             super().write(field, value)
-        self._changed()
 
     def sample(self, time_ns: npt.NDArray[np.int64], volts: npt.NDArray[np.float64], period_ns: int) -> Samples:
         """Convert voltages to counts.

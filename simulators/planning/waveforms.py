@@ -87,7 +87,7 @@ def sampled(scene: Scene, rig: Rig, time_ns: Times, period_ns: int) -> tuple[Flo
     samples, saturated = np.empty(volts.shape), np.empty(volts.shape, bool)
     clock = VirtualClock()
     for number in range(1, scene.nodes + 1):
-        node = SensorNode(clock, number, number, rig, lambda: None)
+        node = SensorNode(clock, number, number, rig)
         wired = ((i, node.wired(film)) for i, film in enumerate(scene.design.films))
         films = {i: channel for i, channel in wired if channel is not None}
         for i, channel in films.items():

@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError
 
-from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
+from palpate.instrument.contracts.pdo import AT_SYNC, SENT, TRANSMISSION_TYPE, is_relative
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
 from palpate.simulators.wire.device import Place
 from palpate.simulators.wire.sdo_server import SdoServer
 
 SDO_FRAME = 8  # bytes
+TOO_SHORT, NOT_ALLOWED = 0x8210, 0x8200  # emergencies: a PDO was not taken (CiA 301)
 NO_SUBINDEX = 0x0609_0011
 VALUE_RANGE, TOO_HIGH, TOO_LOW = 0x0609_0030, 0x0609_0031, 0x0609_0032
+
+
+class Wire(Protocol):
+    """What a node can do on the bus by itself."""
+
+    def transmit(self, pdo: Pdo) -> None:
+        """Send process data now; a node that is not operational sends none."""
+
+    def emergency(self, code: int) -> None:
+        """Send an emergency message."""
 
 
 class CanopenDevice:
     """The state of one node. Methods are called under the clock's lock."""
 
     contract: ClassVar[Contract]
+    wire: Wire | None = None  # None until the node is attached to a network
     speed = 1.0  # speed of this clock relative to the clients' clock
 
     @classmethod
@@ -52,11 +65,39 @@ class CanopenDevice:
             return "simulated"
         if field.type == "text":
             return field.default
-        return round(self.settings[field.name] / field.scale)
+        relative = self.id if is_relative(field.index, field.subindex) else 0
+        return round(self.settings[field.name] / field.scale) + relative
 
     def write(self, field: Field, value: float) -> None:
         """Store a new physical value of a setting, which has been checked against the contract."""
         self.settings[field.name] = value
+
+    def receive(self, pdo: Pdo, values: Mapping[str, float]) -> None:
+        """Take process data, whose values have been checked against the contract."""
+        for name in pdo.fields:
+            self.write(self.contract[name], values[name])
+
+    def transmit(self, name: str) -> None:
+        """Send the PDO of that name now; a node that is not operational sends none."""
+        if self.wire is not None:
+            self.wire.transmit(next(pdo for pdo in self.contract.pdos if pdo.name == name))
+
+    def emergency(self, code: int) -> None:
+        """Send an emergency message."""
+        if self.wire is not None:
+            self.wire.emergency(code)
+
+    def at_sync(self) -> list[Pdo]:
+        """The PDOs that the node sends at each SYNC, by their transmission types."""
+        types = {f.address: f.name for f in self.contract.fields}
+        names = (types.get(sdo(SENT + number, TRANSMISSION_TYPE)) for number in range(len(self.contract.pdos)))
+        pairs = zip(self.contract.pdos, names, strict=True)
+        return [pdo for pdo, name in pairs if name is not None and int(self.settings[name]) in AT_SYNC]
+
+    def packed(self, pdo: Pdo) -> bytes:
+        """Data of a PDO as the objects are now."""
+        fields = [self.contract[name] for name in pdo.fields]
+        return b"".join(self.contract.pack(f.name, self.read(f) * f.scale) for f in fields)
 
 
 def local_node(device: CanopenDevice) -> canopen.LocalNode:
@@ -67,13 +108,23 @@ def local_node(device: CanopenDevice) -> canopen.LocalNode:
 
 
 def attach(
-    network: LockedNetwork, local: Any, device: CanopenDevice, before: Callable[[], object] = lambda: None
+    network: LockedNetwork,
+    local: Any,
+    device: CanopenDevice,
+    before: Callable[[], object] = lambda: None,
+    changed: Callable[[], object] = lambda: None,
 ) -> None:
-    """Put a device on a network: `local` answers for its objects, and calls `before` ahead of each SDO frame."""
+    """Put a device on a network: `local` answers for its objects, and takes and sends its process data.
+
+    Args:
+        before: called ahead of each SDO frame.
+        changed: called after each write of an object.
+    """
     network.add_node(local)
+    device.wire = _Attached(network, local, device)
     local.add_read_callback(_reader(device))
     # ahead of canopen's own callback, which would start a heartbeat even with a period that the writer refuses
-    local._write_callbacks.insert(0, _writer(device))
+    local._write_callbacks.insert(0, _writer(device, changed))
     local.sdo._index = local.sdo._subindex = 0  # canopen names them in an abort, even before any transfer has begun
 
     def handle(cob_id: int, data: bytearray, timestamp: float) -> None:
@@ -83,6 +134,8 @@ def attach(
 
     network.unsubscribe(local.sdo.rx_cobid, local.sdo.on_request)
     network.subscribe(local.sdo.rx_cobid, handle)
+    for pdo in device.contract.receives:
+        network.subscribe(pdo.cob_id(device.id), _receiver(local, device, pdo, changed))
 
 
 @contextmanager
@@ -116,7 +169,41 @@ def _reader(device: CanopenDevice) -> Any:
     return read
 
 
-def _writer(device: CanopenDevice) -> Any:
+def _receiver(local: Any, device: CanopenDevice, pdo: Pdo, changed: Callable[[], object]) -> Any:
+    """Takes the frames of a PDO; one that is too short or holds a value that is not allowed changes nothing."""
+
+    def receive(_cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if local.nmt.state != "OPERATIONAL":
+            return
+        parts = device.contract.parts(pdo, bytes(data))
+        if len(parts) < len(pdo.fields):
+            device.emergency(TOO_SHORT)
+            return
+        values = {name: device.contract.decode(name, part) for name, part in parts.items()}
+        if not all(device.contract.allows(name, value) for name, value in values.items()):
+            device.emergency(NOT_ALLOWED)
+            return
+        device.receive(pdo, values)
+        changed()
+
+    return receive
+
+
+class _Attached:
+    """Meets `Wire`."""
+
+    def __init__(self, network: LockedNetwork, local: Any, device: CanopenDevice) -> None:
+        self._network, self._local, self._device = network, local, device
+
+    def transmit(self, pdo: Pdo) -> None:
+        if self._local.nmt.state == "OPERATIONAL":
+            self._network.send_message(pdo.cob_id(self._device.id), self._device.packed(pdo))
+
+    def emergency(self, code: int) -> None:
+        self._local.emcy.send(code, int(self._device.settings.get("error_register", 0)))
+
+
+def _writer(device: CanopenDevice, changed: Callable[[], object]) -> Any:
     contract = device.contract
 
     def write(*, index: int, subindex: int, od: object, data: bytes) -> None:
@@ -131,5 +218,6 @@ def _writer(device: CanopenDevice) -> Any:
                 raise SdoAbortedError(TOO_LOW)
             raise SdoAbortedError(VALUE_RANGE)
         device.write(field, value)
+        changed()
 
     return write

@@ -154,7 +154,7 @@ def _each(scene: Scene, block: int) -> float:
 def _followed(scene: Scene) -> Taker:
     """Takes samples of all films, from one to before another, counted from when the drive is set to 3 N."""
     rig = driven(scene, Question())
-    node = SensorNode(VirtualClock(), 1, 1, rig, lambda: None)
+    node = SensorNode(VirtualClock(), 1, 1, rig)
 
     def take(first: int, end: int) -> None:
         time_ns = np.arange(first, end) * SAMPLE_NS

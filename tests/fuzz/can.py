@@ -18,7 +18,8 @@ from palpate.drivers.links.can import CanLink, _Listener
 from palpate.drivers.links.sdo import LARGEST_OBJECT
 from palpate.instrument.bench.usual import CanBus
 from palpate.instrument.contracts.contract import sdo
-from palpate.instrument.contracts.sensor_node import CONTRACT, WITH_NODE_ID
+from palpate.instrument.contracts.pdo import is_relative
+from palpate.instrument.contracts.sensor_node import CONTRACT
 from tests.fuzz.target import Target, require, same_number
 
 NODE = 3
@@ -64,7 +65,7 @@ class Transfers:
         first = [
             bytes([0x43 | (4 - f.size) << 2])
             + _multiplexer(f.address)
-            + CONTRACT.pack(f.name, float(f.default) + NODE * (f.name in WITH_NODE_ID)).ljust(4, b"\0")
+            + CONTRACT.pack(f.name, float(f.default) + NODE * is_relative(f.index, f.subindex)).ljust(4, b"\0")
             for f in self.reads
         ]
         first += [b"\x60" + _multiplexer(f.address) + bytes(4) for f in self.writes]

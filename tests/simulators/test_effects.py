@@ -53,7 +53,7 @@ def seen(
     pressed(rig, "2", BALANCE + 7e-3, 1.0)
     clock.wait(0.3)
     pressed(rig, "2", BALANCE + 7e-3, 2.0)
-    node = SensorNode(clock, node_id, 1, rig, lambda: None)
+    node = SensorNode(clock, node_id, 1, rig)
     indicator = StrainIndicator(clock, "SIM-SI-0001", rig)
     times = clock.now_ns() + np.arange(1, count + 1) * MS
     samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
@@ -167,7 +167,7 @@ def test_adding_an_effect_leaves_the_random_numbers_of_the_others_unchanged(name
         rig = Rig(replace(scene(), effects=effects), clock)
         rig.mount(SAMPLES["2"])
         clock.wait(1.234)
-        node = SensorNode(clock, 3, 1, rig, lambda: None)
+        node = SensorNode(clock, 3, 1, rig)
         times = clock.now_ns() + np.arange(1, 501) * MS
         samples = node.sample(times, node.film_channels @ rig.film_voltages(times), MS)
         reading = StrainIndicator(clock, "SIM-SI-0001", rig).read("reading_float")
@@ -194,7 +194,7 @@ def test_any_block_partition_of_the_samples_gives_the_same_bytes_and_numbers() -
         clock = VirtualClock()
         rig = Rig(replace(scene(), effects=together()), clock)
         pressed(rig, "1", BALANCE + 7e-3, 4.0)
-        node = SensorNode(clock, 1, 1, rig, lambda: None)
+        node = SensorNode(clock, 1, 1, rig)
         times = 17 * MS + np.arange(1, count + 1) * period
         blocks = [
             node.sample(t, node.film_channels @ rig.film_voltages(t), period)

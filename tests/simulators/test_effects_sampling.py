@@ -194,7 +194,7 @@ def node_on(effects: dict[str, Effect], seed: int = 1) -> tuple[Rig, SensorNode]
     clock = VirtualClock()
     rig = Rig(replace(scene(), effects=effects, seed=seed), clock)
     pressed(rig, "2", BALANCE + 7e-3, 4.0)
-    return rig, SensorNode(clock, 1, 1, rig, lambda: None)
+    return rig, SensorNode(clock, 1, 1, rig)
 
 
 def test_a_jittered_sample_is_that_of_a_moment_earlier_or_later() -> None:

@@ -35,7 +35,7 @@ def looked_at(name: str) -> Waveforms:
 def sampled(scene: Scene, size: int = 500) -> list[tuple[bytes, bytes]]:
     """Counts and flags of each node in 2 s, taken in blocks of some size."""
     rig = driven(scene, Question())
-    nodes = [SensorNode(VirtualClock(), number, number, rig, lambda: None) for number in range(1, scene.nodes + 1)]
+    nodes = [SensorNode(VirtualClock(), number, number, rig) for number in range(1, scene.nodes + 1)]
     times = PERIOD_NS * (SETTLED + np.arange(500))
     taken: list[list[Samples]] = [[] for _ in nodes]
     for block in (times[i : i + size] for i in range(0, 500, size)):
