@@ -196,7 +196,7 @@ class ChainFile:
                 at = frame.end
             else:
                 in_vain += 0 if frame is None else frame.length
-                at += 1
+                at += len(MAGIC)
 
     def only_zeros(self, at: int) -> bool:
         """Whether only zeros follow."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.procedures.records import record
+from palpate.procedures.records import chain_writer, record
 from palpate.procedures.records.chain import AROUND, FRAME, HASH, MAGIC, NOTHING, SECTOR, ChainFile, Head, head_of
 from palpate.procedures.records.chain_writer import ChainWriter, Content, create, packed
 from palpate.procedures.records.record import Recorder
@@ -160,6 +160,58 @@ def test_a_chain_is_made_as_a_whole_or_not_at_all(tmp_path: Path, monkeypatch: p
     entry = head_of((tmp_path / "head").read_bytes()[:SECTOR])
     assert entry is not None
     assert (entry.turn, entry.frames, entry.length) == (0, 0, 0)
+
+
+def test_a_new_chain_is_on_disk_before_it_has_its_name_and_its_name_before_it_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a loss of power could leave a name without content, or a run that has begun without a file."""
+    done = list[tuple[str, str]]()
+    replace = Path.replace
+
+    def renamed(path: Path, target: Path) -> Path:
+        done.append(("named", target.name))
+        return replace(path, target)
+
+    monkeypatch.setattr(chain_writer, "sync", lambda path: done.append(("synced", path.name)))
+    monkeypatch.setattr(Path, "replace", renamed)
+    create(tmp_path / "record", tmp_path / "head", CHAIN, FRAMES, 0)
+    assert done == [("synced", "record.new"), ("synced", "head"), ("named", "record"), ("synced", tmp_path.name)]
+
+
+def test_what_is_synced_is_synced_with_its_metadata_and_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced = list[str]()
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(str(Path(f"/proc/self/fd/{handle}").readlink())))
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    chain_writer.sync(tmp_path)
+    assert synced == [str(tmp_path)]
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_frames_that_complete_nothing_are_counted_as_frames_alone(writer: ChainWriter) -> None:
+    writer.append(FRAMES)
+    assert (writer.head.frames, writer.head.points, writer.head.events) == (2, 0, 0)
+    _, head = packed(writer.head, FRAMES, 0)
+    assert (head.frames, head.points, head.events) == (4, 0, 0)
+
+
+def test_what_a_killed_writer_left_is_written_again_and_then_counted(
+    writer: ChainWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer.append(FRAMES)
+    parts, head = packed(writer.head, FRAMES, 0, points=1)
+    tail = b"".join(parts)
+    done = watch(writer, monkeypatch)
+    writer.confirm(tail, head)
+    assert done[0] == ("write", "record")
+    assert done[-3:] == [("sync", "record"), ("write", "head"), ("sync", "head")]
+    assert (writer.head.frames, writer.head.points) == (4, 1)
+    content = (tmp_path / "record").read_bytes()
+    assert content[LENGTH : 2 * LENGTH] == tail
+    assert not any(content[2 * LENGTH :])  # what lay behind is gone
+    done.clear()
+    writer.confirm(b"", writer.head)  # nothing was left
+    assert ("write", "head") not in done
 
 
 # --- a recorder ------------------------------------------------------------------------------------------
