@@ -167,8 +167,8 @@ def test_the_failure_of_a_run_goes_on_though_its_end_cannot_be_stored(
 def test_a_folder_is_named_after_the_start_in_utc_and_the_procedure(procedure: str, name: str, tmp_path: Path) -> None:
     started = datetime(2025, 3, 14, 1, 2, 3, tzinfo=timezone(timedelta(hours=2)))
     for suffix in ("", "-2", "-3"):
-        found = new_run_folder(tmp_path / "store", procedure, started)
-        assert found == tmp_path / "store" / f"20250313T230203Z-{name}{suffix}"
+        found = new_run_folder(tmp_path / "new" / "store", procedure, started)
+        assert found == tmp_path / "new" / "store" / f"20250313T230203Z-{name}{suffix}"
         assert found.is_dir()
 
 
