@@ -5,10 +5,11 @@ The pytest plugin provides their fixtures.
 
 from palpate.procedures.testing.canopen_conformance import CanopenConformance
 from palpate.procedures.testing.effect_conformance import EffectConformance
-from palpate.procedures.testing.golden import GoldenFrames
+from palpate.procedures.testing.golden import CanopenGoldenFrames, GoldenFrames
 from palpate.procedures.testing.modbus_conformance import ModbusConformance, RtuConformance
 from palpate.procedures.testing.on_the_bench import OnTheBench
 
 __all__ = [
-    "CanopenConformance", "EffectConformance", "GoldenFrames", "ModbusConformance", "OnTheBench", "RtuConformance",
+    "CanopenConformance", "CanopenGoldenFrames", "EffectConformance", "GoldenFrames", "ModbusConformance", "OnTheBench",
+    "RtuConformance",
 ]  # fmt: skip

@@ -6,10 +6,13 @@ import tomllib
 from pathlib import Path
 from typing import Any, ClassVar
 
+import can
 import pytest
 
+from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.procedures.testing.wire import Wire
+from palpate.procedures.testing.wire import Wire, transfers
+from palpate.simulators.wire.canopen_device import CanopenDevice as SimulatedNode
 from palpate.simulators.wire.device import SimulatedDevice
 
 
@@ -43,3 +46,42 @@ class GoldenFrames:
                     assert device.get(name) == value
                 frames = (wire.requests[-1], wire.replies[-1])
                 assert frames == (bytes.fromhex(golden["request"]), bytes.fromhex(golden["response"])), name
+
+
+class CanopenGoldenFrames:
+    """Beside the CANopen conformance suite: the objects travel in the SDO frames that stand in `golden`."""
+
+    golden: ClassVar[Path]
+
+    def test_every_object_travels_as_its_golden_frames(
+        self,
+        node: CanopenDevice,
+        simulated: SimulatedNode,
+        listener: can.BusABC,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        fields: dict[str, Any] = tomllib.loads(self.golden.read_text(encoding="utf-8"))["fields"]
+        assert set(fields) == {field.name for field in node.contract.fields}
+        for name, golden in fields.items():
+            field, value = node.contract[name], golden.get("value")
+            if "text" in golden:
+                assert node._text(field.address) == golden["text"]
+                requests, answers = transfers(listener, node.id)  # what is read twice travels alike
+                assert requests[: len(golden["requests"])] == _frames(golden["requests"])
+                assert answers[: len(golden["responses"])] == _frames(golden["responses"])
+            elif "write" in golden:
+                node.set(name, value)
+                assert transfers(listener, node.id)[0] == _frames([golden["write"]]), name
+            else:
+                number = sum(1 << field.bits[bit] for bit in value) if field.bits else value
+                raw = round(number / field.scale)
+                with monkeypatch.context() as patch:
+                    patch.setattr(simulated, "read", lambda _field, raw=raw: raw)
+                    assert node.get(name) == number
+                assert transfers(listener, node.id) == (_frames([golden["request"]]), _frames([golden["response"]])), (
+                    name
+                )
+
+
+def _frames(texts: list[str]) -> list[bytes]:
+    return [bytes.fromhex(text) for text in texts]

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 BURST = 64  # number of SYNCs whose frames are sent together
 NMT_FRAME = 2  # bytes
 SERIAL = 0x2026_0100
-OPERATIONAL, STOPPED = 5, 4
+OPERATIONAL, STOPPED, PRE_OPERATIONAL = 5, 4, 127
+HEARTBEAT_TIME = 0x1017  # object of CiA 301 that a node may lack
 NMT_START, NMT_RESETS = 1, (129, 130)
 SAMPLES, STAMP = CONTRACT.pdos
 STAMP_LAYOUT = struct.Struct("<IB")
@@ -95,7 +96,10 @@ class CanSegment:
 
     def _boot(self, local: Any) -> None:
         local.nmt.state = "INITIALISING"  # sends the boot-up message
-        local.nmt.state = "PRE-OPERATIONAL"  # starts the heartbeat
+        if HEARTBEAT_TIME in local.object_dictionary:
+            local.nmt.state = "PRE-OPERATIONAL"  # starts the heartbeat
+        else:
+            local.nmt._state = PRE_OPERATIONAL  # canopen would ask for the object
 
     def _on_nmt(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) < NMT_FRAME:

@@ -11,7 +11,7 @@ from palpate.instrument.bench.usual import CAN
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import Fault, Trigger
-from palpate.simulators.faults.places import Target
+from palpate.simulators.faults.places import Beats, Target
 from palpate.simulators.wire.relay import Send
 
 SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
@@ -78,7 +78,7 @@ class BusOverload(CanFault):
 
 
 class NoHeartbeat(CanFault):
-    targets: ClassVar[tuple[Target, ...]] = ("canopen",)
+    targets: ClassVar[tuple[Target, ...]] = (Beats,)
     function: ClassVar[int | None] = HEARTBEAT
 
 

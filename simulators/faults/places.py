@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 from palpate.instrument.additions import load
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
 from palpate.instrument.bench.usual import CAN, LINE
+from palpate.instrument.contracts.contract import sdo
 from palpate.simulators.guests import Guest, replaced
 
 
@@ -23,13 +24,18 @@ class HasSettings(Protocol):
     """A device whose contract has something that can be set."""
 
 
+class Beats(Protocol):
+    """A CANopen node whose contract has a heartbeat, which it may lack."""
+
+
 class Reads(Protocol):
     """A device with a display that can be stuck."""
 
     readings: tuple[str, ...]
 
 
-Target = str | type[Trips] | type[HasSettings] | type[Reads]
+HEARTBEAT_TIME = sdo(0x1017)  # CiA 301
+Target = str | type[Trips] | type[HasSettings] | type[Beats] | type[Reads]
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,8 @@ class Struck:
         """Whether this target is here: a place, a kind, a kind of link, or what a device can do."""
         if self.kind is None or isinstance(target, str):
             return target == self.name or (self.kind is not None and target in (self.kind.name, self.kind.links[0]))
+        if target is Beats:
+            return any(field.address == HEARTBEAT_TIME for field in self.kind.contract.fields)
         if target is HasSettings:
             return any(field.access == "rw" and field.type != "text" for field in self.kind.contract.fields)
         simulator = load(self.kind.simulator or "", f"simulator of {self.name}")

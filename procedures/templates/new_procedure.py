@@ -1,0 +1,31 @@
+"""A package with a procedure of one's own, which passes its tests as it stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate.instrument.additions import additions
+from palpate.procedures.engine.known import GROUP, SHIPPED
+from palpate.procedures.templates.new_files import check_module, check_name, project_of, template, write_files
+
+
+def new_procedure(name: str, folder: Path) -> list[Path]:
+    """Write a package with a procedure into a new folder of that name; its runs have that name with dashes.
+
+    Returns:
+        Its pyproject.toml, module and test.
+
+    Raises:
+        UsageError: the name cannot be used, or the folder exists; nothing is written.
+        RecordError: a file cannot be written.
+    """
+    check_name("procedure", name, (*SHIPPED, *additions(GROUP)))
+    check_module(name)
+    files = {
+        "pyproject.toml": template("pyproject.toml.txt").replace("${object}", "${Class}"),
+        "{}.py": template("procedure/procedure.py.txt"),
+        "tests/test_{}.py": template("procedure/test.py.txt"),
+    }
+    return write_files(
+        "procedure", name, files, folder, {"what": "a procedure", "group": GROUP, "entry": project_of(name)}
+    )
