@@ -27,7 +27,7 @@ def check_name(kind: str, name: str, taken: Iterable[str] = ()) -> None:
             " characters, such as force_gauge"
         )
     if name in {each.replace("-", "_") for each in taken}:
-        raise UsageError(f"{name!r}: palpate or an installed package has a {kind} of that name; choose another name")
+        raise UsageError(f"{name!r}: palpate or an installed package has one of that name; choose another name")
 
 
 def check_module(name: str) -> None:
