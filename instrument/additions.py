@@ -1,4 +1,4 @@
-"""Finds what installed packages add to palpate by entry points: device kinds, procedures and effects.
+"""Finds what installed packages add to palpate by entry points: device kinds, procedures, effects and designs.
 
 A package declares an addition by its name in a group:
 
@@ -11,7 +11,7 @@ A broken package causes an error only when its addition is used.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -63,6 +63,12 @@ def addition(group: str, what: str, name: str) -> Addition | None:
             f"{what} {name!r}: {' and '.join(each.origin for each in found)} both have one; uninstall one of them"
         )
     return found[0] if found else None
+
+
+def packages(group: str, what: str, names: Iterable[str]) -> dict[str, str]:
+    """The installed packages that add these, with their versions; what nobody adds is palpate's own."""
+    found = (addition(group, what, name) for name in names)
+    return {entry.package: entry.version for entry in found if entry is not None}
 
 
 def load_addition(found: Addition, what: str) -> Any:

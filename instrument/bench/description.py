@@ -70,7 +70,7 @@ class BenchDescription(Config):
     def _known(cls, design: str) -> str:
         try:
             return get_design(design).name
-        except UnknownName as error:
+        except (ConfigError, UnknownName) as error:
             raise ValueError(str(error)) from None
 
     @field_validator("watchdog", mode="wrap")

@@ -112,12 +112,6 @@ def device_kind(name: str) -> DeviceKind:
     return kind
 
 
-def packages(kinds: Iterable[DeviceKind]) -> dict[str, str]:
-    """The installed packages that provide these kinds: version by name."""
-    found = [entry for kind in kinds if kind.name not in KINDS and (entry := addition(GROUP, WHAT, kind.name))]
-    return {entry.package: entry.version for entry in found}
-
-
 def all_kinds() -> list[DeviceKind]:
     """All kinds: palpate's own, then those of installed packages by name.
 

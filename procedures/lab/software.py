@@ -8,9 +8,14 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
+from palpate.instrument.additions import packages
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.bench.kinds import packages as kind_packages
-from palpate.simulators.effects import packages as effect_packages
+from palpate.instrument.bench.kinds import GROUP as kind_group
+from palpate.instrument.bench.kinds import KINDS
+from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.designs import GROUP as design_group
+from palpate.simulators.effects import EFFECTS
+from palpate.simulators.effects import GROUP as effect_group
 from palpate.simulators.scenes.scene import Scene
 
 PACKAGES = ("palpate", "pymodbus", "python-can", "canopen", "numpy", "scipy")
@@ -23,9 +28,14 @@ def versions() -> dict[str, str]:
 
 
 def added_by(bench: BenchDescription, scene: Scene | None) -> dict[str, str]:
-    """Versions of the installed packages that devices and effects come from."""
-    kinds = kind_packages(each.kind for each in bench.devices)
-    return kinds | (effect_packages(scene.effects) if scene is not None else {})
+    """Versions of the installed packages that devices, the design and effects come from."""
+    kinds = {each.kind.name for each in bench.devices} - KINDS.keys()
+    effects = scene.effects.keys() - EFFECTS.keys() if scene is not None else ()
+    return {
+        **packages(kind_group, "kind of device", kinds),
+        **packages(design_group, "design", {bench.design} - DESIGNS.keys()),
+        **packages(effect_group, "effect", effects),
+    }
 
 
 @functools.cache

@@ -21,7 +21,7 @@ from palpate.instrument.config import Config, Name, check, read
 from palpate.instrument.errors import ConfigError, PalpateError, RangeError, UnknownName
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import Hertz, Seconds, parse
-from palpate.instrument.sensor.designs import DESIGNS
+from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, parse_samples
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time, parse_loads
 
@@ -31,7 +31,7 @@ BENCH: Final = "bench"
 AXES = ("scene", "seed", "design", "model", "sample", "modulus")  # and effects.NAME.PARAMETER
 EFFECTS = "effects."
 DEFAULTS: Mapping[str, Value] = {"scene": "thesis_single", "sample": "2"}
-VALID: Mapping[str, Sequence[str]] = {"design": tuple(DESIGNS), "model": tuple(MODELS), "sample": tuple(SAMPLES)}
+VALID: Mapping[str, Sequence[str]] = {"model": tuple(MODELS), "sample": tuple(SAMPLES)}
 MOST_CELLS, MOST_POINTS = 100_000, 1_000_000
 LARGEST_SEED = 2**63 - 1
 DIGITS = 6  # digits of a number that is drawn from a range
@@ -212,6 +212,8 @@ def _check_value(name: str, value: Any) -> None:
     if name == "seed":
         if type(value) is not int or not 0 <= value <= LARGEST_SEED:
             raise RangeError(f"{value!r} is no seed; give a whole number from 0 to {LARGEST_SEED}")
+    elif name == "design":
+        get_design(str(value))
     elif name in VALID:
         if value not in VALID[name]:
             raise UnknownName(name, value, VALID[name])
@@ -227,7 +229,7 @@ def _check_value(name: str, value: Any) -> None:
 
 def _span(name: str, given: dict[str, Any]) -> Span:
     span = check(given, _Range, "range")
-    if name in VALID or name in ("seed", "scene"):
+    if name in VALID or name in ("seed", "scene", "design"):
         raise RangeError("has no range to draw from; give a list")
     (low, unit), (high, other) = (parted(end) for end in (span.low, span.high))
     if unit != other:

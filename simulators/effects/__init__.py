@@ -9,7 +9,7 @@ cable_sag = "cable_sag:CableSag"
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TypeVar, get_args
 
 from palpate.instrument.additions import addition, additions, load_addition, unusable
@@ -64,12 +64,6 @@ def origin(name: str) -> str:
     """The text ", of PACKAGE VERSION" for an effect of an installed package; empty for palpate's own effects."""
     entry = addition(GROUP, WHAT, name) if name not in EFFECTS else None
     return f", of {entry.origin}" if entry else ""
-
-
-def packages(names: Iterable[str]) -> dict[str, str]:
-    """The installed packages that provide these effects: version by name."""
-    found = [entry for name in names if name not in EFFECTS and (entry := addition(GROUP, WHAT, name))]
-    return {entry.package: entry.version for entry in found}
 
 
 def effect_class(name: str) -> type[Effect]:

@@ -43,6 +43,7 @@ from tests.benchmarks import (
     study,
     sweep,
     uncertainty,
+    walk_through,
 )
 from tests.benchmarks.row import Row
 
@@ -67,6 +68,7 @@ PARTS = {
     "study": study.measure,
     "start_up": start_up.measure,
     "first_result": first_result.measure,
+    "walk_through": walk_through.measure,
 }
 # A quarter of an hour and more (bounds, estimates: hours, resumable): only by name.
 LONG = {

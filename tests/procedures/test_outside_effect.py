@@ -11,7 +11,8 @@ import pytest
 
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.records.run import Run
+from palpate.procedures.engine.run import run
+from palpate.procedures.lab.open import open_bench
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.gain_scatter import GainScatter
@@ -29,7 +30,7 @@ from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene
 from palpate.testing import EffectConformance
 from tests.conftest import Install
-from tests.procedures.conftest import Palpate
+from tests.examples.relaxation import Relaxation
 
 QUESTION = Question("2", 3.0, dwell=0.5)
 SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
@@ -82,11 +83,13 @@ def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("wet_glue")
-def test_the_record_of_its_scene_names_package_and_version(palpate: Palpate, tmp_path: Path) -> None:
+def test_the_record_of_its_scene_names_package_and_version(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
     scene_of("[effects.wet_glue]\n", tmp_path)
-    done = palpate("sweep", "loads", "--scene", "mine.toml", "--samples", "1", "--loads", "2 N", "--out", "a", "--json")
-    assert done.object["scene"] == "mine"
-    assert Run.open(Path("a")).header["versions"]["acme"] == "1.2"
+    with open_bench(scene=str(file)) as opened:
+        done = run(Relaxation(readings=1), opened, out=tmp_path / "run")
+    assert done.run.header["versions"]["acme"] == "1.2"
+    assert "[effects.wet_glue]" in (done.folder / "scene.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("wet_glue")

@@ -1,9 +1,14 @@
-"""The sensor designs, by name."""
+"""The sensor designs, by name: ours, and those of installed packages.
+
+[project.entry-points."palpate.designs"]
+grasper_7 = "grasper_7:DESIGN"
+"""
 
 from __future__ import annotations
 
-from palpate.instrument.errors import named
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.additions import addition, additions, load_addition, unusable
+from palpate.instrument.errors import UnknownName
+from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.designs.array import ARRAY, array_of
 from palpate.instrument.sensor.designs.common_base import COMMON_BASE
 from palpate.instrument.sensor.designs.different_base import DIFFERENT_BASE
@@ -15,10 +20,23 @@ DESIGNS: dict[str, Design] = {
 }
 
 
+GROUP, WHAT = "palpate.designs", "design"
+
+
 def get_design(name: str) -> Design:
     """The design of that name.
 
     Raises:
-        UnknownName: no such design.
+        UnknownName: no such design. ConfigError: the package that adds it cannot be used.
     """
-    return named("design", name, DESIGNS)
+    if name in DESIGNS:
+        return DESIGNS[name]
+    found = addition(GROUP, WHAT, name)
+    if found is None:
+        raise UnknownName(WHAT, name, (*DESIGNS, *additions(GROUP)))
+    design = load_addition(found, WHAT)
+    if not isinstance(design, Design) or design.name != name:
+        raise unusable(found, WHAT, f"is no Design that is called {name!r}")
+    if {kind for film in design.films for kind in FILM_KINDS if film.name.startswith(kind)} != {*FILM_KINDS}:
+        raise unusable(found, WHAT, f"needs films whose names begin with {' and '.join(FILM_KINDS)}")
+    return design
